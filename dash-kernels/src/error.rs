@@ -1,0 +1,26 @@
+//! Errors of the kernels.
+
+/// What a kernel refuses.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+pub enum KernelError {
+    /// A tensor's shape does not fit the operation.
+    #[error("{op}: `{tensor}` has shape {found:?}, expected {expected}; check the argument order and sizes")]
+    Shape {
+        /// The operation.
+        op: &'static str,
+        /// The tensor.
+        tensor: &'static str,
+        /// What would fit.
+        expected: String,
+        /// What came.
+        found: Vec<usize>,
+    },
+    /// A configuration value is out of range.
+    #[error("{op}: {what}")]
+    Config {
+        /// The operation.
+        op: &'static str,
+        /// What is wrong and what would be right.
+        what: String,
+    },
+}

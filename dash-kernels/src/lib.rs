@@ -1,0 +1,19 @@
+//! Differentiable operations for dynamic Gaussian splatting on Burn tensors.
+//!
+//! No model, no files, no command line: each operation is a function on [`burn::tensor::Tensor`]
+//! that runs on every enabled backend and differentiates on autodiff devices.
+//!
+//! # Conventions
+//! - Shape letters: `N` Gaussians or points, `D` input dimensions, `L` levels, `F` features per
+//!   level, `T` table entries, `H W` image, `K` SH coefficients, `C` channels.
+//! - Camera: OpenCV axes (x right, y down, z forward), transforms named `a_from_b`, pinhole in
+//!   pixels, pixel centres at +0.5.
+//! - Quaternions are (w, x, y, z) and normalised inside the operation.
+//! - The gradient of `x` is `v_x`; the pullback of `f` is `f_vjp`.
+//! - CPU results are bit-identical for any number of threads.
+
+mod camera;
+mod error;
+
+pub use camera::Camera;
+pub use error::KernelError;
