@@ -160,7 +160,10 @@ mod tests {
     fn resized_keeps_rays() {
         let camera = Camera::new(100.0, 110.0, 40.0, 31.0, 80, 60);
         let ([u, v], _) = camera.project([0.3, -0.2, 2.0]).expect("in front");
-        let ([u2, v2], _) = camera.resized(40, 30).project([0.3, -0.2, 2.0]).expect("in front");
+        let ([u2, v2], _) = camera
+            .resized(40, 30)
+            .project([0.3, -0.2, 2.0])
+            .expect("in front");
         assert!((u / 2.0 - u2).abs() < 1e-12 && (v / 2.0 - v2).abs() < 1e-12);
     }
 }

@@ -4,7 +4,9 @@
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum KernelError {
     /// A tensor's shape does not fit the operation.
-    #[error("{op}: `{tensor}` has shape {found:?}, expected {expected}; check the argument order and sizes")]
+    #[error(
+        "{op}: `{tensor}` has shape {found:?}, expected {expected}; check the argument order and sizes"
+    )]
     Shape {
         /// The operation.
         op: &'static str,

@@ -12,8 +12,19 @@
 //! - The gradient of `x` is `v_x`; the pullback of `f` is `f_vjp`.
 //! - CPU results are bit-identical for any number of threads.
 
+#![cfg_attr(
+    feature = "ndarray",
+    expect(
+        deprecated,
+        reason = "burn-ndarray is deprecated in favour of burn-flex; we support both while it exists"
+    )
+)]
+
 mod camera;
 mod error;
+mod host;
+pub mod ssim;
 
 pub use camera::Camera;
 pub use error::KernelError;
+pub use host::HostBackend;

@@ -1,0 +1,69 @@
+//! Host memory of the CPU backends: the one bridge between tensors and slices.
+
+use std::borrow::Cow;
+
+use burn::backend::tensor::FloatTensor;
+use burn::backend::{Backend, TensorMetadata};
+use burn::tensor::TensorData;
+
+/// A backend whose tensors live in host memory.
+///
+/// Every operation implements its kernels once for all of these.
+pub trait HostBackend: Backend {
+    /// The tensor's values in row-major order, borrowed where it is contiguous already.
+    ///
+    /// # Panics
+    /// When the tensor is not `f32`.
+    fn values(tensor: &FloatTensor<Self>) -> Cow<'_, [f32]>;
+
+    /// A tensor of `shape` on the device of `like`.
+    fn tensor<const R: usize>(
+        values: Vec<f32>,
+        shape: [usize; R],
+        like: &FloatTensor<Self>,
+    ) -> FloatTensor<Self> {
+        Self::float_from_data(TensorData::new(values, shape), &like.device())
+    }
+}
+
+#[cfg(feature = "ndarray")]
+impl HostBackend for burn::backend::NdArray {
+    fn values(tensor: &FloatTensor<Self>) -> Cow<'_, [f32]> {
+        let burn::backend::ndarray::NdArrayTensor::F32(storage) = tensor else {
+            panic!("expected an f32 tensor, found {:?}", tensor.dtype());
+        };
+        let view = storage.view();
+        match view.to_slice() {
+            Some(values) => Cow::Borrowed(values),
+            None => Cow::Owned(view.iter().copied().collect()),
+        }
+    }
+}
+
+#[cfg(feature = "flex")]
+impl HostBackend for burn::backend::Flex {
+    fn values(tensor: &FloatTensor<Self>) -> Cow<'_, [f32]> {
+        assert_eq!(
+            tensor.dtype(),
+            burn::tensor::DType::F32,
+            "expected an f32 tensor"
+        );
+        match tensor.as_slice::<f32>() {
+            Some(values) => Cow::Borrowed(values),
+            None => Cow::Owned(tensor.to_contiguous().storage::<f32>().to_vec()),
+        }
+    }
+}
+
+/// The sizes of a tensor of rank `R`.
+///
+/// # Panics
+/// When the rank differs.
+pub(crate) fn dims<const R: usize>(tensor: &impl TensorMetadata) -> [usize; R] {
+    let shape = tensor.shape();
+    let sizes: &[usize] = &shape;
+    match sizes.try_into() {
+        Ok(sizes) => sizes,
+        Err(_) => panic!("expected a tensor of rank {R}, found shape {sizes:?}"),
+    }
+}
