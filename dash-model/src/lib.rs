@@ -1,1 +1,41 @@
-//! dash-model
+//! The DASH model as Burn modules.
+//!
+//! Each module can be taken alone: [`HashEncoder`], [`Gaussians`], [`MotionField`],
+//! [`DeformationField`], or the whole [`DynamicScene`].
+//!
+//! # Map
+//! - `gaussians`: a set of 3D Gaussians and its host rows; `splat_ply`: the standard 3DGS PLY file.
+//! - `hash_encoder`, `mlp`: the building blocks of fields.
+//! - `space`: the box that a field covers, the basis of coarse trajectories.
+//! - `motion`, `decomposition`: what moves (DASH Eqs. 3-5).
+//! - `deformation`: how it moves (Eqs. 7-11).
+//! - `scene`, `scene_file`: rendering (Eqs. 1-2, 10), and the scene on disk.
+//! - `parameters`: parameters by name.
+//!
+//! Conventions are those of [`dash_kernels`]. Time is in [0, 1] over the clip, images are sRGB in
+//! [0, 1].
+
+pub mod decomposition;
+mod deformation;
+mod error;
+mod gaussians;
+mod hash_encoder;
+pub mod mlp;
+mod motion;
+pub mod parameters;
+mod scene;
+pub mod scene_file;
+mod space;
+mod splat_ply;
+
+pub use dash_kernels::Camera;
+pub use deformation::{DeformationConfig, DeformationField, Offsets};
+pub use error::ModelError;
+pub use gaussians::{GaussianRows, Gaussians, SH_C0, gather_rows, logit};
+pub use hash_encoder::{HashEncoder, HashEncoderConfig};
+pub use motion::MotionField;
+pub use scene::{
+    Deformed, DynamicPart, DynamicScene, Layer, OffsetPlacement, Rendering, SceneSettings,
+};
+pub use space::{SpaceBox, TrajectoryBasis};
+pub use splat_ply::{read_splat_ply, write_splat_ply};

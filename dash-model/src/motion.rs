@@ -1,0 +1,81 @@
+//! The coarse motion field of the decomposition stage.
+
+use burn::module::Module;
+use burn::nn::Linear;
+use burn::tensor::activation::relu;
+use burn::tensor::{Device, Tensor};
+use rand::Rng;
+
+use crate::mlp::{Mlp, linear};
+use crate::{HashEncoder, HashEncoderConfig, ModelError, SpaceBox, TrajectoryBasis};
+
+/// Guards the square root of [`MotionField::extent`]: its gradient at rest is 0, not NaN.
+const EXTENT_EPSILON: f32 = 1e-12;
+
+/// Start of the motion head's weights: nothing moves at first.
+const INITIAL_HEAD: f32 = 1e-3;
+
+/// A field of motion over space: 3D hash encoding, tiny MLP, linear head.
+///
+/// # Source
+/// DASH Eqs. 3-4: `f = phi_p(G_3D(p))`, `dp = phi_l(f)`. Unlike the paper the trajectory may
+/// have several basis functions, see [`TrajectoryBasis`].
+#[derive(Module, Debug)]
+pub struct MotionField {
+    encoder: HashEncoder,
+    trunk: Mlp,
+    head: Linear,
+    #[module(skip)]
+    basis: TrajectoryBasis,
+    #[module(skip)]
+    space: SpaceBox,
+}
+
+impl MotionField {
+    /// A field over `space` in which nothing moves yet.
+    ///
+    /// # Errors
+    /// When the grid's configuration is out of range or not three-dimensional.
+    pub fn new(
+        grid: &HashEncoderConfig,
+        hidden: usize,
+        basis: TrajectoryBasis,
+        space: SpaceBox,
+        rng: &mut impl Rng,
+        device: &Device,
+    ) -> Result<Self, ModelError> {
+        let encoder = grid.init(rng, device)?;
+        let trunk = Mlp::new(&[encoder.n_output_features(), hidden, hidden], rng, device);
+        let head = linear(hidden, 3 * basis.len(), INITIAL_HEAD, rng, device);
+        Ok(Self { encoder, trunk, head, basis, space })
+    }
+
+    /// Trajectory coefficients of points.
+    ///
+    /// # Shapes
+    /// `means [N, 3] -> [N, B * 3]`, world units.
+    ///
+    /// # Gradient
+    /// To the field; the points are addresses only.
+    ///
+    /// # Errors
+    /// When a shape does not fit.
+    pub fn coefficients(&self, means: Tensor<2>) -> Result<Tensor<2>, ModelError> {
+        let features = self.encoder.forward(self.space.normalize(means.detach()))?;
+        let hidden = relu(self.trunk.forward(features));
+        Ok(self.head.forward(hidden) * self.space.diagonal())
+    }
+
+    /// How far each point moves, `|dp|` of the paper.
+    ///
+    /// # Shapes
+    /// `coefficients [N, B * 3] -> [N]`, world units.
+    pub fn extent(&self, coefficients: Tensor<2>) -> Tensor<1> {
+        (self.basis.squared_extent(coefficients) + EXTENT_EPSILON).sqrt()
+    }
+
+    /// The basis of the trajectories.
+    pub fn basis(&self) -> TrajectoryBasis {
+        self.basis
+    }
+}

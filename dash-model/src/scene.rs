@@ -1,0 +1,283 @@
+//! The whole scene: static Gaussians, and the few that move.
+
+use burn::module::{Module, Param};
+use burn::tensor::activation::sigmoid;
+use burn::tensor::Tensor;
+use dash_kernels::Camera;
+use dash_kernels::project::{Activation, ProjectOptions, project};
+use dash_kernels::rasterize::{RasterizeOptions, rasterize};
+use serde::{Deserialize, Serialize};
+
+use crate::deformation::Offsets;
+use crate::{DeformationField, GaussianRows, Gaussians, ModelError, TrajectoryBasis};
+
+/// Where the decoder's rotation and scale offsets are added.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum OffsetPlacement {
+    /// To log scales and raw quaternions: a scale stays positive whatever the decoder says.
+    BeforeActivation,
+    /// To scales and unit quaternions, as the released DASH code does; a negative scale draws as
+    /// its absolute value.
+    AfterActivation,
+}
+
+/// What rendering needs to know beside the parameters.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct SceneSettings {
+    /// Colour behind everything, sRGB in [0, 1].
+    pub background: [f32; 3],
+    /// Active spherical-harmonics degree, at most the stored one.
+    pub sh_degree: usize,
+    /// Functions of time of the coarse trajectories.
+    pub trajectory_basis: TrajectoryBasis,
+    /// Where rotation and scale offsets are added.
+    pub offsets: OffsetPlacement,
+}
+
+/// The Gaussians that move, and the field that moves them.
+#[derive(Module, Debug)]
+pub struct DynamicPart {
+    /// Canonical Gaussians.
+    pub gaussians: Gaussians,
+    /// The 4D hash field and its decoder.
+    pub field: DeformationField,
+}
+
+/// A dynamic scene. A scene in which nothing moves has no dynamic part at all.
+#[derive(Module, Debug)]
+pub struct DynamicScene {
+    /// Gaussians that never move.
+    pub static_set: Gaussians,
+    /// Gaussians that move.
+    pub dynamic: Option<DynamicPart>,
+    /// What rendering needs to know beside the parameters.
+    #[module(skip)]
+    pub settings: SceneSettings,
+}
+
+/// Which Gaussians a picture shows.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Layer {
+    /// All of them.
+    Full,
+    /// Those that never move.
+    Static,
+    /// Those that move.
+    Dynamic,
+}
+
+/// A picture: `[H, W, 5]` with RGB, alpha and depth.
+#[derive(Debug, Clone)]
+pub struct Rendering {
+    /// RGB over the background, alpha, and depth weighted by alpha.
+    pub image: Tensor<3>,
+}
+
+impl Rendering {
+    /// `[H, W, 3]`, sRGB.
+    pub fn rgb(&self) -> Tensor<3> {
+        self.image.clone().narrow(2, 0, 3)
+    }
+
+    /// `[H, W, 1]` in [0, 1].
+    pub fn alpha(&self) -> Tensor<3> {
+        self.image.clone().narrow(2, 3, 1)
+    }
+
+    /// `[H, W, 1]`, world units times alpha.
+    pub fn depth(&self) -> Tensor<3> {
+        self.image.clone().narrow(2, 4, 1)
+    }
+}
+
+/// Attributes of the dynamic Gaussians at one time, ready for projection.
+#[derive(Debug, Clone)]
+pub struct Deformed {
+    /// `[N, 3]`, world units.
+    pub means: Tensor<2>,
+    /// `[N, 4]`.
+    pub quats: Tensor<2>,
+    /// `[N, 3]`, logarithms or not as `activation` says.
+    pub scales: Tensor<2>,
+    /// `[N]`, logits or not as `activation` says.
+    pub opacities: Tensor<1>,
+    /// What projection applies to scales and opacities.
+    pub activation: Activation,
+}
+
+impl DynamicPart {
+    /// Canonical means moved along their coarse trajectories.
+    ///
+    /// # Shapes
+    /// `-> [N, 3]`
+    pub fn coarse_means(&self, settings: &SceneSettings, time: f32) -> Tensor<2> {
+        let means = self.gaussians.means.val();
+        match &self.gaussians.trajectories {
+            Some(coefficients) => {
+                means + settings.trajectory_basis.displacement(coefficients.val(), time)
+            }
+            None => means,
+        }
+    }
+
+    /// The Gaussians at `time`.
+    ///
+    /// # Source
+    /// DASH Eqs. 9-10; the coarse trajectory below the field's offsets is ours.
+    ///
+    /// # Errors
+    /// When a shape does not fit.
+    pub fn deform(&self, settings: &SceneSettings, time: f32) -> Result<Deformed, ModelError> {
+        let features = self.field.features(self.gaussians.means.val(), time)?;
+        Ok(self.deform_with(settings, time, self.field.decode(features)))
+    }
+
+    fn deform_with(&self, settings: &SceneSettings, time: f32, offsets: Offsets) -> Deformed {
+        let canonical = &self.gaussians;
+        let means = self.coarse_means(settings, time) + offsets.means;
+        match settings.offsets {
+            OffsetPlacement::BeforeActivation => Deformed {
+                means,
+                quats: canonical.quats.val() + offsets.quats,
+                scales: canonical.log_scales.val() + offsets.scales,
+                opacities: canonical.opacity_logits.val(),
+                activation: Activation::Exp,
+            },
+            OffsetPlacement::AfterActivation => {
+                let quats = canonical.quats.val();
+                let norm = (quats.clone().powi_scalar(2).sum_dim(1) + 1e-12).sqrt();
+                Deformed {
+                    means,
+                    quats: quats / norm + offsets.quats,
+                    scales: canonical.log_scales.val().exp() + offsets.scales,
+                    opacities: sigmoid(canonical.opacity_logits.val()),
+                    activation: Activation::Linear,
+                }
+            }
+        }
+    }
+}
+
+impl DynamicScene {
+    /// Packed splats of the static Gaussians, see [`project`].
+    ///
+    /// # Errors
+    /// When a shape does not fit.
+    pub fn static_splats(&self, camera: &Camera) -> Result<Tensor<2>, ModelError> {
+        let set = &self.static_set;
+        Ok(project(
+            set.means.val(),
+            set.quats.val(),
+            set.log_scales.val(),
+            set.opacity_logits.val(),
+            set.sh_coeffs(),
+            camera,
+            &ProjectOptions { sh_degree: self.settings.sh_degree, ..Default::default() },
+        )?)
+    }
+
+    /// Packed splats of the dynamic Gaussians at `time`; `None` without a dynamic part.
+    ///
+    /// # Errors
+    /// When a shape does not fit.
+    pub fn dynamic_splats(&self, camera: &Camera, time: f32) -> Result<Option<Tensor<2>>, ModelError> {
+        let Some(dynamic) = self.dynamic.as_ref().filter(|d| !d.gaussians.is_empty()) else {
+            return Ok(None);
+        };
+        let deformed = dynamic.deform(&self.settings, time)?;
+        Ok(Some(project(
+            deformed.means,
+            deformed.quats,
+            deformed.scales,
+            deformed.opacities,
+            dynamic.gaussians.sh_coeffs(),
+            camera,
+            &ProjectOptions {
+                sh_degree: self.settings.sh_degree,
+                activation: deformed.activation,
+                ..Default::default()
+            },
+        )?))
+    }
+
+    /// Draws packed splats over the scene's background.
+    ///
+    /// # Errors
+    /// When a shape does not fit.
+    pub fn rasterize(&self, splats: Tensor<2>, camera: &Camera) -> Result<Rendering, ModelError> {
+        let options = RasterizeOptions {
+            width: camera.width,
+            height: camera.height,
+            background: self.settings.background,
+        };
+        Ok(Rendering { image: rasterize(splats, &options)? })
+    }
+
+    /// The scene from `camera` at `time` in [0, 1].
+    ///
+    /// # Errors
+    /// When a shape does not fit.
+    pub fn render(&self, camera: &Camera, time: f32) -> Result<Rendering, ModelError> {
+        self.render_layer(camera, time, Layer::Full)
+    }
+
+    /// One layer of the scene from `camera` at `time` in [0, 1].
+    ///
+    /// # Errors
+    /// When a shape does not fit.
+    pub fn render_layer(
+        &self,
+        camera: &Camera,
+        time: f32,
+        layer: Layer,
+    ) -> Result<Rendering, ModelError> {
+        let mut parts = Vec::new();
+        if layer != Layer::Dynamic {
+            parts.push(self.static_splats(camera)?);
+        }
+        if layer != Layer::Static {
+            parts.extend(self.dynamic_splats(camera, time)?);
+        }
+        let splats = match parts.len() {
+            0 => {
+                let device = self.static_set.means.device();
+                Tensor::zeros([0, dash_kernels::SPLAT_COLUMNS], &device)
+            }
+            1 => parts.swap_remove(0),
+            _ => Tensor::cat(parts, 0),
+        };
+        self.rasterize(splats, camera)
+    }
+
+    /// All Gaussians as they are at `time`: static rows first.
+    ///
+    /// # Errors
+    /// When a shape does not fit.
+    pub fn at(&self, time: f32) -> Result<GaussianRows, ModelError> {
+        let mut rows = self.static_set.to_rows();
+        let Some(dynamic) = self.dynamic.as_ref().filter(|d| !d.gaussians.is_empty()) else {
+            return Ok(rows);
+        };
+        let deformed = dynamic.deform(&self.settings, time)?;
+        let log_scales = match deformed.activation {
+            Activation::Exp => deformed.scales,
+            Activation::Linear => deformed.scales.abs().clamp_min(1e-12).log(),
+        };
+        let frozen = Gaussians {
+            means: Param::from_tensor(deformed.means.detach()),
+            quats: Param::from_tensor(deformed.quats.detach()),
+            log_scales: Param::from_tensor(log_scales.detach()),
+            trajectories: None,
+            ..dynamic.gaussians.clone()
+        };
+        rows.append(&frozen.to_rows());
+        Ok(rows)
+    }
+
+    /// Numbers of static and dynamic Gaussians.
+    pub fn counts(&self) -> (usize, usize) {
+        (self.static_set.len(), self.dynamic.as_ref().map_or(0, |d| d.gaussians.len()))
+    }
+}

@@ -1,0 +1,228 @@
+//! A scene on disk: `scene.json` (structure) and `scene.safetensors` (parameters).
+
+use std::collections::BTreeMap;
+use std::fs::{self, File};
+use std::path::{Path, PathBuf};
+
+use burn::module::Module;
+use burn::tensor::Device;
+use rand::SeedableRng;
+use rand_pcg::Pcg64;
+use safetensors::tensor::{Dtype, SafeTensors, TensorView};
+use serde::{Deserialize, Serialize};
+
+use crate::parameters::{HostTensor, named_parameters, with_parameters};
+use crate::{
+    DeformationConfig, DeformationField, DynamicPart, DynamicScene, GaussianRows, Gaussians,
+    ModelError, SceneSettings, SpaceBox,
+};
+
+/// Version of the files that this code writes.
+const FORMAT_VERSION: u32 = 1;
+
+/// Everything about a scene that is not a tensor.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct SceneDescription {
+    format_version: u32,
+    settings: SceneSettings,
+    n_static: usize,
+    n_dynamic: usize,
+    sh_degree: usize,
+    field: Option<FieldDescription>,
+}
+
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct FieldDescription {
+    config: DeformationConfig,
+    space: SpaceBox,
+    trajectory_width: usize,
+}
+
+impl DynamicScene {
+    /// Writes the scene into a folder, which is made if need be. Each file is complete or absent.
+    ///
+    /// # Errors
+    /// [`ModelError::Io`].
+    pub fn save(&self, folder: &Path) -> Result<(), ModelError> {
+        fs::create_dir_all(folder).map_err(|e| ModelError::io(folder, "create the folder", e))?;
+        let description = self.describe();
+        let json = serde_json::to_vec_pretty(&description)
+            .map_err(|e| ModelError::Config(format!("scene settings: {e}")))?;
+        write_tensors(&folder.join("scene.safetensors"), &named_parameters(self))?;
+        write_atomically(&folder.join("scene.json"), |mut file| {
+            std::io::Write::write_all(&mut file, &json)
+        })
+    }
+
+    /// Reads a scene that [`DynamicScene::save`] wrote.
+    ///
+    /// # Errors
+    /// [`ModelError::Io`] or [`ModelError::Format`].
+    pub fn load(folder: &Path, device: &Device) -> Result<Self, ModelError> {
+        let json_path = folder.join("scene.json");
+        let text = fs::read(&json_path).map_err(|e| ModelError::io(&json_path, "read", e))?;
+        let description: SceneDescription = serde_json::from_slice(&text)
+            .map_err(|e| ModelError::format(&json_path, "a scene description", e.to_string()))?;
+        if description.format_version != FORMAT_VERSION {
+            return Err(ModelError::format(
+                &json_path,
+                format!("format version {FORMAT_VERSION}"),
+                description.format_version.to_string(),
+            ));
+        }
+        let tensor_path = folder.join("scene.safetensors");
+        let parameters = read_tensors(&tensor_path)?;
+        description.check(&parameters, &tensor_path)?;
+        let skeleton = description.skeleton(device)?;
+        with_parameters(skeleton, parameters)
+            .map_err(|found| ModelError::format(&tensor_path, "the parameters of scene.json", found))
+    }
+
+    fn describe(&self) -> SceneDescription {
+        let (n_static, n_dynamic) = self.counts();
+        SceneDescription {
+            format_version: FORMAT_VERSION,
+            settings: self.settings.clone(),
+            n_static,
+            n_dynamic,
+            sh_degree: self.static_set.sh_degree(),
+            field: self.dynamic.as_ref().map(|dynamic| FieldDescription {
+                config: dynamic.field.config().clone(),
+                space: *dynamic.field.space(),
+                trajectory_width: dynamic
+                    .gaussians
+                    .trajectories
+                    .as_ref()
+                    .map_or(0, |coefficients| coefficients.dims()[1]),
+            }),
+        }
+    }
+}
+
+impl SceneDescription {
+    /// A scene of the right structure without Gaussians.
+    fn skeleton(&self, device: &Device) -> Result<DynamicScene, ModelError> {
+        let sh_rest_width = ((self.sh_degree + 1).pow(2) - 1) * 3;
+        let empty = |trajectory_width| {
+            let rows = GaussianRows { sh_rest_width, trajectory_width, ..Default::default() };
+            Gaussians::from_rows(&rows, device)
+        };
+        let dynamic = match &self.field {
+            None => None,
+            Some(field) => Some(DynamicPart {
+                gaussians: empty(field.trajectory_width),
+                field: DeformationField::new(
+                    &field.config,
+                    field.space,
+                    &mut Pcg64::seed_from_u64(0),
+                    device,
+                )?,
+            }),
+        };
+        Ok(DynamicScene { static_set: empty(0), dynamic, settings: self.settings.clone() })
+    }
+
+    /// Every per-Gaussian tensor has the number of rows that the description names.
+    fn check(
+        &self,
+        parameters: &BTreeMap<String, HostTensor>,
+        path: &Path,
+    ) -> Result<(), ModelError> {
+        if self.sh_degree > 3 || self.settings.sh_degree > self.sh_degree {
+            return Err(ModelError::format(
+                path,
+                "spherical harmonics of degree 0 to 3",
+                format!("{} stored, {} active", self.sh_degree, self.settings.sh_degree),
+            ));
+        }
+        for (name, tensor) in parameters {
+            let expected = if name.starts_with("static_set.") {
+                self.n_static
+            } else if name.starts_with("dynamic.gaussians.") {
+                self.n_dynamic
+            } else {
+                continue;
+            };
+            if tensor.shape.first() != Some(&expected) {
+                return Err(ModelError::format(
+                    path,
+                    format!("{expected} rows in `{name}`"),
+                    format!("shape {:?}", tensor.shape),
+                ));
+            }
+        }
+        Ok(())
+    }
+}
+
+/// Writes named f32 tensors as one safetensors file.
+///
+/// # Errors
+/// [`ModelError::Io`].
+pub fn write_tensors(
+    path: &Path,
+    tensors: &BTreeMap<String, HostTensor>,
+) -> Result<(), ModelError> {
+    let views: Result<Vec<_>, _> = tensors
+        .iter()
+        .map(|(name, tensor)| {
+            let bytes = bytemuck::cast_slice(&tensor.values);
+            TensorView::new(Dtype::F32, tensor.shape.clone(), bytes).map(|view| (name, view))
+        })
+        .collect();
+    let bytes = views
+        .and_then(|views| safetensors::serialize(views, None))
+        .map_err(|e| ModelError::Config(format!("tensors for {}: {e}", path.display())))?;
+    write_atomically(path, |mut file| std::io::Write::write_all(&mut file, &bytes))
+}
+
+/// Reads a safetensors file of f32 tensors.
+///
+/// # Errors
+/// [`ModelError::Io`] or [`ModelError::Format`].
+pub fn read_tensors(path: &Path) -> Result<BTreeMap<String, HostTensor>, ModelError> {
+    let bytes = fs::read(path).map_err(|e| ModelError::io(path, "read", e))?;
+    let file = SafeTensors::deserialize(&bytes)
+        .map_err(|e| ModelError::format(path, "a safetensors file", e.to_string()))?;
+    file.tensors()
+        .into_iter()
+        .map(|(name, view)| {
+            if view.dtype() != Dtype::F32 {
+                let found = format!("`{name}` of {:?}", view.dtype());
+                return Err(ModelError::format(path, "f32 tensors", found));
+            }
+            let values = bytemuck::pod_collect_to_vec(view.data());
+            Ok((name, HostTensor { shape: view.shape().to_vec(), values }))
+        })
+        .collect()
+}
+
+/// Writes a file through a sibling scratch file that replaces it once complete and on disk.
+///
+/// # Errors
+/// [`ModelError::Io`] that names `path`.
+pub fn write_atomically(
+    path: &Path,
+    write: impl FnOnce(&File) -> std::io::Result<()>,
+) -> Result<(), ModelError> {
+    let mut name = path.file_name().unwrap_or_default().to_os_string();
+    name.push(".partial");
+    let scratch: PathBuf = path.with_file_name(name);
+    let result = File::create(&scratch).and_then(|file| {
+        write(&file)?;
+        file.sync_all()?;
+        fs::rename(&scratch, path)
+    });
+    result.map_err(|e| {
+        // The scratch file may not exist; what matters to the user is the first error.
+        let _ = fs::remove_file(&scratch);
+        ModelError::io(path, "write", e)
+    })
+}
+
+/// The number of bytes that a module's parameters take, f32.
+pub fn parameter_bytes<M: Module>(module: &M) -> usize {
+    module.num_params() * size_of::<f32>()
+}

@@ -1,0 +1,153 @@
+//! The box of space that a field covers, and the coarse trajectories in it.
+
+use burn::tensor::{Tensor, TensorData};
+use serde::{Deserialize, Serialize};
+
+/// An axis-aligned box mapped onto the unit cube.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct SpaceBox {
+    /// Smallest corner, world units.
+    pub min: [f32; 3],
+    /// Largest corner, world units.
+    pub max: [f32; 3],
+    /// Whether points outside are moved to the nearest face. If not, fields are zero there, as in
+    /// the released DASH code.
+    pub clamp: bool,
+}
+
+impl SpaceBox {
+    /// The box `[-bound, bound]^3` of the released code, with nothing outside it.
+    pub fn fixed(bound: f32) -> Self {
+        Self { min: [-bound; 3], max: [bound; 3], clamp: false }
+    }
+
+    /// A box around points: from the `tail` to the `1 - tail` quantile of each axis, widened by
+    /// `margin` times its size. Points that are not finite do not count.
+    pub fn around(points: &[[f32; 3]], tail: f32, margin: f32) -> Self {
+        let (mut min, mut max) = ([-1.0f32; 3], [1.0f32; 3]);
+        for axis in 0..3 {
+            let mut values: Vec<f32> =
+                points.iter().map(|p| p[axis]).filter(|v| v.is_finite()).collect();
+            if values.is_empty() {
+                continue;
+            }
+            values.sort_by(f32::total_cmp);
+            let last = (values.len() - 1) as f32;
+            let low = values[(tail * last).floor() as usize];
+            let high = values[((1.0 - tail) * last).ceil() as usize];
+            let pad = margin * (high - low) + 1e-6 * (1.0 + low.abs().max(high.abs()));
+            min[axis] = low - pad;
+            max[axis] = high + pad;
+        }
+        // No axis thinner than a tenth of the widest: a flat scene would have cells of no width.
+        let widest = (0..3).map(|a| max[a] - min[a]).fold(0.0, f32::max);
+        for axis in 0..3 {
+            let missing = 0.1 * widest - (max[axis] - min[axis]);
+            if missing > 0.0 {
+                min[axis] -= missing / 2.0;
+                max[axis] += missing / 2.0;
+            }
+        }
+        Self { min, max, clamp: true }
+    }
+
+    /// Length of the diagonal, world units.
+    pub fn diagonal(&self) -> f32 {
+        (0..3).map(|a| (self.max[a] - self.min[a]).powi(2)).sum::<f32>().sqrt()
+    }
+
+    /// World positions in the unit cube.
+    ///
+    /// # Shapes
+    /// `[N, 3] -> [N, 3]`
+    pub fn normalize(&self, positions: Tensor<2>) -> Tensor<2> {
+        let device = positions.device();
+        let row = |values: [f32; 3]| Tensor::<2>::from_data(TensorData::new(values.to_vec(), [1, 3]), &device);
+        let scale: [f32; 3] = std::array::from_fn(|a| 1.0 / (self.max[a] - self.min[a]));
+        let unit = (positions - row(self.min)) * row(scale);
+        if self.clamp { unit.clamp(0.0, 1.0) } else { unit }
+    }
+}
+
+/// Functions of time that the coarse stage's trajectories are made of.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum TrajectoryBasis {
+    /// `p(t) = p + t dp`, the paper's Eq. 4.
+    Linear,
+    /// `p(t) = p + sum_k cos(k pi t) dp_k` for k = 1..=4: a point that comes back to where it
+    /// started has no linear motion but moves.
+    Cosine,
+}
+
+/// Terms of [`TrajectoryBasis::Cosine`].
+const COSINE_TERMS: usize = 4;
+
+impl TrajectoryBasis {
+    /// The number of functions `B`.
+    pub fn len(self) -> usize {
+        match self {
+            Self::Linear => 1,
+            Self::Cosine => COSINE_TERMS,
+        }
+    }
+
+    /// Always false: a basis has at least one function.
+    pub fn is_empty(self) -> bool {
+        false
+    }
+
+    /// The functions' values at `time` in [0, 1].
+    pub fn at(self, time: f32) -> Vec<f32> {
+        match self {
+            Self::Linear => vec![time],
+            Self::Cosine => (1..=COSINE_TERMS)
+                .map(|k| (std::f32::consts::PI * k as f32 * time).cos())
+                .collect(),
+        }
+    }
+
+    /// Displacement at `time`.
+    ///
+    /// # Shapes
+    /// `coefficients [N, B * 3] -> [N, 3]`, world units.
+    pub fn displacement(self, coefficients: Tensor<2>, time: f32) -> Tensor<2> {
+        let values = self.at(time);
+        let mut sum = coefficients.clone().narrow(1, 0, 3) * values[0];
+        for (k, value) in values.iter().enumerate().skip(1) {
+            sum = sum + coefficients.clone().narrow(1, 3 * k, 3) * *value;
+        }
+        sum
+    }
+
+    /// Mean square of the displacement about its mean over the clip, times the number that makes
+    /// it `|dp|^2` for [`TrajectoryBasis::Linear`], as the paper measures motion.
+    ///
+    /// # Shapes
+    /// `coefficients [N, B * 3] -> [N]`
+    pub fn squared_extent(self, coefficients: Tensor<2>) -> Tensor<1> {
+        // A cosine of amplitude a has variance a^2 / 2; a ramp of height a has a^2 / 12.
+        let weight = match self {
+            Self::Linear => 1.0,
+            Self::Cosine => 6.0,
+        };
+        (coefficients.powi_scalar(2) * weight).sum_dim(1).squeeze_dim(1)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_box_ignores_outliers_and_nan_and_is_never_flat() {
+        let mut points: Vec<[f32; 3]> = (0..1000).map(|i| [i as f32 / 999.0, 2.0, -1.0]).collect();
+        points.push([f32::NAN, 0.0, 0.0]);
+        points.push([1e9, 0.0, 0.0]);
+        let space = SpaceBox::around(&points, 0.01, 0.1);
+        assert!(space.max[0] < 1.5 && space.min[0] > -0.5, "{space:?}");
+        assert!(space.max[1] - space.min[1] > 0.05);
+        assert!(SpaceBox::around(&[], 0.01, 0.1).diagonal().is_finite());
+    }
+}
