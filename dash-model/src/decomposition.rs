@@ -3,8 +3,8 @@
 /// Motion of every Gaussian, gathered over training steps and their views.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct MotionStatistics {
-    weighted: Vec<f64>,
-    weights: Vec<f64>,
+    weighted: Vec<f32>,
+    weights: Vec<f32>,
 }
 
 impl MotionStatistics {
@@ -14,12 +14,12 @@ impl MotionStatistics {
     }
 
     /// Rebuilds statistics from [`MotionStatistics::parts`].
-    pub fn from_parts(weighted: Vec<f64>, weights: Vec<f64>) -> Self {
+    pub fn from_parts(weighted: Vec<f32>, weights: Vec<f32>) -> Self {
         Self { weighted, weights }
     }
 
     /// The weighted sums and the weights.
-    pub fn parts(&self) -> (&[f64], &[f64]) {
+    pub fn parts(&self) -> (&[f32], &[f32]) {
         (&self.weighted, &self.weights)
     }
 
@@ -33,8 +33,8 @@ impl MotionStatistics {
         assert_eq!(weights.len(), self.weights.len(), "one weight for each Gaussian");
         for (i, (&m, &w)) in motion.iter().zip(weights).enumerate() {
             if m.is_finite() && w > 0.0 {
-                self.weighted[i] += f64::from(m * w);
-                self.weights[i] += f64::from(w);
+                self.weighted[i] += m * w;
+                self.weights[i] += w;
             }
         }
     }
@@ -52,7 +52,7 @@ impl MotionStatistics {
         self.weighted
             .iter()
             .zip(&self.weights)
-            .map(|(&sum, &weight)| if weight > 0.0 { (sum / weight) as f32 } else { 0.0 })
+            .map(|(&sum, &weight)| if weight > 0.0 { sum / weight } else { 0.0 })
             .collect()
     }
 }

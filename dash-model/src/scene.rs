@@ -166,9 +166,22 @@ impl DynamicScene {
     /// # Errors
     /// When a shape does not fit.
     pub fn static_splats(&self, camera: &Camera) -> Result<Tensor<2>, ModelError> {
+        self.static_splats_at(self.static_set.means.val(), camera)
+    }
+
+    /// Packed splats of the static Gaussians with other means `[N, 3]`, as the coarse stage moves
+    /// them.
+    ///
+    /// # Errors
+    /// When a shape does not fit.
+    pub fn static_splats_at(
+        &self,
+        means: Tensor<2>,
+        camera: &Camera,
+    ) -> Result<Tensor<2>, ModelError> {
         let set = &self.static_set;
         Ok(project(
-            set.means.val(),
+            means,
             set.quats.val(),
             set.log_scales.val(),
             set.opacity_logits.val(),

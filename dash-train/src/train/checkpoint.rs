@@ -1,0 +1,221 @@
+//! Checkpoints: everything an exact resume needs, complete or absent.
+
+use std::collections::BTreeMap;
+use std::fs::{self, File};
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+use burn::tensor::Device;
+use dash_model::decomposition::MotionStatistics;
+use dash_model::parameters::{HostTensor, named_parameters, with_parameters};
+use dash_model::scene_file::{read_tensors, write_tensors};
+use dash_model::{DynamicScene, MotionField, SpaceBox};
+use rand::SeedableRng;
+use rand_pcg::Pcg64;
+use serde::{Deserialize, Serialize};
+
+use super::config::TrainConfig;
+use super::density::DensityStatistics;
+use super::optimizer::Optimizer;
+use super::sampler::ViewSampler;
+use super::trainer::Trainer;
+use crate::TrainError;
+use crate::dataset::Dataset;
+
+/// Checkpoints that are kept; older ones are removed once a newer one is complete.
+const KEPT: usize = 2;
+
+/// What is not a tensor.
+#[derive(Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct State {
+    step: usize,
+    train_seconds: f64,
+    rng: Pcg64,
+    sampler: ViewSampler,
+    optimizer_steps: BTreeMap<String, u32>,
+    motion_space: Option<SpaceBox>,
+    held_still: Vec<bool>,
+    config: TrainConfig,
+}
+
+/// Writes `folder/NNNNNN` for the trainer's step.
+///
+/// # Errors
+/// [`TrainError::Io`] or a model error; what was there before is left as it was.
+pub fn save_checkpoint(
+    trainer: &Trainer,
+    folder: &Path,
+    train_seconds: f64,
+) -> Result<(), TrainError> {
+    let name = format!("{:06}", trainer.step);
+    let scratch = folder.join(format!(".{name}.partial"));
+    if scratch.exists() {
+        fs::remove_dir_all(&scratch).map_err(|e| TrainError::io(&scratch, "remove", e))?;
+    }
+    fs::create_dir_all(&scratch).map_err(|e| TrainError::io(&scratch, "create", e))?;
+    trainer.scene.save(&scratch.join("scene"))?;
+    if let Some(motion) = &trainer.motion {
+        write_tensors(&scratch.join("motion.safetensors"), &named_parameters(motion))?;
+    }
+    let (moments, optimizer_steps) = trainer.optimizer.to_tensors();
+    write_tensors(&scratch.join("optimizer.safetensors"), &moments)?;
+    write_tensors(&scratch.join("statistics.safetensors"), &statistics(trainer))?;
+    let state = State {
+        step: trainer.step,
+        train_seconds,
+        rng: trainer.rng.clone(),
+        sampler: trainer.sampler.clone(),
+        optimizer_steps,
+        motion_space: trainer.motion_space,
+        held_still: trainer.held_still.clone(),
+        config: trainer.config.clone(),
+    };
+    let json = serde_json::to_vec(&state).map_err(|e| TrainError::Config(e.to_string()))?;
+    dash_model::scene_file::write_atomically(&scratch.join("state.json"), |mut file| {
+        std::io::Write::write_all(&mut file, &json)
+    })?;
+    let target = folder.join(&name);
+    if target.exists() {
+        fs::remove_dir_all(&target).map_err(|e| TrainError::io(&target, "replace", e))?;
+    }
+    sync_folder(&scratch)?;
+    fs::rename(&scratch, &target).map_err(|e| TrainError::io(&target, "write", e))?;
+    sync_folder(folder)?;
+    let complete = list(folder)?;
+    for old in complete.iter().rev().skip(KEPT) {
+        fs::remove_dir_all(old).map_err(|e| TrainError::io(old, "remove", e))?;
+    }
+    Ok(())
+}
+
+/// The newest complete checkpoint of a folder.
+///
+/// # Errors
+/// [`TrainError::Io`] when the folder can't be read.
+pub fn latest_checkpoint(folder: &Path) -> Result<Option<PathBuf>, TrainError> {
+    if !folder.exists() {
+        return Ok(None);
+    }
+    Ok(list(folder)?.pop())
+}
+
+/// The configuration that a checkpoint was trained with.
+///
+/// # Errors
+/// When the checkpoint can't be read.
+pub fn checkpoint_config(checkpoint: &Path) -> Result<TrainConfig, TrainError> {
+    Ok(read_state(checkpoint)?.config)
+}
+
+/// Rebuilds a trainer as it was, and the seconds it had trained.
+///
+/// # Errors
+/// When the checkpoint can't be read, is damaged, or belongs to another dataset.
+pub fn load_checkpoint(
+    checkpoint: &Path,
+    dataset: Arc<Dataset>,
+    device: &Device,
+) -> Result<(Trainer, f64), TrainError> {
+    let state = read_state(checkpoint)?;
+    let mut trainer = Trainer::new(state.config, dataset, device)?;
+    trainer.scene = DynamicScene::load(&checkpoint.join("scene"), &trainer.device)?;
+    trainer.motion_space = state.motion_space;
+    trainer.motion = match state.motion_space {
+        None => None,
+        Some(space) => {
+            let config = &trainer.config.decomposition;
+            // Its start is replaced by what was trained; any generator does.
+            let mut unused = Pcg64::seed_from_u64(0);
+            let skeleton = MotionField::new(
+                &config.encoder,
+                config.hidden,
+                config.basis,
+                space,
+                &mut unused,
+                &trainer.device,
+            )?;
+            let path = checkpoint.join("motion.safetensors");
+            let parameters = read_tensors(&path)?;
+            Some(with_parameters(skeleton, parameters).map_err(|found| damaged(&path, found))?)
+        }
+    };
+    let path = checkpoint.join("optimizer.safetensors");
+    trainer.optimizer =
+        Optimizer::from_tensors(read_tensors(&path)?, state.optimizer_steps, &trainer.device.clone().inner())
+            .map_err(|found| damaged(&path, found))?;
+    let path = checkpoint.join("statistics.safetensors");
+    restore_statistics(&mut trainer, read_tensors(&path)?).map_err(|found| damaged(&path, found))?;
+    trainer.rng = state.rng;
+    trainer.sampler = state.sampler;
+    trainer.step = state.step;
+    trainer.held_still = state.held_still;
+    Ok((trainer, state.train_seconds))
+}
+
+fn statistics(trainer: &Trainer) -> BTreeMap<String, HostTensor> {
+    let mut tensors = BTreeMap::new();
+    let mut insert = |name: &str, values: Vec<f32>| {
+        tensors.insert(name.to_string(), HostTensor { shape: vec![values.len()], values });
+    };
+    for (name, density) in
+        [("static", &trainer.density_static), ("dynamic", &trainer.density_dynamic)]
+    {
+        let (gradient, seen) = density.parts();
+        insert(&format!("{name}.gradient"), gradient.to_vec());
+        // Counts stay below 2^24 between two rounds, so f32 holds them exactly.
+        insert(&format!("{name}.seen"), seen.iter().map(|&count| count as f32).collect());
+    }
+    let (weighted, weights) = trainer.motion_statistics.parts();
+    insert("motion.weighted", weighted.to_vec());
+    insert("motion.weights", weights.to_vec());
+    tensors
+}
+
+fn restore_statistics(
+    trainer: &mut Trainer,
+    mut tensors: BTreeMap<String, HostTensor>,
+) -> Result<(), String> {
+    let mut take = |name: &str| {
+        tensors.remove(name).map(|tensor| tensor.values).ok_or(format!("no `{name}`"))
+    };
+    let counts = |values: Vec<f32>| values.into_iter().map(|count| count as u32).collect();
+    trainer.density_static =
+        DensityStatistics::from_parts(take("static.gradient")?, counts(take("static.seen")?));
+    trainer.density_dynamic =
+        DensityStatistics::from_parts(take("dynamic.gradient")?, counts(take("dynamic.seen")?));
+    trainer.motion_statistics =
+        MotionStatistics::from_parts(take("motion.weighted")?, take("motion.weights")?);
+    Ok(())
+}
+
+fn read_state(checkpoint: &Path) -> Result<State, TrainError> {
+    let path = checkpoint.join("state.json");
+    let text = fs::read(&path).map_err(|e| TrainError::io(&path, "read", e))?;
+    serde_json::from_slice(&text).map_err(|e| damaged(&path, e.to_string()))
+}
+
+fn damaged(path: &Path, found: String) -> TrainError {
+    TrainError::Checkpoint { path: path.to_path_buf(), found }
+}
+
+/// Complete checkpoints, oldest first.
+fn list(folder: &Path) -> Result<Vec<PathBuf>, TrainError> {
+    let entries = fs::read_dir(folder).map_err(|e| TrainError::io(folder, "list", e))?;
+    let mut found = Vec::new();
+    for entry in entries {
+        let path = entry.map_err(|e| TrainError::io(folder, "list", e))?.path();
+        let number = path.file_name().and_then(|name| name.to_str()).unwrap_or_default();
+        if number.len() >= 6 && number.bytes().all(|b| b.is_ascii_digit()) {
+            found.push(path);
+        }
+    }
+    found.sort_by_key(|path| path.file_name().map(|name| (name.len(), name.to_os_string())));
+    Ok(found)
+}
+
+fn sync_folder(folder: &Path) -> Result<(), TrainError> {
+    File::open(folder)
+        .and_then(|file| file.sync_all())
+        .map_err(|e| TrainError::io(folder, "sync", e))
+}

@@ -1,0 +1,554 @@
+//! Everything that decides a training run.
+
+use dash_model::{DeformationConfig, HashEncoderConfig, OffsetPlacement, TrajectoryBasis};
+use serde::{Deserialize, Serialize};
+
+use crate::TrainError;
+
+/// Named starting points for a [`TrainConfig`].
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, clap::ValueEnum)]
+#[serde(rename_all = "snake_case")]
+pub enum Preset {
+    /// Ours.
+    Default,
+    /// The paper's equations as written.
+    Paper,
+    /// The released code's values and forms.
+    Reference,
+    /// Ours, shortened for a first look on a CPU.
+    Quick,
+}
+
+/// A training run. Written resolved to `config.toml`: running it again gives the same result.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct TrainConfig {
+    /// Where the values came from.
+    pub preset: Preset,
+    /// Optimisation steps, one view each. Stages are shares of it, so a shorter run keeps its form.
+    pub iterations: usize,
+    /// Seed of everything random.
+    pub seed: u64,
+    /// Largest spherical-harmonics degree, 0 to 3.
+    pub sh_degree: usize,
+    /// Share of the run after which the active degree rises by one (3DGS: 1,000 of 30,000 steps).
+    pub sh_interval: f32,
+    /// Colour behind everything, sRGB in [0, 1]. Absent: the dataset's own, or black.
+    pub background: Option<[f32; 3]>,
+    /// Most points that the first Gaussians are made of; more are thinned evenly.
+    pub max_initial_points: usize,
+    /// Steps between checkpoints.
+    pub checkpoint_interval: usize,
+    /// Steps between measurements on the validation view (never a test camera).
+    pub validation_interval: usize,
+    /// The three stages.
+    pub stages: StageConfig,
+    /// Weights of the losses.
+    pub loss: LossConfig,
+    /// Learning rates.
+    pub learning_rates: LearningRates,
+    /// The coarse motion field and the split.
+    pub decomposition: DecompositionConfig,
+    /// The 4D field.
+    pub field: FieldConfig,
+    /// Density control of the static Gaussians (of all, before the split).
+    pub density_static: DensityConfig,
+    /// Density control of the dynamic Gaussians.
+    pub density_dynamic: DensityConfig,
+}
+
+/// When each stage ends, as shares of the run.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct StageConfig {
+    /// End of the warm-up, in which nothing moves (released code: 2,000 of 50,000 steps).
+    pub warmup: f32,
+    /// End of the decomposition, when the split is made (released code: 4,000 of 50,000).
+    pub decomposition: f32,
+}
+
+/// Weights of Eqs. 6 and 12.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct LossConfig {
+    /// Share of D-SSIM against L1, `lambda_c` (3DGS: 0.2).
+    pub dssim: f32,
+    /// Weight of the motion of static Gaussians, `lambda_s`, for motion in units of the scene's
+    /// diagonal.
+    pub static_motion: f32,
+    /// Weight of the field's smoothness, `lambda_r`.
+    pub smoothness: f32,
+    /// Half-widths of the random step of Eq. 11 in the unit cube, space then time (released code).
+    pub smoothness_step: [f32; 2],
+}
+
+/// Adam learning rates, per parameter group.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct LearningRates {
+    /// Means at the start, in units of the scene's extent (3DGS: 1.6e-4).
+    pub means: f32,
+    /// Means at the end, reached exponentially (3DGS: 1.6e-6).
+    pub means_final: f32,
+    /// Quaternions (3DGS: 1e-3).
+    pub quats: f32,
+    /// Log scales (3DGS: 5e-3).
+    pub scales: f32,
+    /// Opacity logits (3DGS: 0.05).
+    pub opacities: f32,
+    /// Constant colour (3DGS: 2.5e-3).
+    pub sh_dc: f32,
+    /// Higher colour coefficients (3DGS: a twentieth of `sh_dc`).
+    pub sh_rest: f32,
+    /// Coarse trajectories, in units of the scene's extent.
+    pub trajectories: f32,
+    /// Hash tables at the start.
+    pub grid: f32,
+    /// Decoders at the start.
+    pub network: f32,
+    /// What is left of the rates of tables and decoders at the end, reached exponentially.
+    pub field_final: f32,
+    /// Replaces the scene's measured extent (released code: 5).
+    pub extent: Option<f32>,
+}
+
+/// How motion is measured for the split.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum MotionMeasure {
+    /// `|dp|` in world units, as the paper writes.
+    World,
+    /// `|dp| / (d^2 + 1e-6)` with the distance `d` to the camera, over many views. (The released
+    /// code measures `d` from the wrong point and keeps the last view only; we don't.)
+    DistanceWeighted,
+    /// `|dp|` as it appears, in shares of the image's width, over many views.
+    Screen,
+}
+
+/// The coarse motion field and the split.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct DecompositionConfig {
+    /// Whether anything may move. If not, the run is static 3DGS.
+    pub enabled: bool,
+    /// How motion is measured.
+    pub measure: MotionMeasure,
+    /// Share of the Gaussians that stays static whatever they do (released code: 0.8).
+    pub quantile: f32,
+    /// Motion, in units of `measure`, below which nothing is dynamic.
+    pub floor: f32,
+    /// Whether the coarse trajectories carry on into the 4D stage instead of being thrown away.
+    pub keep_trajectories: bool,
+    /// Form of the coarse trajectories.
+    pub basis: TrajectoryBasis,
+    /// The 3D encoder.
+    pub encoder: HashEncoderConfig,
+    /// Units of the tiny network's two layers.
+    pub hidden: usize,
+    /// Every so many steps of the 4D stage, dynamic Gaussians that don't move become static;
+    /// 0 for never.
+    pub review_interval: usize,
+    /// Motion over the clip, in shares of the image's width, below which a dynamic Gaussian becomes
+    /// static.
+    pub review_floor: f32,
+}
+
+/// Where a field's box comes from.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum SpaceRule {
+    /// From the Gaussians it has to cover; what leaves it is moved to its faces.
+    Scene,
+    /// `[-bound, bound]^3` in world units; fields are zero outside it.
+    Fixed(f32),
+}
+
+/// The 4D field.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct FieldConfig {
+    /// Encoder and decoder. A time resolution of 0 in the encoder is replaced by one that follows
+    /// from the number of frames.
+    pub deformation: DeformationConfig,
+    /// The box of space that the fields cover.
+    pub space: SpaceRule,
+    /// Where rotation and scale offsets are added.
+    pub offsets: OffsetPlacement,
+}
+
+/// Adaptive density control of one set (Kerbl et al. 2023, section 5).
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct DensityConfig {
+    /// Share of the run at which it starts.
+    pub from: f32,
+    /// Share of the run at which it ends.
+    pub until: f32,
+    /// Steps between rounds (3DGS: 100).
+    pub interval: usize,
+    /// Mean screen-space gradient above which a Gaussian is cloned or split, in units of half the
+    /// image (3DGS: 2e-4).
+    pub gradient_threshold: f32,
+    /// Largest scale that is cloned rather than split, in units of the extent (3DGS: 0.01).
+    pub clone_scale: f32,
+    /// Opacity below which a Gaussian is removed (3DGS: 0.005).
+    pub min_opacity: f32,
+    /// Scale above which a Gaussian is removed once opacities were reset, in units of the extent
+    /// (3DGS: 0.1).
+    pub max_scale: f32,
+    /// Steps between opacity resets (3DGS: 3,000); 0 for none.
+    pub opacity_reset_interval: usize,
+    /// Most Gaussians of this set.
+    pub max_gaussians: usize,
+}
+
+impl TrainConfig {
+    /// The values of a preset.
+    pub fn preset(preset: Preset) -> Self {
+        let mut config = Self::ours();
+        config.preset = preset;
+        match preset {
+            Preset::Default => {}
+            Preset::Quick => config.shorten(),
+            Preset::Paper => config.as_in_the_paper(),
+            Preset::Reference => config.as_released(),
+        }
+        config
+    }
+
+    fn ours() -> Self {
+        Self {
+            preset: Preset::Default,
+            iterations: 15_000,
+            seed: 0,
+            sh_degree: 3,
+            sh_interval: 1.0 / 15.0,
+            background: None,
+            max_initial_points: 100_000,
+            checkpoint_interval: 1_000,
+            validation_interval: 500,
+            stages: StageConfig { warmup: 0.1, decomposition: 0.25 },
+            loss: LossConfig {
+                dssim: 0.2,
+                static_motion: 0.01,
+                smoothness: 0.01,
+                smoothness_step: [5e-3, 1e-4],
+            },
+            learning_rates: LearningRates {
+                means: 1.6e-4,
+                means_final: 1.6e-6,
+                quats: 1e-3,
+                scales: 5e-3,
+                opacities: 0.05,
+                sh_dc: 2.5e-3,
+                sh_rest: 2.5e-3 / 20.0,
+                trajectories: 1.6e-4,
+                grid: 5e-3,
+                network: 1e-3,
+                field_final: 0.1,
+                extent: None,
+            },
+            decomposition: DecompositionConfig {
+                enabled: true,
+                measure: MotionMeasure::Screen,
+                quantile: 0.0,
+                floor: 0.01,
+                keep_trajectories: true,
+                basis: TrajectoryBasis::Cosine,
+                encoder: HashEncoderConfig {
+                    n_levels: 8,
+                    n_features_per_level: 2,
+                    log2_hashmap_size: 14,
+                    base_resolution: vec![8; 3],
+                    finest_resolution: vec![128; 3],
+                    smoothstep: false,
+                    reference_sizing: false,
+                },
+                hidden: 32,
+                review_interval: 500,
+                review_floor: 0.005,
+            },
+            field: FieldConfig {
+                deformation: DeformationConfig {
+                    encoder: HashEncoderConfig {
+                        n_levels: 8,
+                        n_features_per_level: 2,
+                        log2_hashmap_size: 15,
+                        base_resolution: vec![4, 4, 4, 4],
+                        finest_resolution: vec![64, 64, 64, 0],
+                        smoothstep: false,
+                        reference_sizing: false,
+                    },
+                    hidden: 64,
+                    layers: 2,
+                },
+                space: SpaceRule::Scene,
+                offsets: OffsetPlacement::BeforeActivation,
+            },
+            density_static: DensityConfig {
+                from: 500.0 / 15_000.0,
+                until: 0.5,
+                interval: 100,
+                gradient_threshold: 2e-4,
+                clone_scale: 0.01,
+                min_opacity: 0.005,
+                max_scale: 0.1,
+                opacity_reset_interval: 3_000,
+                max_gaussians: 300_000,
+            },
+            density_dynamic: DensityConfig {
+                from: 0.27,
+                until: 0.7,
+                interval: 100,
+                gradient_threshold: 2e-4,
+                clone_scale: 0.01,
+                min_opacity: 0.005,
+                max_scale: 0.1,
+                opacity_reset_interval: 3_000,
+                max_gaussians: 100_000,
+            },
+        }
+    }
+
+    fn shorten(&mut self) {
+        self.iterations = 4_000;
+        self.sh_degree = 1;
+        self.max_initial_points = 20_000;
+        self.learning_rates.means_final = 1.6e-5;
+        for density in [&mut self.density_static, &mut self.density_dynamic] {
+            density.opacity_reset_interval = 1_500;
+            density.max_gaussians = 20_000;
+        }
+        self.decomposition.review_interval = 250;
+    }
+
+    fn as_in_the_paper(&mut self) {
+        self.iterations = 30_000;
+        self.decomposition.measure = MotionMeasure::World;
+        self.decomposition.quantile = 0.8;
+        self.decomposition.floor = 0.0;
+        self.decomposition.keep_trajectories = false;
+        self.decomposition.basis = TrajectoryBasis::Linear;
+        self.decomposition.review_interval = 0;
+        self.decomposition.encoder = HashEncoderConfig {
+            n_levels: 16,
+            n_features_per_level: 2,
+            log2_hashmap_size: 16,
+            base_resolution: vec![16; 3],
+            finest_resolution: vec![2048; 3],
+            smoothstep: false,
+            reference_sizing: false,
+        };
+        self.field.deformation = DeformationConfig {
+            encoder: HashEncoderConfig {
+                n_levels: 16,
+                n_features_per_level: 2,
+                log2_hashmap_size: 17,
+                base_resolution: vec![8; 4],
+                finest_resolution: vec![2048, 2048, 2048, 25],
+                smoothstep: false,
+                reference_sizing: false,
+            },
+            hidden: 128,
+            layers: 2,
+        };
+        self.field.offsets = OffsetPlacement::BeforeActivation;
+    }
+
+    fn as_released(&mut self) {
+        self.iterations = 50_000;
+        self.sh_interval = 1_000.0 / 50_000.0;
+        self.stages = StageConfig { warmup: 0.04, decomposition: 0.08 };
+        self.loss = LossConfig {
+            dssim: 0.0,
+            static_motion: 0.1,
+            smoothness: 1.0,
+            smoothness_step: [5e-3, 1e-4],
+        };
+        self.learning_rates = LearningRates {
+            means: 1.6e-4,
+            means_final: 1.6e-6,
+            quats: 1e-3,
+            scales: 5e-3,
+            opacities: 0.05,
+            sh_dc: 2.5e-3,
+            sh_rest: 2.5e-3 / 20.0,
+            trajectories: 0.0,
+            grid: 50.0 * 1.6e-4,
+            network: 1.6e-4,
+            field_final: 0.01,
+            extent: Some(5.0),
+        };
+        self.decomposition = DecompositionConfig {
+            enabled: true,
+            measure: MotionMeasure::DistanceWeighted,
+            quantile: 0.8,
+            floor: 0.0,
+            keep_trajectories: false,
+            basis: TrajectoryBasis::Linear,
+            encoder: HashEncoderConfig {
+                n_levels: 32,
+                n_features_per_level: 2,
+                log2_hashmap_size: 16,
+                base_resolution: vec![16; 3],
+                finest_resolution: vec![2048; 3],
+                smoothstep: true,
+                reference_sizing: true,
+            },
+            hidden: 64,
+            review_interval: 0,
+            review_floor: 0.0,
+        };
+        self.field = FieldConfig {
+            deformation: DeformationConfig {
+                encoder: HashEncoderConfig {
+                    n_levels: 32,
+                    n_features_per_level: 2,
+                    log2_hashmap_size: 19,
+                    base_resolution: vec![8; 4],
+                    finest_resolution: vec![2048, 2048, 2048, 25],
+                    smoothstep: true,
+                    reference_sizing: true,
+                },
+                hidden: 256,
+                layers: 2,
+            },
+            space: SpaceRule::Fixed(1.0),
+            offsets: OffsetPlacement::AfterActivation,
+        };
+        let density = DensityConfig {
+            from: 600.0 / 50_000.0,
+            until: 6_800.0 / 50_000.0,
+            interval: 200,
+            ..self.density_static.clone()
+        };
+        self.density_dynamic = DensityConfig {
+            from: 7_050.0 / 50_000.0,
+            until: 7_950.0 / 50_000.0,
+            ..density.clone()
+        };
+        self.density_static = density;
+    }
+
+    /// Sets one value by its dotted path, such as `loss.dssim=0.1`.
+    ///
+    /// # Errors
+    /// When the path does not exist or the value does not fit.
+    pub fn set(&mut self, assignment: &str) -> Result<(), TrainError> {
+        let refuse = |why: String| TrainError::Config(format!("--set {assignment}: {why}"));
+        let (path, value) = assignment
+            .split_once('=')
+            .ok_or_else(|| refuse("expected KEY=VALUE, such as loss.dssim=0.1".into()))?;
+        let mut table = toml::Table::try_from(&*self).map_err(|e| refuse(e.to_string()))?;
+        let parsed: toml::Table = format!("v = {value}")
+            .parse()
+            .or_else(|_| format!("v = \"{value}\"").parse())
+            .map_err(|e: toml::de::Error| refuse(e.to_string()))?;
+        let mut keys = path.split('.').peekable();
+        let mut cursor = &mut table;
+        while let Some(key) = keys.next() {
+            if keys.peek().is_none() {
+                let optional = matches!(path, "background" | "learning_rates.extent");
+                if !cursor.contains_key(key) && !optional {
+                    let known: Vec<&str> = cursor.keys().map(String::as_str).collect();
+                    return Err(refuse(format!("no key `{key}`; there are {}", known.join(", "))));
+                }
+                let mut value = parsed["v"].clone();
+                if let (Some(toml::Value::Float(_)), toml::Value::Integer(whole)) = (cursor.get(key), &value) {
+                    value = toml::Value::Float(*whole as f64);
+                }
+                cursor.insert(key.into(), value);
+                break;
+            }
+            cursor = cursor
+                .get_mut(key)
+                .and_then(toml::Value::as_table_mut)
+                .ok_or_else(|| refuse(format!("no section `{key}`")))?;
+        }
+        *self = table.try_into().map_err(|e: toml::de::Error| refuse(e.message().to_string()))?;
+        self.validate()
+    }
+
+    /// Checks every value against its range.
+    ///
+    /// # Errors
+    /// The first value that is out of range, and the range.
+    pub fn validate(&self) -> Result<(), TrainError> {
+        let check = |ok: bool, what: &str| {
+            if ok { Ok(()) } else { Err(TrainError::Config(what.to_string())) }
+        };
+        let shares = [
+            self.sh_interval,
+            self.stages.warmup,
+            self.stages.decomposition,
+            self.loss.dssim,
+            self.decomposition.quantile,
+        ];
+        check(self.iterations > 0, "iterations must be at least 1")?;
+        check(self.sh_degree <= 3, "sh_degree must be 0 to 3")?;
+        check(
+            shares.iter().all(|s| (0.0..=1.0).contains(s)),
+            "sh_interval, stages.*, loss.dssim and decomposition.quantile must be in [0, 1]",
+        )?;
+        check(
+            self.stages.warmup <= self.stages.decomposition,
+            "stages.warmup must not be after stages.decomposition",
+        )?;
+        check(
+            self.checkpoint_interval > 0 && self.validation_interval > 0,
+            "checkpoint_interval and validation_interval must be at least 1",
+        )?;
+        check(
+            [&self.density_static, &self.density_dynamic].iter().all(|d| d.interval > 0),
+            "density_*.interval must be at least 1",
+        )?;
+        check(
+            self.background.is_none_or(|b| b.iter().all(|v| (0.0..=1.0).contains(v))),
+            "background must be three numbers in [0, 1]",
+        )?;
+        let rates = &self.learning_rates;
+        check(
+            [
+                rates.means, rates.means_final, rates.quats, rates.scales, rates.opacities,
+                rates.sh_dc, rates.sh_rest, rates.trajectories, rates.grid, rates.network,
+                rates.field_final,
+            ]
+            .iter()
+            .all(|r| r.is_finite() && *r >= 0.0),
+            "learning_rates.* must be finite and not negative",
+        )
+    }
+
+    /// The step at a share of the run.
+    pub fn step_at(&self, share: f32) -> usize {
+        (share * self.iterations as f32).round() as usize
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_preset_is_valid_and_survives_toml() {
+        for preset in [Preset::Default, Preset::Paper, Preset::Reference, Preset::Quick] {
+            let config = TrainConfig::preset(preset);
+            config.validate().expect("valid");
+            let text = toml::to_string(&config).expect("serialises");
+            assert_eq!(toml::from_str::<TrainConfig>(&text).expect("parses"), config);
+        }
+    }
+
+    #[test]
+    fn set_changes_one_value_and_refuses_others() {
+        let mut config = TrainConfig::preset(Preset::Default);
+        config.set("loss.dssim=0").expect("a number");
+        assert_eq!(config.loss.dssim, 0.0);
+        config.set("decomposition.basis=linear").expect("a word");
+        config.set("background=[1, 1.0, 1]").expect("a list");
+        config.set("learning_rates.extent=5.0").expect("an absent option");
+        for bad in ["loss.dsim=0", "loss.dssim", "loss.dssim=2", "iterations=x", "a.b=1"] {
+            assert!(config.set(bad).is_err(), "{bad}");
+        }
+    }
+}

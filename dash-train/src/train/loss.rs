@@ -1,0 +1,57 @@
+//! The losses of Eqs. 6, 11 and 12.
+
+use burn::tensor::{Tensor, TensorData};
+use dash_kernels::KernelError;
+use dash_kernels::ssim::ssim;
+use dash_model::{DeformationField, ModelError, SpaceBox};
+use rand::Rng;
+
+/// `(1 - lambda_c) L1 + lambda_c (1 - SSIM)` of two images `[H, W, 3]`.
+pub(crate) fn photometric(
+    image: Tensor<3>,
+    target: Tensor<3>,
+    dssim: f32,
+) -> Result<Tensor<1>, KernelError> {
+    let l1 = (image.clone() - target.clone()).abs().mean();
+    if dssim == 0.0 {
+        return Ok(l1);
+    }
+    let similarity = ssim(image, target)?.mean();
+    Ok(l1 * (1.0 - dssim) + (-similarity + 1.0) * dssim)
+}
+
+/// Eq. 5: mean motion of the static Gaussians, in units of the space's diagonal.
+/// `extents [N]`, `is_static [N]` of 0 and 1; zero when none is static.
+pub(crate) fn static_motion(extents: Tensor<1>, is_static: &[bool], space: &SpaceBox) -> Tensor<1> {
+    let count = is_static.iter().filter(|s| **s).count().max(1);
+    let weight = 1.0 / (count as f32 * space.diagonal());
+    let weights: Vec<f32> = is_static.iter().map(|&s| if s { weight } else { 0.0 }).collect();
+    let n = weights.len();
+    let weights = Tensor::<1>::from_data(TensorData::new(weights, [n]), &extents.device());
+    (extents * weights).sum()
+}
+
+/// Eq. 11: mean over Gaussians of the squared distance between the field's features at a point
+/// and at a small random step from it.
+pub(crate) fn smoothness(
+    field: &DeformationField,
+    means: Tensor<2>,
+    time: f32,
+    step: [f32; 2],
+    rng: &mut impl Rng,
+) -> Result<Tensor<1>, ModelError> {
+    let n = means.dims()[0];
+    let unit = field.space().normalize(means.detach());
+    let device = unit.device();
+    let points = Tensor::cat(vec![unit, Tensor::full([n, 1], time, &device)], 1);
+    let steps: Vec<f32> = (0..4 * n)
+        .map(|i| {
+            let half_width = if i % 4 == 3 { step[1] } else { step[0] };
+            (rng.random::<f32>() * 2.0 - 1.0) * half_width
+        })
+        .collect();
+    let steps = Tensor::<2>::from_data(TensorData::new(steps, [n, 4]), &device);
+    let nearby = (points.clone() + steps).clamp(0.0, 1.0);
+    let difference = field.features_at(points)? - field.features_at(nearby)?;
+    Ok(difference.powi_scalar(2).sum() / n.max(1) as f32)
+}

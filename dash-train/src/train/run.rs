@@ -1,0 +1,289 @@
+//! A run on disk: `config.toml`, `log.jsonl`, `checkpoints/`, `scene/`.
+
+use std::fs::{self, File, OpenOptions};
+use std::io::{BufRead, BufReader, Write};
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::time::Instant;
+
+use burn::tensor::Device;
+use dash_model::DynamicScene;
+use dash_model::scene_file::write_atomically;
+use serde::{Deserialize, Serialize};
+
+use super::checkpoint::{latest_checkpoint, load_checkpoint, save_checkpoint};
+use super::config::TrainConfig;
+use super::trainer::{StepReport, Trainer};
+use crate::TrainError;
+use crate::dataset::{Dataset, Layout, LoadOptions};
+
+/// Steps between two lines of `log.jsonl`.
+const LOG_INTERVAL: usize = 50;
+
+/// What `config.toml` holds: enough to run again with the same result.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct RunConfig {
+    /// The data and how it is loaded.
+    pub data: DataConfig,
+    /// The training.
+    pub train: TrainConfig,
+}
+
+/// The data of a run and how it is loaded.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct DataConfig {
+    /// The dataset's folder.
+    pub dataset: PathBuf,
+    /// Its layout, where it is not to be recognised by its files.
+    pub layout: Option<Layout>,
+    /// Factor by which images are made smaller.
+    pub downscale: f64,
+    /// Cameras of the test split, where they are not the layout's own.
+    pub test_cameras: Option<Vec<usize>>,
+    /// The device it ran on, as named on the command line.
+    pub device: String,
+}
+
+impl DataConfig {
+    /// Options to load it with.
+    pub fn load_options(&self) -> LoadOptions {
+        LoadOptions {
+            layout: self.layout,
+            downscale: self.downscale,
+            test_cameras: self.test_cameras.clone(),
+            ..Default::default()
+        }
+    }
+}
+
+/// A run's folder.
+#[derive(Debug, Clone)]
+pub struct RunFolder {
+    root: PathBuf,
+}
+
+/// One line of `log.jsonl`.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct LogLine {
+    /// Steps done.
+    pub step: usize,
+    /// Seconds trained, evaluation and file writing excluded.
+    pub seconds: f64,
+    /// Mean loss since the last line.
+    pub loss: f32,
+    /// Mean PSNR of the training views since the last line, dB.
+    pub train_psnr: f32,
+    /// Static Gaussians.
+    pub n_static: usize,
+    /// Dynamic Gaussians.
+    pub n_dynamic: usize,
+    /// PSNR of views that are neither trained on nor tested, dB, where measured.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub validation_psnr: Option<f64>,
+}
+
+impl RunFolder {
+    /// The folder of a run that exists.
+    ///
+    /// # Errors
+    /// When there is no `config.toml` in it.
+    pub fn open(root: &Path) -> Result<Self, TrainError> {
+        let run = Self { root: root.to_path_buf() };
+        if !run.config_path().is_file() {
+            return Err(TrainError::run(
+                root,
+                "expected a run's folder with config.toml in it, found none; \
+                 make one with `dash train DATASET --out RUN`",
+            ));
+        }
+        Ok(run)
+    }
+
+    /// A new run's folder with its configuration.
+    ///
+    /// # Errors
+    /// When something is there already, or the folder can't be written.
+    pub fn create(root: &Path, config: &RunConfig) -> Result<Self, TrainError> {
+        let run = Self { root: root.to_path_buf() };
+        let occupied = match fs::read_dir(root) {
+            Ok(mut entries) => entries.next().is_some(),
+            Err(e) if e.kind() == std::io::ErrorKind::NotFound => false,
+            Err(e) => return Err(TrainError::io(root, "list", e)),
+        };
+        if occupied {
+            return Err(TrainError::run(
+                root,
+                "expected a new or empty folder for the run, found files in it; \
+                 continue that run with --resume or choose another --out",
+            ));
+        }
+        fs::create_dir_all(root).map_err(|e| TrainError::io(root, "create", e))?;
+        let text = toml::to_string(config).map_err(|e| TrainError::Config(e.to_string()))?;
+        write_atomically(&run.config_path(), |mut file| file.write_all(text.as_bytes()))?;
+        Ok(run)
+    }
+
+    /// The run's configuration.
+    ///
+    /// # Errors
+    /// When `config.toml` can't be read.
+    pub fn config(&self) -> Result<RunConfig, TrainError> {
+        read_config(&self.config_path())
+    }
+
+    /// The trained scene.
+    ///
+    /// # Errors
+    /// When the run has not got that far, or its files are damaged.
+    pub fn scene(&self, device: &Device) -> Result<DynamicScene, TrainError> {
+        let folder = self.scene_path();
+        if !folder.join("scene.json").is_file() {
+            return Err(TrainError::run(
+                &self.root,
+                "expected a trained scene, found an unfinished run; \
+                 finish it with `dash train DATASET --out RUN --resume`",
+            ));
+        }
+        Ok(DynamicScene::load(&folder, device)?)
+    }
+
+    /// The folder itself.
+    pub fn root(&self) -> &Path {
+        &self.root
+    }
+
+    /// `scene/`.
+    pub fn scene_path(&self) -> PathBuf {
+        self.root.join("scene")
+    }
+
+    /// `checkpoints/`.
+    pub fn checkpoints_path(&self) -> PathBuf {
+        self.root.join("checkpoints")
+    }
+
+    /// `results.json`.
+    pub fn results_path(&self) -> PathBuf {
+        self.root.join("results.json")
+    }
+
+    /// `log.jsonl`.
+    pub fn log_path(&self) -> PathBuf {
+        self.root.join("log.jsonl")
+    }
+
+    fn config_path(&self) -> PathBuf {
+        self.root.join("config.toml")
+    }
+
+    /// Lines of `log.jsonl`; one that was cut off while being written does not count.
+    ///
+    /// # Errors
+    /// When the file can't be read.
+    pub fn log(&self) -> Result<Vec<LogLine>, TrainError> {
+        let path = self.log_path();
+        let file = match File::open(&path) {
+            Ok(file) => file,
+            Err(e) if e.kind() == std::io::ErrorKind::NotFound => return Ok(Vec::new()),
+            Err(e) => return Err(TrainError::io(&path, "read", e)),
+        };
+        let mut lines = Vec::new();
+        for line in BufReader::new(file).lines() {
+            let line = line.map_err(|e| TrainError::io(&path, "read", e))?;
+            if let Ok(line) = serde_json::from_str(&line) {
+                lines.push(line);
+            }
+        }
+        Ok(lines)
+    }
+}
+
+/// Reads a `config.toml`.
+///
+/// # Errors
+/// When it can't be read or a value does not fit.
+pub fn read_config(path: &Path) -> Result<RunConfig, TrainError> {
+    let text = fs::read_to_string(path).map_err(|e| TrainError::io(path, "read", e))?;
+    let config: RunConfig = toml::from_str(&text)
+        .map_err(|e| TrainError::Config(format!("{}: {}", path.display(), e.message())))?;
+    config.train.validate()?;
+    Ok(config)
+}
+
+/// How [`train`] runs.
+pub struct TrainOptions<'a> {
+    /// Continue from the newest checkpoint, if there is one.
+    pub resume: bool,
+    /// Called after every step, with the seconds trained so far.
+    pub on_step: &'a mut dyn FnMut(&StepReport, f64),
+}
+
+/// Trains to the end, writing checkpoints, the log, and at last the scene.
+///
+/// Returns the trainer and the seconds trained (evaluation and file writing excluded).
+///
+/// # Errors
+/// What [`Trainer::step`] and writing refuse; checkpoints written until then remain.
+pub fn train(
+    run: &RunFolder,
+    config: &TrainConfig,
+    dataset: Arc<Dataset>,
+    device: &Device,
+    options: TrainOptions<'_>,
+) -> Result<(Trainer, f64), TrainError> {
+    let checkpoints = run.checkpoints_path();
+    let found = if options.resume { latest_checkpoint(&checkpoints)? } else { None };
+    let (mut trainer, mut seconds) = match found {
+        Some(checkpoint) => load_checkpoint(&checkpoint, dataset, device)?,
+        None => (Trainer::new(config.clone(), dataset, device)?, 0.0),
+    };
+    let mut log = reopen_log(run, trainer.steps_done())?;
+    fs::create_dir_all(&checkpoints).map_err(|e| TrainError::io(&checkpoints, "create", e))?;
+    let (mut loss, mut psnr, mut count) = (0.0, 0.0, 0);
+    while !trainer.is_finished() {
+        let start = Instant::now();
+        let report = trainer.step()?;
+        seconds += start.elapsed().as_secs_f64();
+        loss += report.loss;
+        psnr += report.psnr;
+        count += 1;
+        (options.on_step)(&report, seconds);
+        let step = report.step;
+        let last = trainer.is_finished();
+        if step.is_multiple_of(LOG_INTERVAL) || last {
+            let measured = step.is_multiple_of(trainer.config().validation_interval) || last;
+            let line = LogLine {
+                step,
+                seconds,
+                loss: loss / count as f32,
+                train_psnr: psnr / count as f32,
+                n_static: report.n_static,
+                n_dynamic: report.n_dynamic,
+                validation_psnr: if measured { trainer.validation_psnr()? } else { None },
+            };
+            (loss, psnr, count) = (0.0, 0.0, 0);
+            let text = serde_json::to_string(&line).map_err(|e| TrainError::Config(e.to_string()))?;
+            writeln!(log, "{text}").map_err(|e| TrainError::io(&run.log_path(), "write", e))?;
+        }
+        if step.is_multiple_of(trainer.config().checkpoint_interval) || last {
+            save_checkpoint(&trainer, &checkpoints, seconds)?;
+        }
+    }
+    trainer.scene().save(&run.scene_path())?;
+    Ok((trainer, seconds))
+}
+
+/// The log without lines that a resumed run will write again.
+fn reopen_log(run: &RunFolder, step: usize) -> Result<File, TrainError> {
+    let path = run.log_path();
+    let kept: Vec<LogLine> = run.log()?.into_iter().filter(|line| line.step <= step).collect();
+    write_atomically(&path, |mut file| {
+        for line in &kept {
+            writeln!(file, "{}", serde_json::to_string(line)?)?;
+        }
+        Ok(())
+    })?;
+    OpenOptions::new().append(true).open(&path).map_err(|e| TrainError::io(&path, "open", e))
+}
