@@ -1,1 +1,4 @@
 //! dash-train
+
+pub mod dataset;
+pub mod ply;

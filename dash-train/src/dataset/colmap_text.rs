@@ -1,0 +1,112 @@
+//! COLMAP's text model files.
+
+use std::path::Path;
+use std::str::{FromStr, SplitAsciiWhitespace};
+
+use super::DatasetError;
+use super::colmap::{ModelCamera, ModelImage};
+use crate::ply::PointCloud;
+
+pub(super) fn cameras(path: &Path, text: &str) -> Result<Vec<ModelCamera>, DatasetError> {
+    let mut cameras = Vec::new();
+    for (number, line) in content(text) {
+        let mut fields = Fields::new(path, number, line);
+        cameras.push(ModelCamera {
+            id: fields.next("camera id")?,
+            model: fields.next("camera model")?,
+            width: fields.next("width")?,
+            height: fields.next("height")?,
+            parameters: fields.rest("camera parameters")?,
+        });
+    }
+    Ok(cameras)
+}
+
+pub(super) fn images(path: &Path, text: &str) -> Result<Vec<ModelImage>, DatasetError> {
+    let mut images = Vec::new();
+    let mut lines = text.lines().enumerate();
+    while let Some((number, line)) = lines.next() {
+        if !is_content(line) {
+            continue;
+        }
+        let mut fields = Fields::new(path, number, line);
+        fields.next::<u32>("image id")?;
+        let quaternion = fields.array("image rotation")?;
+        let translation = fields.array("image translation")?;
+        let camera_id = fields.next("image camera")?;
+        let name = fields.rest::<String>("image name")?.join(" ");
+        images.push(ModelImage { quaternion, translation, camera_id, name });
+        // The line after an image lists its observations and is empty when there are none.
+        lines.next();
+    }
+    Ok(images)
+}
+
+/// The points, and how many were not finite and left out.
+pub(super) fn points(path: &Path, text: &str) -> Result<(PointCloud, usize), DatasetError> {
+    let mut points = PointCloud::default();
+    let mut dropped = 0;
+    for (number, line) in content(text) {
+        let mut fields = Fields::new(path, number, line);
+        fields.next::<u64>("point id")?;
+        let position = fields.array("point position")?;
+        if !points.push_finite(position, fields.array("point colour")?) {
+            dropped += 1;
+        }
+    }
+    Ok((points, dropped))
+}
+
+fn content(text: &str) -> impl Iterator<Item = (usize, &str)> {
+    text.lines().enumerate().filter(|(_, line)| is_content(line))
+}
+
+fn is_content(line: &str) -> bool {
+    !line.trim().is_empty() && !line.trim_start().starts_with('#')
+}
+
+/// The fields of one line.
+struct Fields<'a> {
+    path: &'a Path,
+    line_index: usize,
+    fields: SplitAsciiWhitespace<'a>,
+}
+
+impl<'a> Fields<'a> {
+    fn new(path: &'a Path, line_index: usize, line: &'a str) -> Self {
+        Self { path, line_index, fields: line.split_ascii_whitespace() }
+    }
+
+    fn malformed(&self, what: &str, found: &str) -> DatasetError {
+        DatasetError::invalid(
+            self.path,
+            what,
+            format!("{found} in line {}", self.line_index + 1),
+            "export the model again (`colmap model_converter`)",
+        )
+    }
+
+    fn next<T: FromStr>(&mut self, what: &str) -> Result<T, DatasetError> {
+        let field = self.fields.next().ok_or_else(|| self.malformed(what, "the end"))?;
+        field.parse().map_err(|_| self.malformed(what, &format!("`{field}`")))
+    }
+
+    fn array<T: FromStr + Copy + Default, const N: usize>(
+        &mut self,
+        what: &str,
+    ) -> Result<[T; N], DatasetError> {
+        let mut values = [T::default(); N];
+        for value in &mut values {
+            *value = self.next(what)?;
+        }
+        Ok(values)
+    }
+
+    fn rest<T: FromStr>(&mut self, what: &str) -> Result<Vec<T>, DatasetError> {
+        let mut values = vec![self.next(what)?];
+        while let Some(field) = self.fields.next() {
+            values.push(field.parse().map_err(|_| self.malformed(what, &format!("`{field}`")))?);
+        }
+        Ok(values)
+    }
+}

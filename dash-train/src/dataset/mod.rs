@@ -1,0 +1,314 @@
+//! Datasets: folders of images or videos with camera poses, read into memory.
+//!
+//! [`load`] recognises the layout by its files; each layout has a file of its own, which turns the
+//! folder's listing and poses into views. Cameras are converted to OpenCV axes, lens distortion is
+//! undone, times become [0, 1], and images are kept as 8-bit pixels at the loaded size.
+//!
+//! | file | what |
+//! | --- | --- |
+//! | [`Layout::N3dv`]: `n3dv.rs`, `npy.rs`, `video.rs` | `poses_bounds.npy`, `camNN/` or `cam*.mp4` |
+//! | [`Layout::Blender`]: `blender.rs`, `transforms.rs` | `transforms*.json` |
+//! | [`Layout::Colmap`]: `colmap.rs`, `colmap_binary.rs`, `colmap_text.rs` | `sparse/0`, `images/` |
+//! | `view.rs`, `image.rs`, `distortion.rs`, `pose.rs`, `files.rs`, `error.rs` | what they share |
+
+mod blender;
+mod colmap;
+mod colmap_binary;
+mod colmap_text;
+mod distortion;
+mod error;
+mod files;
+mod image;
+mod n3dv;
+mod npy;
+mod pose;
+#[cfg(test)]
+mod tests;
+mod transforms;
+mod video;
+mod view;
+
+use std::fmt;
+use std::path::{Path, PathBuf};
+use std::str::FromStr;
+
+use clap::ValueEnum;
+use serde::{Deserialize, Serialize};
+
+pub use error::DatasetError;
+pub use view::{Split, View};
+
+use crate::ply::{PointCloud, read_points};
+use view::Context;
+
+/// Files with initial points, in the order in which they are looked for.
+const POINT_FILES: [&str; 6] = [
+    "points3D_downsample2.ply",
+    "points3d.ply",
+    "points3D.ply",
+    "fused.ply",
+    "sparse_points.ply",
+    "sparse_pc.ply",
+];
+/// Without a stated split, one view of this many is held out (3DGS convention).
+const HOLD_OUT_EVERY: usize = 8;
+const WHITE: [f32; 3] = [1.0; 3];
+
+/// A capture: its views with images in memory, and points to start from.
+#[derive(Debug, Clone)]
+pub struct Dataset {
+    /// The folder's name.
+    pub name: String,
+    /// The folder.
+    pub root: PathBuf,
+    /// How the folder is organised.
+    pub layout: Layout,
+    /// Every view, of training and test cameras.
+    pub views: Vec<View>,
+    /// Initial points, where the folder has some.
+    pub points: Option<PointCloud>,
+    /// Number of distinct times; 1 for a static capture.
+    pub n_frames: usize,
+    /// Number of distinct cameras (for a moving camera, of poses).
+    pub n_cameras: usize,
+    /// The colour behind transparent pixels: white when images have alpha, `None` otherwise.
+    pub background: Option<[f32; 3]>,
+}
+
+impl Dataset {
+    /// The views of one split, in order.
+    pub fn split(&self, split: Split) -> impl Iterator<Item = &View> {
+        self.views.iter().filter(move |view| view.split == split)
+    }
+
+    /// Whether nothing moves, because there is only one time.
+    pub fn is_static(&self) -> bool {
+        self.n_frames == 1
+    }
+
+    /// Memory that the images take.
+    pub fn image_bytes(&self) -> u64 {
+        self.views.iter().map(View::image_bytes).sum()
+    }
+}
+
+/// How a dataset's folder is organised.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize, ValueEnum)]
+#[serde(rename_all = "lowercase")]
+pub enum Layout {
+    /// Neural 3D Video: `poses_bounds.npy` (LLFF) and one folder or video per camera.
+    N3dv,
+    /// D-NeRF, Blender, nerfstudio: `transforms*.json`.
+    Blender,
+    /// COLMAP: `images/` and a sparse model; static.
+    Colmap,
+}
+
+impl fmt::Display for Layout {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Self::N3dv => "n3dv",
+            Self::Blender => "blender",
+            Self::Colmap => "colmap",
+        })
+    }
+}
+
+impl FromStr for Layout {
+    type Err = DatasetError;
+
+    fn from_str(name: &str) -> Result<Self, DatasetError> {
+        <Self as ValueEnum>::from_str(name, true).map_err(|_| DatasetError::Option {
+            option: "--layout",
+            expected: "n3dv, blender or colmap".into(),
+            found: format!("`{name}`"),
+        })
+    }
+}
+
+impl Layout {
+    /// Recognises the layout of a folder by its files.
+    ///
+    /// # Errors
+    /// When the folder cannot be listed or has none of the known files.
+    pub fn detect(root: &Path) -> Result<Self, DatasetError> {
+        let names = files::list(root)?;
+        if names.iter().any(|name| name == n3dv::POSES_FILE) {
+            Ok(Self::N3dv)
+        } else if names.iter().any(|name| blender::FILES.contains(&name.as_str())) {
+            Ok(Self::Blender)
+        } else if colmap::model_folder(root).is_some() {
+            Ok(Self::Colmap)
+        } else {
+            let found = match names.as_slice() {
+                [] => "an empty folder".into(),
+                [first @ .., _] if first.len() >= 8 => format!("{}, ..", names[..8].join(", ")),
+                _ => names.join(", "),
+            };
+            Err(DatasetError::invalid(
+                root,
+                "poses_bounds.npy (n3dv), transforms_train.json or transforms.json (blender), or \
+                 sparse/0/cameras.bin (colmap)",
+                found,
+                "check the path, or choose the layout with --layout",
+            ))
+        }
+    }
+}
+
+/// What to load of a dataset, and how.
+#[derive(Debug, Clone, PartialEq)]
+pub struct LoadOptions {
+    /// The layout; recognised by the files when `None`.
+    pub layout: Option<Layout>,
+    /// Images are loaded at `round(size / downscale)`; at least 1.
+    pub downscale: f64,
+    /// Indices of the cameras to hold out, instead of the layout's own split.
+    pub test_cameras: Option<Vec<usize>>,
+    /// At most this many frames (distinct times), after `frame_stride`.
+    pub max_frames: Option<usize>,
+    /// Every n-th frame only; at least 1.
+    pub frame_stride: usize,
+    /// Decoding threads; all of rayon's when `None`.
+    pub threads: Option<usize>,
+    /// Images may take this much memory before loading stops with an error.
+    pub max_image_bytes: u64,
+}
+
+impl Default for LoadOptions {
+    fn default() -> Self {
+        Self {
+            layout: None,
+            downscale: 1.0,
+            test_cameras: None,
+            max_frames: None,
+            frame_stride: 1,
+            threads: None,
+            // Twice an N3DV scene at its usual 1352x1014 x 300 frames x 20 cameras.
+            max_image_bytes: 48 << 30,
+        }
+    }
+}
+
+impl LoadOptions {
+    fn validate(&self) -> Result<(), DatasetError> {
+        let refuse = |option, expected: &str, found: String| {
+            Err(DatasetError::Option { option, expected: expected.into(), found })
+        };
+        if !(self.downscale >= 1.0 && self.downscale.is_finite()) {
+            return refuse("--downscale", "a number of at least 1", self.downscale.to_string());
+        }
+        if self.frame_stride == 0 {
+            return refuse("frame stride", "at least 1", "0".into());
+        }
+        if self.max_frames == Some(0) {
+            return refuse("maximum of frames", "at least 1", "0".into());
+        }
+        if self.threads == Some(0) {
+            return refuse("--threads", "at least 1", "0".into());
+        }
+        Ok(())
+    }
+
+    /// Whether the `index`-th frame of the capture is wanted.
+    fn keeps_frame(&self, index: usize) -> bool {
+        index.is_multiple_of(self.frame_stride)
+            && self.max_frames.is_none_or(|max| index / self.frame_stride < max)
+    }
+
+    /// For each camera whether it is held out: those asked for, else those the layout suggests.
+    fn held_out(&self, suggested: Vec<bool>) -> Result<Vec<bool>, DatasetError> {
+        let Some(test_cameras) = &self.test_cameras else {
+            return Ok(suggested);
+        };
+        let mut held_out = vec![false; suggested.len()];
+        for &camera in test_cameras {
+            *held_out.get_mut(camera).ok_or_else(|| DatasetError::Option {
+                option: "--test-cameras",
+                expected: format!("camera indices from 0 to {}", suggested.len() - 1),
+                found: camera.to_string(),
+            })? = true;
+        }
+        Ok(held_out)
+    }
+}
+
+/// What a layout's reader hands back.
+struct Parts {
+    views: Vec<View>,
+    points: Option<PointCloud>,
+    n_frames: usize,
+    n_cameras: usize,
+}
+
+/// Reads the dataset in the folder `path`.
+///
+/// # Errors
+/// Names the file at fault: missing, damaged or inconsistent poses, images, videos or points, or
+/// an option that does not fit.
+pub fn load(path: &Path, options: &LoadOptions) -> Result<Dataset, DatasetError> {
+    options.validate()?;
+    let layout = match options.layout {
+        Some(layout) => layout,
+        None => Layout::detect(path)?,
+    };
+    let context = Context::new(path, options);
+    let read = || match layout {
+        Layout::N3dv => n3dv::read(&context),
+        Layout::Blender => blender::read(&context),
+        Layout::Colmap => colmap::read(&context),
+    };
+    let parts = match options.threads {
+        None => read()?,
+        Some(threads) => rayon::ThreadPoolBuilder::new()
+            .num_threads(threads)
+            .build()
+            .map_err(|e| DatasetError::Option {
+                option: "--threads",
+                expected: "as many threads as the system can start".into(),
+                found: format!("{threads} ({e})"),
+            })?
+            .install(read)?,
+    };
+    let background = parts.views.iter().any(View::has_alpha).then_some(WHITE);
+    if !parts.views.iter().any(|view| view.split == Split::Train) {
+        return Err(DatasetError::invalid(
+            path,
+            "at least one camera to train on",
+            format!("{} camera(s), all of them held out for testing", parts.n_cameras),
+            "add cameras, or hold out others (or none) with --test-cameras",
+        ));
+    }
+    let name = path.canonicalize().map_err(DatasetError::io(path))?;
+    Ok(Dataset {
+        name: name.file_name().unwrap_or_default().to_string_lossy().into_owned(),
+        root: path.to_path_buf(),
+        layout,
+        views: parts.views,
+        points: parts.points,
+        n_frames: parts.n_frames,
+        n_cameras: parts.n_cameras,
+        background,
+    })
+}
+
+/// The initial points of a dataset: the file its poses name, one of [`POINT_FILES`], or COLMAP's.
+fn find_points(root: &Path, named: Option<&Path>) -> Result<Option<PointCloud>, DatasetError> {
+    let known = POINT_FILES.iter().map(|name| root.join(name)).find(|path| path.is_file());
+    let points = match (named.map(Path::to_path_buf).or(known), colmap::model_folder(root)) {
+        (Some(file), _) => Some(read_points(&file)?),
+        (None, Some(model)) => colmap::read_model_points(&model)?,
+        (None, None) => None,
+    };
+    Ok(points.filter(|points| !points.is_empty()))
+}
+
+/// A time in [0, 1] for each of `n` evenly spaced frames; 0 for a single one.
+fn frame_time(frame: usize, n: usize) -> f32 {
+    if n > 1 { (frame as f64 / (n - 1) as f64) as f32 } else { 0.0 }
+}
+
+/// Every [`HOLD_OUT_EVERY`]-th of `n` views, unless there is only one.
+fn every_eighth(n: usize) -> Vec<bool> {
+    (0..n).map(|index| n > 1 && index.is_multiple_of(HOLD_OUT_EVERY)).collect()
+}

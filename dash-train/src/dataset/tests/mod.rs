@@ -1,0 +1,1 @@
+//! Readers on written fixtures and on real captures.

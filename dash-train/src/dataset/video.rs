@@ -1,0 +1,139 @@
+//! Frames of a video, decoded by the program `ffmpeg`.
+
+use std::ffi::OsString;
+use std::io::{self, BufRead, BufReader, Read};
+use std::path::Path;
+use std::process::{Child, ChildStdout, Command, Stdio};
+use std::thread;
+
+use super::DatasetError;
+use super::image::{ImageData, MAX_IMAGE_SIDE};
+
+/// As much of what `ffmpeg` complains is kept for the error message.
+const MAX_COMPLAINT_BYTES: u64 = 4096;
+/// The option that forbids duplicating and dropping frames, and its name before ffmpeg 5.1.
+const PASSTHROUGH: [&str; 2] = ["-fps_mode", "-vsync"];
+
+/// Calls `on_frame` with every frame in order, stopping after `max_frames`; returns their number.
+///
+/// # Errors
+/// When `ffmpeg` is missing, cannot decode the file, or `on_frame` fails.
+pub(super) fn decode_frames(
+    path: &Path,
+    max_frames: Option<usize>,
+    mut on_frame: impl FnMut(usize, ImageData) -> Result<(), DatasetError>,
+) -> Result<usize, DatasetError> {
+    for option in PASSTHROUGH {
+        let (n_frames, complaint) = run(path, option, max_frames, &mut on_frame)?;
+        match complaint {
+            Some(complaint) if n_frames == 0 && complaint.contains(&option[1..]) => {}
+            Some(reason) => return Err(failed(path, reason)),
+            None if n_frames == 0 => return Err(failed(path, "it has no frames".into())),
+            None => return Ok(n_frames),
+        }
+    }
+    Err(failed(path, "this ffmpeg knows neither -fps_mode nor -vsync; install a newer one".into()))
+}
+
+fn failed(path: &Path, reason: String) -> DatasetError {
+    DatasetError::Video { path: path.to_path_buf(), reason }
+}
+
+/// One run of `ffmpeg`: the number of frames and, when it failed, what it said.
+fn run(
+    path: &Path,
+    passthrough: &str,
+    max_frames: Option<usize>,
+    on_frame: &mut impl FnMut(usize, ImageData) -> Result<(), DatasetError>,
+) -> Result<(usize, Option<String>), DatasetError> {
+    // `file:` keeps names with a colon or a leading dash from being taken for protocols or options.
+    let mut input = OsString::from("file:");
+    input.push(path);
+    let mut command = Command::new("ffmpeg");
+    command
+        .args(["-nostdin", "-hide_banner", "-loglevel", "error", "-xerror"])
+        .args(["-protocol_whitelist", "file", "-threads", "2", "-i"])
+        .arg(input)
+        .args(["-map", "0:v:0", passthrough, "passthrough"]);
+    if let Some(max) = max_frames {
+        command.args(["-frames:v", &max.to_string()]);
+    }
+    // PPM is raw rgb24 behind a header with the size, so that no second program has to be asked.
+    command
+        .args(["-f", "image2pipe", "-c:v", "ppm", "-pix_fmt", "rgb24", "pipe:1"])
+        .stdin(Stdio::null())
+        .stdout(Stdio::piped())
+        .stderr(Stdio::piped());
+    let child = command.spawn().map_err(|e| match e.kind() {
+        io::ErrorKind::NotFound => DatasetError::FfmpegMissing { path: path.to_path_buf() },
+        _ => failed(path, e.to_string()),
+    })?;
+    let mut process = Process(child);
+    let (Some(stdout), Some(mut stderr)) = (process.0.stdout.take(), process.0.stderr.take()) else {
+        return Err(failed(path, "its output could not be opened".into()));
+    };
+    let complaints = thread::spawn(move || {
+        let mut kept = Vec::new();
+        let _ = stderr.by_ref().take(MAX_COMPLAINT_BYTES).read_to_end(&mut kept);
+        // Drained, so that a talkative ffmpeg never waits for a reader.
+        let _ = io::copy(&mut stderr, &mut io::sink());
+        String::from_utf8_lossy(&kept).trim().to_string()
+    });
+    let mut n_frames = 0;
+    let mut output = BufReader::with_capacity(1 << 20, stdout);
+    let outcome = loop {
+        match read_ppm(&mut output) {
+            Ok(Some(frame)) => {
+                on_frame(n_frames, frame)?;
+                n_frames += 1;
+            }
+            Ok(None) => break None,
+            Err(e) => break Some(format!("its output broke off: {e}")),
+        }
+    };
+    drop(output);
+    let status = process.0.wait().map_err(|e| failed(path, e.to_string()))?;
+    let complaint = complaints.join().unwrap_or_default();
+    if status.success() && outcome.is_none() {
+        return Ok((n_frames, None));
+    }
+    let reason = match (complaint.is_empty(), outcome) {
+        (false, _) => complaint,
+        (true, Some(outcome)) => outcome,
+        (true, None) => status.to_string(),
+    };
+    Ok((n_frames, Some(reason)))
+}
+
+/// Ends the program when reading stops early.
+struct Process(Child);
+
+impl Drop for Process {
+    fn drop(&mut self) {
+        let _ = self.0.kill();
+        let _ = self.0.wait();
+    }
+}
+
+/// The next image of a stream of binary PPMs; `None` at its end.
+fn read_ppm(stream: &mut BufReader<ChildStdout>) -> io::Result<Option<ImageData>> {
+    if stream.fill_buf()?.is_empty() {
+        return Ok(None);
+    }
+    let bad = |what: &str| io::Error::new(io::ErrorKind::InvalidData, what.to_string());
+    let mut header = String::new();
+    for _ in 0..3 {
+        stream.by_ref().take(64).read_line(&mut header)?;
+    }
+    let fields: Vec<&str> = header.split_ascii_whitespace().collect();
+    let ["P6", width, height, "255"] = fields[..] else {
+        return Err(bad("not an 8-bit PPM"));
+    };
+    let side = |text: &str| text.parse().ok().filter(|v| (1..=MAX_IMAGE_SIDE as usize).contains(v));
+    let (Some(width), Some(height)) = (side(width), side(height)) else {
+        return Err(bad("frames larger than 16384 pixels"));
+    };
+    let mut pixels = vec![0; width * height * 3];
+    stream.read_exact(&mut pixels)?;
+    Ok(Some(ImageData::from_rgb(width, height, pixels)))
+}

@@ -1,0 +1,320 @@
+//! Point clouds in PLY files.
+
+use std::fs;
+use std::io::{BufReader, BufWriter, Cursor, Write};
+use std::path::Path;
+
+use serde::{Deserialize, Serialize};
+use serde_ply::{ElementDef, PlyFormat, PlyReader, PropertyType, ScalarType, SerializeOptions};
+
+use crate::dataset::DatasetError;
+
+/// Colour of points whose file states none.
+const NEUTRAL_GRAY: u8 = 128;
+
+/// Points with colours, as structure from motion leaves them.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct PointCloud {
+    /// World positions `[N, 3]`.
+    pub positions: Vec<[f32; 3]>,
+    /// sRGB colours `[N, 3]`.
+    pub colors: Vec<[u8; 3]>,
+}
+
+impl PointCloud {
+    /// Number of points.
+    pub fn len(&self) -> usize {
+        self.positions.len()
+    }
+
+    /// Whether there are no points.
+    pub fn is_empty(&self) -> bool {
+        self.positions.is_empty()
+    }
+
+    /// Adds a point; `false` when a coordinate is not finite in f32, and the point is left out.
+    pub(crate) fn push_finite(&mut self, position: [f64; 3], color: [u8; 3]) -> bool {
+        let position = position.map(|v| v as f32);
+        let finite = position.iter().all(|v| v.is_finite());
+        if finite {
+            self.positions.push(position);
+            self.colors.push(color);
+        }
+        finite
+    }
+}
+
+/// Reads a point cloud: `x, y, z` and, where present, `red, green, blue` of the element `vertex`;
+/// ASCII or binary, further columns and elements are skipped. Integer colours are scaled from
+/// their type's range, real ones from [0, 1] (from [0, 255] when any exceeds 1).
+/// Points that are not finite are left out with a warning.
+///
+/// # Errors
+/// Names the file: unreadable, not a PLY file, truncated, or without positions.
+pub fn read_points(path: &Path) -> Result<PointCloud, DatasetError> {
+    let (points, dropped) = read_points_counting(path)?;
+    if dropped > 0 {
+        tracing::warn!("{}: left out {dropped} points that are not finite", path.display());
+    }
+    Ok(points)
+}
+
+/// [`read_points`] without the warning: the points and how many were not finite.
+///
+/// # Errors
+/// As [`read_points`].
+pub fn read_points_counting(path: &Path) -> Result<(PointCloud, usize), DatasetError> {
+    let bytes = fs::read(path).map_err(DatasetError::io(path))?;
+    parse(path, bytes)
+}
+
+/// Writes a binary little-endian PLY with the columns that 3DGS tools expect of initial points
+/// (`x, y, z, nx, ny, nz, red, green, blue`; normals zero).
+///
+/// # Errors
+/// The system's, naming the file.
+///
+/// # Panics
+/// When there are not as many colours as positions.
+pub fn write_points(path: &Path, points: &PointCloud) -> Result<(), DatasetError> {
+    assert_eq!(points.positions.len(), points.colors.len(), "one colour per position");
+    let vertex = points
+        .positions
+        .iter()
+        .zip(&points.colors)
+        .map(|(&[x, y, z], &[red, green, blue])| WrittenVertex {
+            x,
+            y,
+            z,
+            nx: 0.0,
+            ny: 0.0,
+            nz: 0.0,
+            red,
+            green,
+            blue,
+        })
+        .collect();
+    let mut file = BufWriter::new(fs::File::create(path).map_err(DatasetError::io(path))?);
+    serde_ply::to_writer(&WrittenCloud { vertex }, SerializeOptions::binary_le(), &mut file)
+        .map_err(|e| DatasetError::io(path)(e.0))?;
+    file.flush().map_err(DatasetError::io(path))
+}
+
+#[derive(Serialize)]
+struct WrittenCloud {
+    vertex: Vec<WrittenVertex>,
+}
+
+#[derive(Serialize)]
+struct WrittenVertex {
+    x: f32,
+    y: f32,
+    z: f32,
+    nx: f32,
+    ny: f32,
+    nz: f32,
+    red: u8,
+    green: u8,
+    blue: u8,
+}
+
+/// A vertex row; serde widens every column type to f64, so the header alone decides the scale.
+#[derive(Deserialize)]
+struct Vertex {
+    x: f64,
+    y: f64,
+    z: f64,
+    #[serde(default)]
+    red: f64,
+    #[serde(default)]
+    green: f64,
+    #[serde(default)]
+    blue: f64,
+}
+
+/// A row of an element that precedes the vertices.
+#[derive(Deserialize)]
+struct Skipped {}
+
+fn parse(path: &Path, mut bytes: Vec<u8>) -> Result<(PointCloud, usize), DatasetError> {
+    let malformed = |found: String| {
+        DatasetError::invalid(
+            path,
+            "a PLY point cloud with x, y, z",
+            found,
+            "export the points again or remove the file",
+        )
+    };
+    // serde-ply ends an ASCII number at white space only, also the file's last one.
+    bytes.push(b'\n');
+    let n_bytes = bytes.len();
+    let mut reader = PlyReader::from_reader(BufReader::new(Cursor::new(bytes)))
+        .map_err(|e| malformed(e.0.to_string()))?;
+    let format = reader.header().format;
+    while let Some(element) = reader.current_element().cloned() {
+        if !rows_fit(&element, format, n_bytes) {
+            return Err(malformed(format!(
+                "{} rows of `{}` announced in a file of {} bytes (truncated?)",
+                element.count,
+                element.name,
+                n_bytes - 1
+            )));
+        }
+        if element.name != "vertex" {
+            reader
+                .next_element::<Vec<Skipped>>()
+                .map_err(|e| malformed(format!("in `{}`: {}", element.name, e.0)))?;
+            continue;
+        }
+        if let Some(axis) = ["x", "y", "z"].iter().find(|name| !element.has_property(name)) {
+            return Err(malformed(format!("no property `{axis}`")));
+        }
+        let rows = reader
+            .next_element::<Vec<Vertex>>()
+            .map_err(|e| malformed(format!("{} vertices announced: {}", element.count, e.0)))?;
+        return Ok(collect(&element, rows));
+    }
+    Err(malformed("no element `vertex`".into()))
+}
+
+/// Whether a file of `n_bytes` can hold the announced rows; a row without columns holds nothing.
+fn rows_fit(element: &ElementDef, format: PlyFormat, n_bytes: usize) -> bool {
+    let row_bytes: usize = element
+        .properties
+        .iter()
+        .map(|property| match (format, &property.property_type) {
+            (PlyFormat::Ascii, _) => 2,
+            (_, PropertyType::Scalar(scalar) | PropertyType::List { count_type: scalar, .. }) => {
+                match scalar {
+                    ScalarType::I8 | ScalarType::U8 => 1,
+                    ScalarType::I16 | ScalarType::U16 => 2,
+                    ScalarType::I32 | ScalarType::U32 | ScalarType::F32 => 4,
+                    ScalarType::F64 => 8,
+                }
+            }
+        })
+        .sum();
+    element.count == 0 || (row_bytes > 0 && element.count <= n_bytes / row_bytes)
+}
+
+fn collect(element: &ElementDef, rows: Vec<Vertex>) -> (PointCloud, usize) {
+    let color_type = match element.get_property("red").map(|p| &p.property_type) {
+        Some(PropertyType::Scalar(scalar))
+            if element.has_property("green") && element.has_property("blue") =>
+        {
+            Some(*scalar)
+        }
+        _ => None,
+    };
+    let scale = match color_type {
+        Some(ScalarType::F32 | ScalarType::F64)
+            if rows.iter().all(|r| r.red <= 1.0 && r.green <= 1.0 && r.blue <= 1.0) =>
+        {
+            255.0
+        }
+        Some(ScalarType::U16) => 255.0 / 65535.0,
+        _ => 1.0,
+    };
+    let mut points = PointCloud::default();
+    let mut dropped = 0;
+    for row in rows {
+        let color = match color_type {
+            Some(_) => [row.red, row.green, row.blue]
+                .map(|value| (value * scale).round().clamp(0.0, 255.0) as u8),
+            None => [NEUTRAL_GRAY; 3],
+        };
+        if !points.push_finite([row.x, row.y, row.z], color) {
+            dropped += 1;
+        }
+    }
+    (points, dropped)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn read_text(text: &str) -> Result<(PointCloud, usize), DatasetError> {
+        parse(Path::new("cloud.ply"), text.as_bytes().to_vec())
+    }
+
+    fn cloud() -> PointCloud {
+        PointCloud {
+            positions: vec![[1.0, -2.5, 3.0], [0.1, 0.2, 0.3]],
+            colors: vec![[255, 0, 7], [1, 2, 3]],
+        }
+    }
+
+    #[test]
+    fn written_points_read_back_exactly_and_every_truncation_is_an_error() {
+        let folder = tempfile::tempdir().expect("temporary folder");
+        let path = folder.path().join("points.ply");
+        write_points(&path, &cloud()).expect("writes");
+        assert_eq!(read_points(&path).expect("reads"), cloud());
+
+        let bytes = fs::read(&path).expect("written above");
+        for end in 0..bytes.len() {
+            let error = parse(&path, bytes[..end].to_vec()).expect_err("truncated");
+            assert!(error.to_string().contains("points.ply"), "{error}");
+        }
+    }
+
+    #[test]
+    fn ascii_with_doubles_extra_columns_earlier_elements_and_real_colors() {
+        let (points, dropped) = read_text(
+            "ply\nformat ascii 1.0\ncomment made by hand\nelement camera 1\nproperty list uchar int a\n\
+             element vertex 4\nproperty double z\nproperty float extra\nproperty double y\n\
+             property double x\nproperty float red\nproperty float green\nproperty float blue\n\
+             element face 0\nproperty list uchar int vertex_indices\nend_header\n3 7 8 9\n\
+             3 0 2 1 1.0 0.5 0\nnan 0 2 1 1 1 1\n1 0 1e39 1 1 1 1\n6 0 5 4 0 0 1",
+        )
+        .expect("valid");
+        assert_eq!(points.positions, [[1.0, 2.0, 3.0], [4.0, 5.0, 6.0]]);
+        assert_eq!(points.colors, [[255, 128, 0], [0, 0, 255]]);
+        assert_eq!(dropped, 2, "NaN and what overflows f32");
+    }
+
+    #[test]
+    fn points_without_colors_are_gray() {
+        let (points, _) = read_text(
+            "ply\nformat ascii 1.0\nelement vertex 1\nproperty float x\nproperty float y\n\
+             property float z\nend_header\n1 2 3",
+        )
+        .expect("valid");
+        assert_eq!(points.colors, [[NEUTRAL_GRAY; 3]]);
+    }
+
+    #[test]
+    fn big_endian_is_read() {
+        let mut bytes = b"ply\nformat binary_big_endian 1.0\nelement vertex 1\nproperty float x\n\
+            property float y\nproperty float z\nproperty uchar red\nproperty uchar green\n\
+            property uchar blue\nend_header\n"
+            .to_vec();
+        for v in [1.0f32, 2.0, 3.0] {
+            bytes.extend(v.to_be_bytes());
+        }
+        bytes.extend([9, 8, 7]);
+        let (points, _) = parse(Path::new("cloud.ply"), bytes).expect("valid");
+        assert_eq!((points.positions[0], points.colors[0]), ([1.0, 2.0, 3.0], [9, 8, 7]));
+    }
+
+    #[test]
+    fn hostile_headers_are_errors() {
+        let cases = [
+            // A count without a row to hold it: endless or huge if it were believed.
+            "ply\nformat ascii 1.0\nelement a 18446744073709551615\nend_header\n",
+            "ply\nformat ascii 1.0\nelement vertex 9999999999\nproperty float x\nproperty float y\nproperty float z\nend_header\n1 2 3\n",
+            "ply\nformat binary_little_endian 1.0\nelement f 1\nproperty list uint float a\nend_header\n\u{7f}\u{7f}\u{7f}\u{7f}",
+            "ply\nformat ascii 1.0\nelement vertex 1\nproperty float x\nproperty float y\nend_header\n1 2\n",
+            "ply\nformat ascii 1.0\nelement vertex 1\nproperty list uchar float x\nproperty float y\nproperty float z\nend_header\n1 1 2 3\n",
+            "ply\nformat ascii 1.0\nelement vertex -1\nproperty float x\nend_header\n",
+            "ply\nelement vertex 0\nproperty float x\nend_header\n",
+            "ply\nformat ascii 1.0\nend_header\n",
+            "solid cube\n",
+            "",
+        ];
+        for text in cases {
+            assert!(read_text(text).is_err(), "{text}");
+        }
+    }
+}
