@@ -1,1 +1,3 @@
 //! dash-train
+
+pub mod synth;
