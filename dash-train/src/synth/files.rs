@@ -1,0 +1,127 @@
+//! Single files: PNG, NPY, PLY, JSON and MP4.
+
+use super::SynthError;
+use super::cloud::CloudPoint;
+use image::codecs::png::{CompressionType, FilterType, PngEncoder};
+use image::{ExtendedColorType, ImageEncoder};
+use npyz::WriterBuilder;
+use serde::Serialize;
+use std::fs::File;
+use std::io::{self, BufWriter, Write};
+use std::path::Path;
+use std::process::{Command, Stdio};
+
+/// Frame rate of the videos; the Neural 3D Video clips have it.
+const VIDEO_FRAMES_PER_SECOND: &str = "30";
+/// x264's quality: under one 8-bit step off on average.
+const VIDEO_CRF: &str = "12";
+
+fn create(path: &Path) -> Result<BufWriter<File>, SynthError> {
+    if let Some(folder) = path.parent() {
+        std::fs::create_dir_all(folder).map_err(SynthError::io(folder, "create the folder"))?;
+    }
+    let file = File::create(path).map_err(SynthError::io(path, "create the file"))?;
+    Ok(BufWriter::new(file))
+}
+
+fn finish(mut file: BufWriter<File>, path: &Path) -> Result<(), SynthError> {
+    file.flush().map_err(SynthError::io(path, "write the file"))
+}
+
+/// An 8-bit image; `color` gives the channels of `pixels`.
+pub(super) fn write_png(
+    path: &Path,
+    pixels: &[u8],
+    [width, height]: [usize; 2],
+    color: ExtendedColorType,
+) -> Result<(), SynthError> {
+    let mut file = create(path)?;
+    let encoder =
+        PngEncoder::new_with_quality(&mut file, CompressionType::Fast, FilterType::Adaptive);
+    encoder
+        .write_image(pixels, width as u32, height as u32, color)
+        .map_err(|source| SynthError::Image {
+            path: path.to_path_buf(),
+            source,
+        })?;
+    finish(file, path)
+}
+
+/// A two-dimensional f64 array.
+pub(super) fn write_npy(path: &Path, table: &[f64], columns: usize) -> Result<(), SynthError> {
+    let mut file = create(path)?;
+    let write = |file: &mut BufWriter<File>| -> io::Result<()> {
+        let mut npy = npyz::WriteOptions::new()
+            .default_dtype()
+            .shape(&[(table.len() / columns) as u64, columns as u64])
+            .writer(file)
+            .begin_nd()?;
+        npy.extend(table.iter().copied())?;
+        npy.finish()
+    };
+    write(&mut file).map_err(SynthError::io(path, "write the file"))?;
+    finish(file, path)
+}
+
+/// A binary little-endian point cloud.
+pub(super) fn write_ply(path: &Path, points: &[CloudPoint]) -> Result<(), SynthError> {
+    #[derive(Serialize)]
+    struct Ply<'a> {
+        vertex: &'a [CloudPoint],
+    }
+    let mut file = create(path)?;
+    let ply = Ply { vertex: points };
+    serde_ply::to_writer(&ply, serde_ply::SerializeOptions::binary_le(), &mut file)
+        .map_err(|error| SynthError::io(path, "write the file")(error.0))?;
+    finish(file, path)
+}
+
+/// Indented JSON.
+pub(super) fn write_json(path: &Path, value: &impl Serialize) -> Result<(), SynthError> {
+    let mut file = create(path)?;
+    serde_json::to_writer_pretty(&mut file, value)
+        .map_err(|error| SynthError::io(path, "write the file")(error.into()))?;
+    finish(file, path)
+}
+
+/// Fails unless `program` starts: before minutes of rendering, not after.
+pub(super) fn check_ffmpeg(program: &str) -> Result<(), SynthError> {
+    Command::new(program)
+        .arg("-version")
+        .stdin(Stdio::null())
+        .stdout(Stdio::null())
+        .stderr(Stdio::null())
+        .status()
+        .map(|_| ())
+        .map_err(|source| SynthError::FfmpegMissing {
+            program: program.to_owned(),
+            source,
+        })
+}
+
+/// Encodes `frames/0000.png` and so on.
+pub(super) fn write_video(program: &str, frames: &Path, path: &Path) -> Result<(), SynthError> {
+    let output = Command::new(program)
+        .args(["-loglevel", "error", "-y", "-framerate", VIDEO_FRAMES_PER_SECOND, "-i"])
+        .arg(frames.join("%04d.png"))
+        // Full chroma: halved, colours would bleed over several pixels of these small pictures.
+        // One thread: cameras are encoded side by side, and the bytes do not depend on cores.
+        .args(["-c:v", "libx264", "-crf", VIDEO_CRF, "-pix_fmt", "yuv444p", "-threads", "1"])
+        .arg(path)
+        .stdin(Stdio::null())
+        .output()
+        .map_err(|source| SynthError::FfmpegMissing {
+            program: program.to_owned(),
+            source,
+        })?;
+    if output.status.success() {
+        return Ok(());
+    }
+    let message = String::from_utf8_lossy(&output.stderr);
+    Err(SynthError::FfmpegFailed {
+        program: program.to_owned(),
+        path: path.to_path_buf(),
+        status: output.status,
+        message: message.trim().lines().last().unwrap_or("no message").to_owned(),
+    })
+}

@@ -1,0 +1,59 @@
+//! Ray-traced multi-view videos with exact cameras and exact truth about what moves.
+//!
+//! [`write`] renders a [`SceneKind`] and writes it as a dataset in one of the field's layouts.
+//! [`render`] renders one view of a [`Scene`].
+//!
+//! # World
+//! Metres, y up, the floor at y = 0. A room 4.4 wide, open towards the cameras at +z, with clutter
+//! on the floor, a table and a shelf. Cameras stand on an arc of +-30 degrees at 4.2 m from the
+//! room's middle and at two heights; camera 0, the usual test camera, is in their middle. The room
+//! fills every picture. Frame `f` of `n` is at time `f / (n - 1)`.
+//!
+//! # What moves, exactly
+//! Surfaces are Lambertian under fixed light, without cast shadows or reflections, so that the
+//! colour of a pixel depends on a moving object exactly where that object is the nearest surface
+//! in one of its samples. A mask marks pixels where that holds for at least half of the samples.
+//! Every frame is free of sensor noise, and all cameras share one exposure.
+//!
+//! # Files
+//! - `n3dv`: `camNN/images/%04d.png` or `camNN.mp4`; `poses_bounds.npy` (LLFF: camera-to-world
+//!   columns down, right, backwards; height, width, focal length; near, far);
+//!   `points3D_downsample2.ply`; `masks/camNN/%04d.png`.
+//! - `blender`: `transforms_train.json`, `transforms_test.json` (camera 0), `train/r_%04d.png` (one
+//!   camera after another), `test/r_%04d.png`, `points3d.ply`, `masks/train/`, `masks/test/`.
+//! - both: `truth.json`, see [`Truth`].
+//!
+//! # Modules
+//! `shape` (rays and solids), `texture`, `motion`, `scene` (objects and light), `room` (the scenes),
+//! `rig` (cameras), `render`, `cloud` (points), `layout` and `files` (formats), `truth`, `write`.
+
+mod cloud;
+mod config;
+mod error;
+mod files;
+mod layout;
+mod motion;
+mod render;
+mod rig;
+mod room;
+mod scene;
+mod shape;
+mod texture;
+mod truth;
+mod write;
+
+#[cfg(test)]
+mod tests;
+
+pub use cloud::{CloudPoint, OUTLIER_EVERY, POINT_NOISE_M, cloud, cloud_size};
+pub use config::{MAX_SIDE, MIN_SIDE, SceneKind, SynthConfig, SynthLayout};
+pub use error::SynthError;
+pub use motion::{Drift, Motion, Pose};
+pub use render::{Rendered, SAMPLES_PER_SIDE, render};
+pub use rig::{focal_px, rig};
+pub use room::BOX_TURN_RADIANS;
+pub use scene::{Instant, Object, Posed, Role, Scene, Seen};
+pub use shape::{Ray, Shape, SurfaceHit};
+pub use texture::{EDGE_M, MOTTLE_CELL_M, Pattern, SHORTEST_PERIOD_M, Texture};
+pub use truth::{CameraTruth, MASK_RULE, ObjectTruth, Truth};
+pub use write::{SynthSummary, write};
