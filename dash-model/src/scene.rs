@@ -187,7 +187,7 @@ impl DynamicScene {
             set.opacity_logits.val(),
             set.sh_coeffs(),
             camera,
-            &ProjectOptions { sh_degree: self.settings.sh_degree, ..Default::default() },
+            &ProjectOptions { sh_degree: Some(self.settings.sh_degree), ..Default::default() },
         )?)
     }
 
@@ -208,7 +208,7 @@ impl DynamicScene {
             dynamic.gaussians.sh_coeffs(),
             camera,
             &ProjectOptions {
-                sh_degree: self.settings.sh_degree,
+                sh_degree: Some(self.settings.sh_degree),
                 activation: deformed.activation,
                 ..Default::default()
             },
@@ -256,7 +256,7 @@ impl DynamicScene {
         let splats = match parts.len() {
             0 => {
                 let device = self.static_set.means.device();
-                Tensor::zeros([0, dash_kernels::SPLAT_COLUMNS], &device)
+                Tensor::zeros([0, dash_kernels::splats::N_COLUMNS], &device)
             }
             1 => parts.swap_remove(0),
             _ => Tensor::cat(parts, 0),

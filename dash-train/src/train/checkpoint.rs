@@ -33,7 +33,7 @@ struct State {
     train_seconds: f64,
     rng: Pcg64,
     sampler: ViewSampler,
-    optimizer_steps: BTreeMap<String, u32>,
+    optimizer_steps: BTreeMap<String, u64>,
     motion_space: Option<SpaceBox>,
     held_still: Vec<bool>,
     config: TrainConfig,

@@ -27,8 +27,8 @@ impl DensityStatistics {
     /// Adds one view: gradients with respect to packed splats, and the splats (for visibility).
     /// `half_size` is half the image in pixels, which makes the gradient independent of it.
     pub(crate) fn add(&mut self, v_splats: &[f32], splats: &[f32], half_size: [f32; 2]) {
-        use dash_kernels::splats::{MEAN_X, MEAN_Y, RADIUS_X, SPLAT_COLUMNS};
-        let rows = v_splats.chunks_exact(SPLAT_COLUMNS).zip(splats.chunks_exact(SPLAT_COLUMNS));
+        use dash_kernels::splats::{MEAN_X, MEAN_Y, RADIUS_X, N_COLUMNS};
+        let rows = v_splats.chunks_exact(N_COLUMNS).zip(splats.chunks_exact(N_COLUMNS));
         for (i, (v, splat)) in rows.enumerate() {
             let (x, y) = (v[MEAN_X] * half_size[0], v[MEAN_Y] * half_size[1]);
             if splat[RADIUS_X] > 0.0 && x.is_finite() && y.is_finite() {

@@ -8,16 +8,16 @@ use dash_kernels::adam::{AdamStep, adam_step};
 use dash_model::gather_rows;
 use dash_model::parameters::{HostTensor, Path};
 
-const BETA1: f32 = 0.9;
-const BETA2: f32 = 0.999;
+const BETA1: f64 = 0.9;
+const BETA2: f64 = 0.999;
 /// As in 3DGS: gradients of single Gaussians are tiny.
-const EPSILON: f32 = 1e-15;
+const EPSILON: f64 = 1e-15;
 
 /// First and second moments of one parameter, flattened.
 struct Moments {
     first: Tensor<1>,
     second: Tensor<1>,
-    steps: u32,
+    steps: u64,
 }
 
 /// Adam over the named parameters of modules.
@@ -108,7 +108,7 @@ impl Optimizer {
     }
 
     /// All state, for a checkpoint.
-    pub(crate) fn to_tensors(&self) -> (BTreeMap<String, HostTensor>, BTreeMap<String, u32>) {
+    pub(crate) fn to_tensors(&self) -> (BTreeMap<String, HostTensor>, BTreeMap<String, u64>) {
         let mut tensors = BTreeMap::new();
         let mut steps = BTreeMap::new();
         for (name, moments) in &self.moments {
@@ -127,7 +127,7 @@ impl Optimizer {
     /// The state of [`Optimizer::to_tensors`].
     pub(crate) fn from_tensors(
         mut tensors: BTreeMap<String, HostTensor>,
-        steps: BTreeMap<String, u32>,
+        steps: BTreeMap<String, u64>,
         device: &Device,
     ) -> Result<Self, String> {
         let mut moments = BTreeMap::new();
@@ -189,14 +189,15 @@ impl<F: Fn(&str) -> f32> ModuleMapper for Stepper<'_, F> {
             steps: 0,
         });
         let step = AdamStep {
-            learning_rate: rate,
+            learning_rate: f64::from(rate),
             beta1: BETA1,
             beta2: BETA2,
             epsilon: EPSILON,
             step: moments.steps + 1,
             skip_zero_grad: false,
         };
-        let (value, first, second) = adam_step(value, gradient, moments.first, moments.second, &step);
+        let (value, first, second) = adam_step(value, gradient, moments.first, moments.second, &step)
+            .expect("a parameter, its gradient and its moments have one shape, and rates are validated");
         self.optimizer.moments.insert(name, Moments { first, second, steps: step.step });
         let updated = Tensor::from_inner(value.reshape(shape)).require_grad();
         Param::from_mapped_value(id, updated, mapper)

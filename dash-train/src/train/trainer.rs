@@ -3,7 +3,7 @@
 use std::sync::Arc;
 
 use burn::tensor::{Device, Gradients, Tensor, TensorData};
-use dash_kernels::splats::{DEPTH, RADIUS_X, SPLAT_COLUMNS};
+use dash_kernels::splats::{DEPTH, RADIUS_X, N_COLUMNS};
 use dash_model::decomposition::{MotionStatistics, select_dynamic};
 use dash_model::{DynamicScene, GaussianRows, Gaussians, MotionField, SceneSettings, SpaceBox};
 use rand::SeedableRng;
@@ -317,7 +317,7 @@ impl Trainer {
             let measure = self.config.decomposition.measure;
             let (motion, weights): (Vec<f32>, Vec<f32>) = extents
                 .iter()
-                .zip(splats.chunks_exact(SPLAT_COLUMNS))
+                .zip(splats.chunks_exact(N_COLUMNS))
                 .map(|(&extent, splat)| {
                     let depth = splat[DEPTH];
                     let visible = splat[RADIUS_X] > 0.0 && depth > 0.0;
