@@ -76,8 +76,8 @@ impl SpaceBox {
 pub enum TrajectoryBasis {
     /// `p(t) = p + t dp`, the paper's Eq. 4.
     Linear,
-    /// `p(t) = p + sum_k cos(k pi t) dp_k` for k = 1..=4: a point that comes back to where it
-    /// started has no linear motion but moves.
+    /// `p(t) = p + sum_k (1 - cos(k pi t)) dp_k` for k = 1..=4: smooth, at rest in `p` at t = 0, and
+    /// able to come back, which a linear motion is not.
     Cosine,
 }
 
@@ -103,7 +103,7 @@ impl TrajectoryBasis {
         match self {
             Self::Linear => vec![time],
             Self::Cosine => (1..=COSINE_TERMS)
-                .map(|k| (std::f32::consts::PI * k as f32 * time).cos())
+                .map(|k| 1.0 - (std::f32::consts::PI * k as f32 * time).cos())
                 .collect(),
         }
     }

@@ -65,6 +65,20 @@ pub struct StageConfig {
     pub warmup: f32,
     /// End of the decomposition, when the split is made (released code: 4,000 of 50,000).
     pub decomposition: f32,
+    /// Which times the first two stages see.
+    pub window: TimeWindow,
+}
+
+/// Which times the first two stages see.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum TimeWindow {
+    /// All of them, as in the paper.
+    All,
+    /// The warm-up the first frame only, the decomposition more and more: motion is followed from
+    /// frame to frame, and what moves is not blurred away first. Where a frame has too few cameras
+    /// for this, all times.
+    Growing,
 }
 
 /// Weights of Eqs. 6 and 12.
@@ -227,7 +241,7 @@ impl TrainConfig {
             max_initial_points: 100_000,
             checkpoint_interval: 1_000,
             validation_interval: 500,
-            stages: StageConfig { warmup: 0.1, decomposition: 0.25 },
+            stages: StageConfig { warmup: 0.1, decomposition: 0.35, window: TimeWindow::Growing },
             loss: LossConfig {
                 dssim: 0.2,
                 static_motion: 0.01,
@@ -287,7 +301,7 @@ impl TrainConfig {
             },
             density_static: DensityConfig {
                 from: 500.0 / 15_000.0,
-                until: 0.5,
+                until: 0.6,
                 interval: 100,
                 gradient_threshold: 2e-4,
                 clone_scale: 0.01,
@@ -297,7 +311,7 @@ impl TrainConfig {
                 max_gaussians: 300_000,
             },
             density_dynamic: DensityConfig {
-                from: 0.27,
+                from: 0.37,
                 until: 0.7,
                 interval: 100,
                 gradient_threshold: 2e-4,
@@ -324,6 +338,7 @@ impl TrainConfig {
 
     fn as_in_the_paper(&mut self) {
         self.iterations = 30_000;
+        self.stages = StageConfig { warmup: 0.04, decomposition: 0.08, window: TimeWindow::All };
         self.decomposition.measure = MotionMeasure::World;
         self.decomposition.quantile = 0.8;
         self.decomposition.floor = 0.0;
@@ -358,7 +373,7 @@ impl TrainConfig {
     fn as_released(&mut self) {
         self.iterations = 50_000;
         self.sh_interval = 1_000.0 / 50_000.0;
-        self.stages = StageConfig { warmup: 0.04, decomposition: 0.08 };
+        self.stages = StageConfig { warmup: 0.04, decomposition: 0.08, window: TimeWindow::All };
         self.loss = LossConfig {
             dssim: 0.0,
             static_motion: 0.1,

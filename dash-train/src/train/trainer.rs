@@ -9,7 +9,7 @@ use dash_model::{DynamicScene, GaussianRows, Gaussians, MotionField, SceneSettin
 use rand::SeedableRng;
 use rand_pcg::Pcg64;
 
-use super::config::{MotionMeasure, TrainConfig};
+use super::config::{MotionMeasure, TimeWindow, TrainConfig};
 use super::density::{DensityStatistics, RESET_OPACITY, control_density};
 use super::initial::{initial_points, scene_extent};
 use super::loss::{photometric, smoothness, static_motion};
@@ -25,7 +25,11 @@ pub(crate) const STATIC: &str = "scene.static_set.";
 pub(crate) const DYNAMIC: &str = "scene.dynamic.gaussians.";
 
 /// Share of the decomposition stage after which motion statistics count.
-const SETTLED: f32 = 0.5;
+const SETTLED: f32 = 0.75;
+/// Share of the decomposition stage after which a growing window has all times.
+const GROWN: f32 = 0.7;
+/// Cameras at the first time that a growing window needs.
+const MIN_CAMERAS: usize = 4;
 /// Steps between two gatherings of motion statistics.
 const STATISTICS_INTERVAL: usize = 4;
 /// Steps between two looks at which Gaussians Eq. 5 holds still.
@@ -185,7 +189,7 @@ impl Trainer {
         self.scene.settings.sh_degree = (self.step / sh_interval).min(self.config.sh_degree);
 
         let dataset = self.dataset.clone();
-        let view = &dataset.views[self.train_views[self.sampler.next(self.train_views.len(), &mut self.rng)]];
+        let view = &dataset.views[self.next_view()];
         let forward = self.forward(view)?;
         let loss = to_host(forward.loss.clone())[0];
         if !loss.is_finite() {
@@ -220,11 +224,44 @@ impl Trainer {
             (self.config.step_at(stages.warmup), self.config.step_at(stages.decomposition));
         if self.step == warmup && warmup < end {
             split::start_motion(self)?;
+            self.sampler.restart();
         }
         if self.step == end {
             split::split(self)?;
+            self.sampler.restart();
         }
         Ok(())
+    }
+
+    /// The view to train on.
+    fn next_view(&mut self) -> usize {
+        let window = self.time_window();
+        let (views, train_views) = (&self.dataset.views, &self.train_views);
+        let index = self.sampler.next(
+            train_views.len(),
+            |index| views[train_views[index]].time <= window,
+            window < 1.0,
+            &mut self.rng,
+        );
+        train_views[index]
+    }
+
+    /// The latest time that is trained on at this step.
+    fn time_window(&self) -> f32 {
+        let stages = &self.config.stages;
+        let first = self.train_views.iter().map(|&i| self.dataset.views[i].time).fold(1.0, f32::min);
+        let at_first =
+            self.train_views.iter().filter(|&&i| self.dataset.views[i].time == first).count();
+        if stages.window == TimeWindow::All || !self.may_move() || at_first < MIN_CAMERAS {
+            return 1.0;
+        }
+        let (warmup, end) =
+            (self.config.step_at(stages.warmup), self.config.step_at(stages.decomposition));
+        if self.step < warmup {
+            return first;
+        }
+        let grown = (self.step - warmup) as f32 / (GROWN * (end - warmup).max(1) as f32);
+        (first + (1.0 - first) * grown).min(1.0)
     }
 
     fn forward(&mut self, view: &View) -> Result<Forward, TrainError> {

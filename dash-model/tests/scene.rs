@@ -1,0 +1,191 @@
+//! A whole scene: rendering, layers, files, export, on every backend.
+
+use burn::tensor::Device;
+use dash_model::{
+    Camera, DeformationConfig, DeformationField, DynamicPart, DynamicScene, GaussianRows,
+    Gaussians, HashEncoderConfig, Layer, ModelError, OffsetPlacement, SceneSettings, SpaceBox,
+    TrajectoryBasis, read_splat_ply, write_splat_ply,
+};
+use rand::{Rng, SeedableRng};
+use rand_pcg::Pcg64;
+
+const SIZE: usize = 40;
+
+fn devices() -> Vec<Device> {
+    vec![
+        #[cfg(feature = "ndarray")]
+        Device::ndarray(),
+        #[cfg(feature = "flex")]
+        Device::flex(),
+    ]
+}
+
+fn camera() -> Camera {
+    Camera::new(45.0, 45.0, 20.0, 20.0, SIZE, SIZE).look_at([0.0, 0.0, -4.0], [0.0; 3], [0.0, 1.0, 0.0])
+}
+
+fn rows(n: usize, seed: u64, sh_degree: usize) -> GaussianRows {
+    let mut rng = Pcg64::seed_from_u64(seed);
+    let mut triple = |low: f32, high: f32| -> Vec<[f32; 3]> {
+        (0..n).map(|_| std::array::from_fn(|_| rng.random_range(low..high))).collect()
+    };
+    let mut rows = GaussianRows::from_points(&triple(-1.0, 1.0), &triple(0.0, 1.0), sh_degree, 0.1);
+    rows.opacity_logits.fill(2.0);
+    rows
+}
+
+fn field_config() -> DeformationConfig {
+    DeformationConfig {
+        encoder: HashEncoderConfig {
+            n_levels: 3,
+            n_features_per_level: 2,
+            log2_hashmap_size: 8,
+            base_resolution: vec![4; 4],
+            finest_resolution: vec![16, 16, 16, 8],
+            smoothstep: false,
+            reference_sizing: false,
+        },
+        hidden: 8,
+        layers: 1,
+    }
+}
+
+/// A scene with as many static and dynamic Gaussians as asked for; `None` has no dynamic part.
+fn scene(n_static: usize, n_dynamic: Option<usize>, offsets: OffsetPlacement, device: &Device) -> DynamicScene {
+    let dynamic = n_dynamic.map(|n| {
+        let mut moving = rows(n, 2, 1);
+        moving.trajectory_width = 3 * TrajectoryBasis::Cosine.len();
+        moving.trajectories = (0..n * moving.trajectory_width).map(|i| 0.1 * (i as f32).sin()).collect();
+        let space = SpaceBox::around(&moving.means, 0.0, 0.1);
+        let mut rng = Pcg64::seed_from_u64(3);
+        DynamicPart {
+            gaussians: Gaussians::from_rows(&moving, device),
+            field: DeformationField::new(&field_config(), space, &mut rng, device).expect("valid"),
+        }
+    });
+    DynamicScene {
+        static_set: Gaussians::from_rows(&rows(n_static, 1, 1), device),
+        dynamic,
+        settings: SceneSettings {
+            background: [0.1, 0.2, 0.3],
+            sh_degree: 1,
+            trajectory_basis: TrajectoryBasis::Cosine,
+            offsets,
+        },
+    }
+}
+
+fn pixels(scene: &DynamicScene, time: f32, layer: Layer) -> Vec<f32> {
+    let image = scene.render_layer(&camera(), time, layer).expect("renders").image;
+    assert_eq!(image.dims(), [SIZE, SIZE, 5]);
+    let values = image.into_data().try_into_vec::<f32>().expect("f32");
+    assert!(values.iter().all(|v| v.is_finite()));
+    values
+}
+
+#[test]
+fn none_one_and_only_dynamic_gaussians_render() {
+    for device in devices() {
+        for offsets in [OffsetPlacement::BeforeActivation, OffsetPlacement::AfterActivation] {
+            for (n_static, n_dynamic) in [(0, None), (5, None), (5, Some(0)), (5, Some(1)), (0, Some(7)), (0, Some(0))] {
+                pixels(&scene(n_static, n_dynamic, offsets, &device), 0.3, Layer::Full);
+            }
+        }
+        let empty = pixels(&scene(0, None, OffsetPlacement::BeforeActivation, &device), 0.0, Layer::Full);
+        assert_eq!(empty[..5], [0.1, 0.2, 0.3, 0.0, 0.0], "the background alone");
+    }
+}
+
+#[test]
+fn an_empty_dynamic_part_equals_none_bit_for_bit() {
+    for device in devices() {
+        let without = scene(6, None, OffsetPlacement::BeforeActivation, &device);
+        let with = scene(6, Some(0), OffsetPlacement::BeforeActivation, &device);
+        assert_eq!(pixels(&without, 0.5, Layer::Full), pixels(&with, 0.5, Layer::Full));
+    }
+}
+
+#[test]
+fn static_gaussians_never_move_and_dynamic_ones_do() {
+    for device in devices() {
+        let scene = scene(6, Some(6), OffsetPlacement::BeforeActivation, &device);
+        assert_eq!(pixels(&scene, 0.0, Layer::Static), pixels(&scene, 1.0, Layer::Static));
+        assert_ne!(pixels(&scene, 0.0, Layer::Dynamic), pixels(&scene, 1.0, Layer::Dynamic));
+    }
+}
+
+#[test]
+fn a_saved_scene_renders_the_same_bits() {
+    let folder = tempfile::tempdir().expect("a scratch folder");
+    for (index, device) in devices().into_iter().enumerate() {
+        for n_dynamic in [None, Some(4)] {
+            let scene = scene(6, n_dynamic, OffsetPlacement::BeforeActivation, &device);
+            let path = folder.path().join(format!("{index}-{n_dynamic:?}"));
+            scene.save(&path).expect("writes");
+            let loaded = DynamicScene::load(&path, &device).expect("reads");
+            assert_eq!(loaded.settings, scene.settings);
+            assert_eq!(pixels(&loaded, 0.4, Layer::Full), pixels(&scene, 0.4, Layer::Full));
+        }
+    }
+}
+
+#[test]
+fn a_damaged_scene_is_an_error_at_every_length() {
+    let folder = tempfile::tempdir().expect("a scratch folder");
+    let device = devices().swap_remove(0);
+    let scene = scene(3, Some(2), OffsetPlacement::BeforeActivation, &device);
+    for name in ["scene.json", "scene.safetensors"] {
+        scene.save(folder.path()).expect("writes");
+        let path = folder.path().join(name);
+        let whole = std::fs::read(&path).expect("reads");
+        for length in (0..whole.len()).step_by(whole.len() / 60) {
+            std::fs::write(&path, &whole[..length]).expect("writes");
+            match DynamicScene::load(folder.path(), &device) {
+                Err(ModelError::Format { path: named, .. }) => assert_eq!(named, path),
+                other => panic!("{length} bytes of {name}: {other:?}"),
+            }
+        }
+        std::fs::write(&path, &whole).expect("writes");
+    }
+}
+
+#[test]
+fn an_instant_survives_the_ply_and_draws_alike() {
+    let folder = tempfile::tempdir().expect("a scratch folder");
+    let path = folder.path().join("instant.ply");
+    for device in devices() {
+        for offsets in [OffsetPlacement::BeforeActivation, OffsetPlacement::AfterActivation] {
+            let scene = scene(6, Some(5), offsets, &device);
+            write_splat_ply(&path, &scene.at(0.7).expect("deforms")).expect("writes");
+            let read = read_splat_ply(&path).expect("reads");
+            assert_eq!(read, scene.at(0.7).expect("deforms"));
+            let instant = DynamicScene {
+                static_set: Gaussians::from_rows(&read, &device),
+                dynamic: None,
+                settings: scene.settings.clone(),
+            };
+            let (a, b) = (pixels(&instant, 0.0, Layer::Full), pixels(&scene, 0.7, Layer::Full));
+            let worst = a.iter().zip(&b).map(|(a, b)| (a - b).abs()).fold(0.0, f32::max);
+            assert!(worst < 1e-4, "{worst}");
+        }
+    }
+}
+
+#[test]
+fn a_truncated_ply_is_an_error_that_names_the_file() {
+    let folder = tempfile::tempdir().expect("a scratch folder");
+    let path = folder.path().join("cut.ply");
+    write_splat_ply(&path, &rows(3, 5, 3)).expect("writes");
+    let whole = std::fs::read(&path).expect("reads");
+    for length in 0..whole.len() {
+        std::fs::write(&path, &whole[..length]).expect("writes");
+        let error = read_splat_ply(&path).expect_err("a cut file");
+        assert!(error.to_string().contains("cut.ply"), "{error}");
+    }
+    // A header that promises more than there is must not be believed.
+    let text = String::from_utf8_lossy(&whole[..40]).replace("vertex 3", "vertex 999999999");
+    let mut bytes = text.into_bytes();
+    bytes.extend(&whole[40..]);
+    std::fs::write(&path, &bytes).expect("writes");
+    assert!(read_splat_ply(&path).is_err());
+}
