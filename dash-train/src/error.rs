@@ -6,6 +6,7 @@ use dash_kernels::KernelError;
 use dash_model::ModelError;
 
 use crate::dataset::DatasetError;
+use crate::device::DeviceChoice;
 
 /// What training, evaluation and rendering can refuse.
 #[derive(Debug, thiserror::Error)]
@@ -22,6 +23,17 @@ pub enum TrainError {
     /// A configuration value can't be used.
     #[error("configuration: {0}")]
     Config(String),
+    /// This build has no backend for a device.
+    #[error("--device {device}: expected a build with that backend, found {found}; use --device auto")]
+    Device {
+        /// The device that was asked for.
+        device: DeviceChoice,
+        /// What this build is.
+        found: String,
+    },
+    /// The device broke down.
+    #[error("the device failed: {0}; try --device auto, or a smaller picture")]
+    DeviceFault(String),
     /// A file or folder could not be read or written.
     #[error("{path}: cannot {action}: {source}; check that it exists and that you may access it")]
     Io {
