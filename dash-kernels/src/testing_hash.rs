@@ -61,9 +61,15 @@ pub fn bits(values: &[f32]) -> Vec<u32> {
 pub fn assert_close(got: &[f64], expected: &[f64], relative: f64, absolute: f64) {
     assert_eq!(got.len(), expected.len(), "lengths differ");
     for (i, (&g, &e)) in got.iter().zip(expected).enumerate() {
-        assert!(g.is_finite() && e.is_finite(), "index {i}: got {g}, expected {e}");
+        assert!(
+            g.is_finite() && e.is_finite(),
+            "index {i}: got {g}, expected {e}"
+        );
         let bound = relative * e.abs().max(g.abs()) + absolute;
-        assert!((g - e).abs() <= bound, "index {i}: got {g}, expected {e}, bound {bound:e}");
+        assert!(
+            (g - e).abs() <= bound,
+            "index {i}: got {g}, expected {e}, bound {bound:e}"
+        );
     }
 }
 
@@ -95,8 +101,16 @@ pub fn disagreement(got: &[f32], expected: &[f64]) -> Option<String> {
             got[i], expected[i]
         ));
     }
-    let dot: f64 = got.iter().zip(expected).map(|(&g, &e)| f64::from(g) * e).sum();
-    let norm: f64 = got.iter().map(|&g| square(f64::from(g))).sum::<f64>().sqrt();
+    let dot: f64 = got
+        .iter()
+        .zip(expected)
+        .map(|(&g, &e)| f64::from(g) * e)
+        .sum();
+    let norm: f64 = got
+        .iter()
+        .map(|&g| square(f64::from(g)))
+        .sum::<f64>()
+        .sqrt();
     let cosine = dot / (norm * rms * n.sqrt());
     // Two zero vectors agree.
     if norm + rms > 0.0 && (cosine.is_nan() || cosine < MIN_COSINE) {

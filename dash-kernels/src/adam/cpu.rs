@@ -118,11 +118,19 @@ fn element(
     let v = constants.beta2 * second + constants.one_minus_beta2 * g * g;
     let root = (v * constants.inverse_correction2).sqrt() + constants.epsilon;
     // A zero first moment asks for no step even where the root is zero too.
-    let step = if m == 0.0 { 0.0 } else { constants.rate * m / root };
+    let step = if m == 0.0 {
+        0.0
+    } else {
+        constants.rate * m / root
+    };
     let new = param - step;
     let keep = !grad.is_finite()
         | !new.is_finite()
         | !v.is_finite()
         | (constants.skip_zero_grad & (grad == 0.0));
-    if keep { (param, first, second) } else { (new, m, v) }
+    if keep {
+        (param, first, second)
+    } else {
+        (new, m, v)
+    }
 }

@@ -102,7 +102,10 @@ pub fn adam_step<const R: usize>(
 
 fn validate(settings: &AdamStep) -> Result<(), KernelError> {
     let wrong = if !(settings.learning_rate >= 0.0 && settings.learning_rate.is_finite()) {
-        format!("`learning_rate` is {}, expected 0 or more", settings.learning_rate)
+        format!(
+            "`learning_rate` is {}, expected 0 or more",
+            settings.learning_rate
+        )
     } else if !(0.0..1.0).contains(&settings.beta1) || !(0.0..1.0).contains(&settings.beta2) {
         format!(
             "`beta1` is {} and `beta2` {}, expected both in [0, 1)",
@@ -145,7 +148,13 @@ impl<B: HostBackend> AdamUpdate for B {
         let (device, shape) = (param.device(), param.shape());
         let mut values = [param, first_moment, second_moment].map(take_values::<B>);
         let [param, first_moment, second_moment] = &mut values;
-        cpu::adam_step(param, &B::values(&grad), first_moment, second_moment, &settings);
+        cpu::adam_step(
+            param,
+            &B::values(&grad),
+            first_moment,
+            second_moment,
+            &settings,
+        );
         let [param, first_moment, second_moment] = values
             .map(|values| B::float_from_data(TensorData::new(values, shape.clone()), &device));
         (param, first_moment, second_moment)

@@ -29,7 +29,11 @@ pub fn adam_step<T: Float>(
         let step = constant(settings.learning_rate) * m_unbiased
             / (v_unbiased.sqrt() + constant(settings.epsilon));
         // Zero moments and epsilon 0 ask for no step.
-        let new = if m == T::zero() { param[i] } else { param[i] - step };
+        let new = if m == T::zero() {
+            param[i]
+        } else {
+            param[i] - step
+        };
         if new.is_finite() && v.is_finite() {
             (param[i], first_moment[i], second_moment[i]) = (new, m, v);
         }

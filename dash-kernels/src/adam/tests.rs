@@ -15,11 +15,21 @@ struct State {
 impl State {
     fn zero(param: Vec<f32>) -> Self {
         let zeros = vec![0.0; param.len()];
-        Self { first: zeros.clone(), second: zeros, param }
+        Self {
+            first: zeros.clone(),
+            second: zeros,
+            param,
+        }
     }
 
     fn step(&mut self, grad: &[f32], settings: &AdamStep) {
-        cpu::adam_step(&mut self.param, grad, &mut self.first, &mut self.second, settings);
+        cpu::adam_step(
+            &mut self.param,
+            grad,
+            &mut self.first,
+            &mut self.second,
+            settings,
+        );
     }
 }
 
@@ -54,10 +64,13 @@ fn backends_match_the_reference() {
         let tensor = |values: &[f32]| tensor(values, [N], &device);
         let (mut param, mut first, mut second) =
             (tensor(&start), tensor(&vec![0.0; N]), tensor(&vec![0.0; N]));
-        let (mut param64, mut first64, mut second64) =
-            (to_f64(&start), vec![0.0; N], vec![0.0; N]);
+        let (mut param64, mut first64, mut second64) = (to_f64(&start), vec![0.0; N], vec![0.0; N]);
         for step in 1..=5 {
-            let settings = AdamStep { step, learning_rate: 0.01, ..AdamStep::default() };
+            let settings = AdamStep {
+                step,
+                learning_rate: 0.01,
+                ..AdamStep::default()
+            };
             let grad = uniform(&mut rng, N, -1.0, 1.0);
             (param, first, second) =
                 adam_step(param, tensor(&grad), first, second, &settings).expect("equal shapes");
@@ -93,7 +106,10 @@ fn tensors_that_others_hold_are_not_written_to() {
 
 #[test]
 fn a_first_step_has_the_learning_rate_whatever_the_gradient() {
-    let settings = AdamStep { learning_rate: 0.25, ..AdamStep::default() };
+    let settings = AdamStep {
+        learning_rate: 0.25,
+        ..AdamStep::default()
+    };
     for exponent in -38..=38 {
         let g = 10f32.powi(exponent);
         let mut state = State::zero(vec![0.0]);
@@ -108,7 +124,10 @@ fn a_first_step_has_the_learning_rate_whatever_the_gradient() {
 
 #[test]
 fn huge_gradients_neither_freeze_nor_poison() {
-    let settings = AdamStep { learning_rate: 0.1, ..AdamStep::default() };
+    let settings = AdamStep {
+        learning_rate: 0.1,
+        ..AdamStep::default()
+    };
     let mut state = State::zero(vec![0.0]);
     for step in 1..=50 {
         state.step(&[f32::MAX], &AdamStep { step, ..settings });
@@ -128,7 +147,10 @@ fn non_finite_gradients_leave_their_elements_alone() {
 
 #[test]
 fn zero_gradients_drift_unless_skipped() {
-    let mut settings = AdamStep { step: 3, ..AdamStep::default() };
+    let mut settings = AdamStep {
+        step: 3,
+        ..AdamStep::default()
+    };
     for skip in [false, true] {
         settings.skip_zero_grad = skip;
         // A whole group of zeros, a group with one other, and a remainder.
@@ -153,7 +175,10 @@ fn zero_gradients_drift_unless_skipped() {
 
 #[test]
 fn zero_everything_stays_zero_without_epsilon() {
-    let settings = AdamStep { epsilon: 0.0, ..AdamStep::default() };
+    let settings = AdamStep {
+        epsilon: 0.0,
+        ..AdamStep::default()
+    };
     let mut state = State::zero(vec![0.0; 3]);
     state.step(&[0.0; 3], &settings);
     assert_eq!(state.param, [0.0; 3]);
@@ -195,11 +220,23 @@ fn wrong_shapes_and_settings_are_refused() {
         assert!(step(3, good).is_ok());
         assert!(step(2, good).is_err());
         for bad in [
-            AdamStep { learning_rate: f64::NAN, ..good },
-            AdamStep { learning_rate: -1.0, ..good },
+            AdamStep {
+                learning_rate: f64::NAN,
+                ..good
+            },
+            AdamStep {
+                learning_rate: -1.0,
+                ..good
+            },
             AdamStep { beta1: 1.0, ..good },
-            AdamStep { beta2: -0.1, ..good },
-            AdamStep { epsilon: f64::INFINITY, ..good },
+            AdamStep {
+                beta2: -0.1,
+                ..good
+            },
+            AdamStep {
+                epsilon: f64::INFINITY,
+                ..good
+            },
             AdamStep { step: 0, ..good },
         ] {
             assert!(step(3, bad).is_err(), "{bad:?}");

@@ -206,7 +206,11 @@ impl<const D: usize, const CORNERS: usize, const F: usize> Kernel
     fn run(self) {
         let mut rows = [[0; LANES]; CORNERS];
         let mut weights = [[0.0; LANES]; CORNERS];
-        for (block, v_out) in self.blocks.iter().zip(self.v_out.chunks(LANES * self.width)) {
+        for (block, v_out) in self
+            .blocks
+            .iter()
+            .zip(self.v_out.chunks(LANES * self.width))
+        {
             let cells = Cells::locate(block, &self.level);
             cells.rows(&self.level, &mut rows);
             cells.weights(&mut weights);
@@ -323,7 +327,10 @@ fn add_slopes<const D: usize, const CORNERS: usize>(
         let mut difference = [[0.0; LANES]; CORNERS];
         for corner in 0..half {
             for lane in 0..LANES {
-                let (low, high) = (interpolated[corner][lane], interpolated[corner + half][lane]);
+                let (low, high) = (
+                    interpolated[corner][lane],
+                    interpolated[corner + half][lane],
+                );
                 difference[corner][lane] = high - low;
                 interpolated[corner][lane] = low + cells.upper_weight[axis][lane] * (high - low);
             }
@@ -333,8 +340,7 @@ fn add_slopes<const D: usize, const CORNERS: usize>(
             for corner in 0..half {
                 for lane in 0..LANES {
                     let (low, high) = (difference[corner][lane], difference[corner + half][lane]);
-                    difference[corner][lane] =
-                        low + cells.upper_weight[other][lane] * (high - low);
+                    difference[corner][lane] = low + cells.upper_weight[other][lane] * (high - low);
                 }
             }
         }

@@ -55,7 +55,11 @@ pub fn hash_encode(
     }
     let table_shape = [layout.n_entries(), layout.n_features_per_level()];
     if table.dims() != table_shape {
-        return Err(shape_error("table", format!("{table_shape:?}"), table.dims()));
+        return Err(shape_error(
+            "table",
+            format!("{table_shape:?}"),
+            table.dims(),
+        ));
     }
     Ok(Tensor::from_dispatch(Dispatch::hash_encode(
         positions.into_dispatch(),

@@ -66,9 +66,20 @@ fn for_each_corner<T: Float>(
         }
         for (l, level) in layout.levels().iter().enumerate() {
             let feature = point * layout.n_features() + l * layout.n_features_per_level();
-            visit_level(position, level, layout.interpolation(), |row, weight, slopes| {
-                visit(Corner { point, feature, row, weight, slopes });
-            });
+            visit_level(
+                position,
+                level,
+                layout.interpolation(),
+                |row, weight, slopes| {
+                    visit(Corner {
+                        point,
+                        feature,
+                        row,
+                        weight,
+                        slopes,
+                    });
+                },
+            );
         }
     }
 }

@@ -26,7 +26,11 @@ pub fn ssim(x: &[f32], y: &[f32], shape: [usize; 3]) -> Vec<f32> {
         .enumerate()
         .for_each(|(band, out)| {
             let first_row = band * rows;
-            dispatch(ForwardBand { images, first_row, out });
+            dispatch(ForwardBand {
+                images,
+                first_row,
+                out,
+            });
         });
     out
 }
@@ -34,7 +38,11 @@ pub fn ssim(x: &[f32], y: &[f32], shape: [usize; 3]) -> Vec<f32> {
 /// Gradient of `own` from `v_out`, all `[H, W, C]`; the similarity is symmetric, so the gradient
 /// of the other image is had by exchanging the two.
 pub fn ssim_vjp(own: &[f32], other: &[f32], v_out: &[f32], shape: [usize; 3]) -> Vec<f32> {
-    let images = Images { x: own, y: other, shape };
+    let images = Images {
+        x: own,
+        y: other,
+        shape,
+    };
     let mut v_own = vec![0.0; own.len()];
     let rows = band_rows(shape[0]);
     v_own
@@ -42,7 +50,12 @@ pub fn ssim_vjp(own: &[f32], other: &[f32], v_out: &[f32], shape: [usize; 3]) ->
         .enumerate()
         .for_each(|(band, v_x)| {
             let first_row = band * rows;
-            dispatch(BackwardBand { images, v_out, first_row, v_x });
+            dispatch(BackwardBand {
+                images,
+                v_out,
+                first_row,
+                v_x,
+            });
         });
     v_own
 }
@@ -159,7 +172,9 @@ impl Kernel for BackwardBand<'_> {
                     }
                     None => gradient_blur.push_zeros(),
                 };
-                let Some([v_mean, v_squares, v_product]) = gradients else { continue };
+                let Some([v_mean, v_squares, v_product]) = gradients else {
+                    continue;
+                };
                 for (i, v_x) in v_x.iter_mut().enumerate() {
                     let v = v_mean[i]
                         + 2.0 * f64::from(x[i]) * v_squares[i]
@@ -229,9 +244,7 @@ impl Terms {
         } else {
             0.0
         };
-        let v_mean_x = 2.0
-            * v
-            * (self.mean_y * contrast_ratio - self.mean_x * similarity)
+        let v_mean_x = 2.0 * v * (self.mean_y * contrast_ratio - self.mean_x * similarity)
             / self.luminance_norm
             - v_product * self.mean_y
             - 2.0 * self.mean_x * v_squares;
@@ -241,5 +254,9 @@ impl Terms {
 
 #[inline(always)]
 fn finite_or_zero(value: f32) -> f64 {
-    if value.is_finite() { f64::from(value) } else { 0.0 }
+    if value.is_finite() {
+        f64::from(value)
+    } else {
+        0.0
+    }
 }

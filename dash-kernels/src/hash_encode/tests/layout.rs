@@ -30,7 +30,10 @@ fn five_levels_by_hand() {
     let layout = layout(&config);
     let sizes: Vec<_> = layout.levels().iter().map(|l| (l.size, l.dense)).collect();
     // Vertices 3x4, 5x4, 9x4, then 17x4 = 68 and 33x4 = 132 exceed 64.
-    assert_eq!(sizes, [(12, true), (20, true), (36, true), (64, false), (64, false)]);
+    assert_eq!(
+        sizes,
+        [(12, true), (20, true), (36, true), (64, false), (64, false)]
+    );
     let scales: Vec<_> = layout.levels().iter().map(|l| l.scale[0]).collect();
     assert_eq!(scales, [2.0, 4.0, 8.0, 16.0, 32.0]);
     assert_eq!(layout.levels()[3].offset, 68);
@@ -41,7 +44,10 @@ fn five_levels_by_hand() {
     let layout = super::super::HashGridLayout::new(&config).expect("a good configuration");
     // Scales 1, 3, 7, 15, 31: one vertex less per axis than cells of the paper's.
     let sizes: Vec<_> = layout.levels().iter().map(|l| (l.size, l.dense)).collect();
-    assert_eq!(sizes, [(6, true), (12, true), (24, true), (48, true), (64, false)]);
+    assert_eq!(
+        sizes,
+        [(6, true), (12, true), (24, true), (48, true), (64, false)]
+    );
 }
 
 #[test]
@@ -54,7 +60,11 @@ fn rows_by_hand() {
         dense: true,
     };
     assert_eq!(dense.row(&[2, 1, 3]), 2 + 3 + 3 * 12);
-    let hashed = HashGridLevel { size: 16, dense: false, ..dense };
+    let hashed = HashGridLevel {
+        size: 16,
+        dense: false,
+        ..dense
+    };
     let expected = (2u32 ^ 2_654_435_761 ^ 3u32.wrapping_mul(805_459_861)) % 16;
     assert_eq!(hashed.row(&[2, 1, 3]), u64::from(expected));
     assert_eq!(HASH_PRIMES, [1, 2654435761, 805459861, 3674653429]);
@@ -83,7 +93,10 @@ fn check(layout: &HashGridLayout, config: &HashGridConfig) {
     let dims = config.base_resolution.len();
     let mut offset = 0;
     for level in layout.levels() {
-        let vertices: u128 = level.resolution[..dims].iter().map(|&r| u128::from(r)).product();
+        let vertices: u128 = level.resolution[..dims]
+            .iter()
+            .map(|&r| u128::from(r))
+            .product();
         let capacity = 1u128 << config.log2_hashmap_size;
         assert_eq!(u128::from(level.size), vertices.min(capacity), "{config:?}");
         assert_eq!(level.dense, vertices <= capacity, "{config:?}");
@@ -92,7 +105,10 @@ fn check(layout: &HashGridLayout, config: &HashGridConfig) {
         for axis in 0..dims {
             let (scale, resolution) = (level.scale[axis], level.resolution[axis]);
             assert!(resolution >= 2);
-            assert!(scale <= (resolution - 1) as f64, "a point at 1 stays in the grid");
+            assert!(
+                scale <= (resolution - 1) as f64,
+                "a point at 1 stays in the grid"
+            );
             if level.dense {
                 let last: Vec<u64> = level.resolution[..dims].iter().map(|r| r - 1).collect();
                 assert_eq!(level.row(&last), level.size - 1);
@@ -107,7 +123,10 @@ fn check(layout: &HashGridLayout, config: &HashGridConfig) {
             LevelSizing::Paper => f64::from(n_max),
             LevelSizing::Reference => f64::from(n_max) - 1.0,
         };
-        assert_eq!(finest.scale[axis], expected, "the finest level is exactly N_max");
+        assert_eq!(
+            finest.scale[axis], expected,
+            "the finest level is exactly N_max"
+        );
     }
 }
 
@@ -138,7 +157,11 @@ fn one_level_and_one_entry() {
     config.n_levels = 1;
     config.log2_hashmap_size = 0;
     let layout = layout(&config);
-    assert_eq!(layout.levels()[0].scale[0], 4.0, "a single level has the base resolution");
+    assert_eq!(
+        layout.levels()[0].scale[0],
+        4.0,
+        "a single level has the base resolution"
+    );
     assert_eq!(layout.n_entries(), 1);
     assert_eq!(layout.levels()[0].row(&[3, 2]), 0);
 }

@@ -7,7 +7,11 @@ use crate::hash_encode::{
 };
 use crate::testing_hash::*;
 
-fn layout(dims: usize, features: usize, change: impl FnOnce(&mut HashGridConfig)) -> HashGridLayout {
+fn layout(
+    dims: usize,
+    features: usize,
+    change: impl FnOnce(&mut HashGridConfig),
+) -> HashGridLayout {
     let mut config = HashGridConfig {
         n_levels: 6,
         n_features_per_level: features,
@@ -110,7 +114,12 @@ fn one_cell_by_hand() {
         let left = 0.5 * ((1.0 - quarter) * 0.0 + quarter * 1.0)
             + 0.5 * ((1.0 - quarter) * 9.0 + quarter * 16.0);
         let expected = [lower, left];
-        assert_close(&to_f64(&cpu::hash_encode(&positions, &table, &layout)), &expected, 1e-6, 0.0);
+        assert_close(
+            &to_f64(&cpu::hash_encode(&positions, &table, &layout)),
+            &expected,
+            1e-6,
+            0.0,
+        );
         let got = reference::hash_encode(&to_f64(&positions), &to_f64(&table), &layout);
         assert_close(&got, &expected, 1e-12, 0.0);
         // Corners get their weights; only rows 0, 1, 3 and 4 are touched.
@@ -119,8 +128,17 @@ fn one_cell_by_hand() {
         assert_close(&v_table, &[q, q, 0.0, q, q, 0.0, 0.0, 0.0, 0.0], 1e-6, 0.0);
         // d/dx in the middle: mean rise of the two edges, times scale, times the weight's slope.
         let v_positions = cpu::positions_vjp(&positions, &table, &[1.0, 0.0], &layout);
-        let slope = if interpolation == Interpolation::Linear { 1.0 } else { 1.5 };
-        let expected = [2.0 * slope * (1.0 + 7.0) / 2.0, 2.0 * slope * (9.0 + 15.0) / 2.0, 0.0, 0.0];
+        let slope = if interpolation == Interpolation::Linear {
+            1.0
+        } else {
+            1.5
+        };
+        let expected = [
+            2.0 * slope * (1.0 + 7.0) / 2.0,
+            2.0 * slope * (9.0 + 15.0) / 2.0,
+            0.0,
+            0.0,
+        ];
         assert_close(&to_f64(&v_positions), &expected, 1e-6, 0.0);
     }
 }
@@ -160,7 +178,12 @@ fn reference_vjp_matches_central_differences() {
             dot(&reference::hash_encode(&positions, t, layout), &v_out)
         });
         let scale = v_positions.iter().fold(0.0f64, |max, v| max.max(v.abs()));
-        assert_close(&v_positions, &by_positions, DIFFERENCES_RELATIVE, 1e-6 * scale);
+        assert_close(
+            &v_positions,
+            &by_positions,
+            DIFFERENCES_RELATIVE,
+            1e-6 * scale,
+        );
         assert_close(&v_table, &by_table, DIFFERENCES_RELATIVE, 1e-9);
     }
 }
@@ -188,7 +211,10 @@ fn backends_match_the_reference() {
             assert_agrees(&values(out.clone().inner()), &case.reference());
             let grads = (out * v_out).sum().backward();
             let (v_positions, v_table) = case.reference_vjp();
-            assert_agrees(&values(positions.grad(&grads).expect("tracked")), &v_positions);
+            assert_agrees(
+                &values(positions.grad(&grads).expect("tracked")),
+                &v_positions,
+            );
             assert_agrees(&values(table.grad(&grads).expect("tracked")), &v_table);
         }
     }
@@ -248,7 +274,16 @@ fn outside_and_nan_have_no_features_and_no_gradient() {
     let above = f32::from_bits(1.0f32.to_bits() + 1);
     for layout in every_layout() {
         let dims = layout.dims();
-        for bad in [below, above, -1.0, 2.0, 1e30, f32::NAN, f32::INFINITY, f32::NEG_INFINITY] {
+        for bad in [
+            below,
+            above,
+            -1.0,
+            2.0,
+            1e30,
+            f32::NAN,
+            f32::INFINITY,
+            f32::NEG_INFINITY,
+        ] {
             for axis in 0..dims {
                 let mut case = Case::random(layout.clone(), 19, 2);
                 // A poisoned table must not reach the point either.
@@ -263,7 +298,10 @@ fn outside_and_nan_have_no_features_and_no_gradient() {
                 let [out, v_positions, v_table] = case.cpu();
                 let width = layout.n_features();
                 assert!(out[7 * width..][..width].iter().all(|&v| v == 0.0), "{bad}");
-                assert!(v_positions[7 * dims..][..dims].iter().all(|&v| v == 0.0), "{bad}");
+                assert!(
+                    v_positions[7 * dims..][..dims].iter().all(|&v| v == 0.0),
+                    "{bad}"
+                );
                 let clean_v_table = clean.cpu()[2].clone();
                 assert_close(&to_f64(&v_table), &to_f64(&clean_v_table), 0.0, 0.0);
             }
@@ -280,7 +318,10 @@ fn zero_and_one_are_inside() {
             *x = (i / dims >> (i % dims) & 1) as f32;
         }
         case.assert_cpu_agrees();
-        assert!(case.cpu()[0].iter().all(|&v| v != 0.0), "corners have features");
+        assert!(
+            case.cpu()[0].iter().all(|&v| v != 0.0),
+            "corners have features"
+        );
     }
 }
 
@@ -301,7 +342,13 @@ fn features_are_continuous_across_vertices() {
             let beside: Vec<f32> = at
                 .positions
                 .iter()
-                .map(|x| if towards > 0.5 { x.next_up() } else { x.next_down() })
+                .map(|x| {
+                    if towards > 0.5 {
+                        x.next_up()
+                    } else {
+                        x.next_down()
+                    }
+                })
                 .collect();
             let got = to_f64(&cpu::hash_encode(&beside, &at.table, &at.layout));
             // 90 cells times half an ulp of one half, over four axes.
@@ -343,7 +390,10 @@ fn a_constant_table_gives_constant_features() {
         }
         // The table's gradient then sums to the cotangents' sum.
         let v_table = cpu::table_vjp(&case.positions, &case.v_out, &case.layout);
-        let (got, expected) = (to_f64(&v_table).iter().sum(), to_f64(&case.v_out).iter().sum());
+        let (got, expected) = (
+            to_f64(&v_table).iter().sum(),
+            to_f64(&case.v_out).iter().sum(),
+        );
         assert_close(&[got], &[expected], 1e-5, 1e-4);
     }
 }
@@ -359,7 +409,8 @@ fn non_contiguous_inputs_are_read_in_their_order() {
             let [rows, columns] = t.dims();
             tensor(&values(t.transpose()), [columns, rows], &device).transpose()
         };
-        let expected = values(hash_encode(positions.clone(), table.clone(), &case.layout).expect("fits"));
+        let expected =
+            values(hash_encode(positions.clone(), table.clone(), &case.layout).expect("fits"));
         let got = hash_encode(strided(positions), strided(table), &case.layout).expect("fits");
         assert_eq!(bits(&values(got)), bits(&expected));
     }
