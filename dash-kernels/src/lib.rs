@@ -20,10 +20,15 @@
     )
 )]
 
+pub mod adam;
 mod camera;
 mod error;
+pub mod hash_encode;
 mod host;
+mod isa;
 pub mod ssim;
+#[cfg(test)]
+mod testing_hash;
 
 pub use camera::Camera;
 pub use error::KernelError;
