@@ -1,1 +1,5 @@
 //! dash-train
+
+pub mod cameras;
+pub mod metrics;
+pub mod video;
