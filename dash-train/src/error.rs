@@ -5,8 +5,10 @@ use std::path::{Path, PathBuf};
 use dash_kernels::KernelError;
 use dash_model::ModelError;
 
+use crate::cameras::CameraFileError;
 use crate::dataset::DatasetError;
 use crate::device::DeviceChoice;
+use crate::video::VideoError;
 
 /// What training, evaluation and rendering can refuse.
 #[derive(Debug, thiserror::Error)]
@@ -20,6 +22,12 @@ pub enum TrainError {
     /// A kernel refused its input.
     #[error(transparent)]
     Kernel(#[from] KernelError),
+    /// A camera file can't be used.
+    #[error(transparent)]
+    CameraFile(#[from] CameraFileError),
+    /// A picture or a video could not be written.
+    #[error(transparent)]
+    Video(#[from] VideoError),
     /// A configuration value can't be used.
     #[error("configuration: {0}")]
     Config(String),

@@ -9,13 +9,16 @@
 //!
 //! Conventions are those of [`dash_kernels`] and [`dash_model`].
 
+pub mod cameras;
 pub mod dataset;
 pub mod device;
 mod error;
 pub mod evaluate;
+pub mod metrics;
 pub mod ply;
 pub mod render;
 pub mod synth;
 pub mod train;
+pub mod video;
 
 pub use error::TrainError;

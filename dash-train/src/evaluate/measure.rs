@@ -1,7 +1,6 @@
 //! Scores of a scene over the views of one split.
 
 use std::collections::BTreeMap;
-use std::time::Instant;
 
 use dash_model::{DynamicScene, Layer};
 use serde::{Deserialize, Serialize};

@@ -8,7 +8,10 @@ use dash_model::{DynamicScene, Layer};
 use super::picture::{Picture, PictureLayer, render};
 use super::shots::Shot;
 use crate::TrainError;
-use crate::video;
+use crate::video::{VideoWriter, rgb8, write_exr_plane, write_exr_rgb, write_png};
+
+/// Frame rate of videos.
+const FRAMES_PER_SEC: f64 = 30.0;
 
 /// File format of pictures.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, clap::ValueEnum)]
@@ -94,7 +97,28 @@ pub fn write_pictures(
 /// When ffmpeg is missing, `out` can't be written, the shots differ in size, or a kernel refuses
 /// its input.
 pub fn write_video(job: RenderJob<'_>, layer: PictureLayer, out: &Path) -> Result<(), TrainError> {
-    todo!()
+    let Some(first) = job.shots.first() else {
+        return Err(TrainError::run(out, "expected at least one frame to write, found none"));
+    };
+    let size = (first.camera.width, first.camera.height);
+    let same = |shot: &Shot| (shot.camera.width, shot.camera.height) == size;
+    if let Some(other) = job.shots.iter().find(|shot| !same(shot)) {
+        return Err(TrainError::run(
+            out,
+            format!(
+                "expected cameras of one size for a video, found {}x{} and {}x{}; render pictures \
+                 into a folder, or one camera at a time",
+                size.0, size.1, other.camera.width, other.camera.height
+            ),
+        ));
+    }
+    let mut writer = VideoWriter::create(out, size.0, size.1, FRAMES_PER_SEC)?;
+    for (index, shot) in job.shots.iter().enumerate() {
+        let picture = render(job.scene, &shot.camera, shot.time, layer.drawn_from())?;
+        writer.push(&shown(&picture, layer))?;
+        (job.on_shot)(index + 1);
+    }
+    Ok(writer.finish()?)
 }
 
 fn write_picture(
@@ -103,15 +127,26 @@ fn write_picture(
     layer: PictureLayer,
     format: PictureFormat,
 ) -> Result<(), TrainError> {
-    todo!()
+    let (width, height) = (picture.width, picture.height);
+    Ok(match (format, layer) {
+        (PictureFormat::Png, _) => write_png(path, width, height, &shown(picture, layer))?,
+        (PictureFormat::Exr, PictureLayer::Alpha) => {
+            write_exr_plane(path, width, height, &picture.alpha)?;
+        }
+        (PictureFormat::Exr, PictureLayer::Depth) => {
+            write_exr_plane(path, width, height, &picture.depth)?;
+        }
+        (PictureFormat::Exr, _) => write_exr_rgb(path, width, height, &picture.rgb)?,
+    })
 }
 
-/// Values to show for a layer, three to a pixel or one.
-fn shown(picture: &Picture, layer: PictureLayer) -> Vec<f32> {
+/// What a layer looks like, `[H, W, 3]` in 8 bits.
+fn shown(picture: &Picture, layer: PictureLayer) -> Vec<u8> {
+    let gray = |plane: &[f32]| rgb8(plane).into_iter().flat_map(|v| [v; 3]).collect();
     match layer {
-        PictureLayer::Full | PictureLayer::Static | PictureLayer::Dynamic => picture.rgb.clone(),
-        PictureLayer::Alpha => picture.alpha.clone(),
-        PictureLayer::Depth => nearness(&picture.depth),
+        PictureLayer::Full | PictureLayer::Static | PictureLayer::Dynamic => rgb8(&picture.rgb),
+        PictureLayer::Alpha => gray(&picture.alpha),
+        PictureLayer::Depth => gray(&nearness(&picture.depth)),
     }
 }
 

@@ -1,7 +1,11 @@
 //! Which cameras at which times.
 
+use std::path::Path;
+
 use dash_kernels::Camera;
 
+use crate::TrainError;
+use crate::cameras::{read_cameras, spiral};
 use crate::dataset::{Dataset, Split};
 
 /// One picture to take.
@@ -27,6 +31,46 @@ pub fn test_shots(dataset: &Dataset) -> Vec<Shot> {
         .collect()
 }
 
+/// The cameras of a `cameras.json`, at their own times or else at 0.
+///
+/// # Errors
+/// When the file can't be read, or a time is outside [0, 1].
+pub fn file_shots(path: &Path) -> Result<Vec<Shot>, TrainError> {
+    read_cameras(path)?
+        .into_iter()
+        .map(|entry| {
+            let time = entry.time.unwrap_or(0.0);
+            if !(0.0..=1.0).contains(&time) {
+                let name = &entry.img_name;
+                return Err(TrainError::run(
+                    path,
+                    format!("camera `{name}`: expected a time in [0, 1], found {time}; mend it"),
+                ));
+            }
+            Ok(Shot { camera_name: entry.img_name, camera: entry.camera, time: time as f32 })
+        })
+        .collect()
+}
+
+/// `n` cameras on a path amid the dataset's, times even from 0 to 1.
+pub fn spiral_shots(dataset: &Dataset, n: usize) -> Vec<Shot> {
+    let mut cameras: Vec<Camera> = Vec::new();
+    for view in &dataset.views {
+        if !cameras.contains(&view.camera) {
+            cameras.push(view.camera.clone());
+        }
+    }
+    spiral(&cameras, n, None)
+        .into_iter()
+        .enumerate()
+        .map(|(step, camera)| Shot {
+            camera_name: "spiral".into(),
+            camera,
+            time: even_time(step, n),
+        })
+        .collect()
+}
+
 /// Each of the shots' cameras at each of `n` times, evenly from 0 to 1 (0 for a single one); one
 /// camera after the other, a camera that occurs more than once only once.
 pub fn at_times(shots: &[Shot], n: usize) -> Vec<Shot> {
@@ -46,7 +90,7 @@ pub fn at_times(shots: &[Shot], n: usize) -> Vec<Shot> {
 }
 
 /// The time of one of `n` even steps from 0 to 1.
-pub(super) fn even_time(step: usize, n: usize) -> f32 {
+fn even_time(step: usize, n: usize) -> f32 {
     if n > 1 { (step as f64 / (n - 1) as f64) as f32 } else { 0.0 }
 }
 

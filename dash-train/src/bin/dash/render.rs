@@ -7,10 +7,10 @@ use clap::Args;
 use dash_model::{
     DynamicScene, Gaussians, OffsetPlacement, SceneSettings, TrajectoryBasis, read_splat_ply,
 };
-use dash_train::cameras;
 use dash_train::dataset::{Dataset, load};
 use dash_train::render::{
-    PictureFormat, PictureLayer, RenderJob, Shot, at_times, test_shots, write_pictures, write_video,
+    PictureFormat, PictureLayer, RenderJob, Shot, at_times, file_shots, spiral_shots, test_shots,
+    write_pictures, write_video,
 };
 use dash_train::train::RunFolder;
 
@@ -139,7 +139,11 @@ fn shots(args: &RenderArgs, source: &Source) -> Result<Vec<Shot>, Failure> {
             )));
         }
         ("spiral", Source::Run(run)) => {
-            return spiral_shots(&dataset(run)?, frames.unwrap_or(SPIRAL_CAMERAS), args.time);
+            let mut shots = spiral_shots(&dataset(run)?, frames.unwrap_or(SPIRAL_CAMERAS));
+            if let Some(time) = args.time {
+                shots.iter_mut().for_each(|shot| shot.time = time);
+            }
+            return Ok(shots);
         }
         ("test", Source::Run(run)) => {
             let dataset = dataset(run)?;
@@ -152,7 +156,7 @@ fn shots(args: &RenderArgs, source: &Source) -> Result<Vec<Shot>, Failure> {
             }
             shots
         }
-        (file, _) => camera_file(Path::new(file))?,
+        (file, _) => file_shots(Path::new(file))?,
     };
     Ok(match (args.time, frames) {
         (Some(time), _) => {
