@@ -47,12 +47,18 @@ impl DeviceChoice {
             #[cfg(not(feature = "flex"))]
             Self::Flex => refuse("a build without the feature `flex`"),
             #[cfg(feature = "ndarray")]
-            Self::NdArray => Ok(Device::ndarray()),
+            Self::NdArray => Ok(ndarray()),
             #[cfg(not(feature = "ndarray"))]
             Self::NdArray => refuse("a build without the feature `ndarray`"),
             Self::Auto | Self::Wgpu | Self::Cuda(_) => refuse("a build without GPU backends"),
         }
     }
+}
+
+#[cfg(feature = "ndarray")]
+#[expect(deprecated, reason = "burn-ndarray gives way to burn-flex; users still ask for it")]
+fn ndarray() -> Device {
+    Device::ndarray()
 }
 
 impl fmt::Display for DeviceChoice {

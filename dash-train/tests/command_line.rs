@@ -52,6 +52,7 @@ fn a_run_holds_what_the_design_says_and_eval_finds_it_again() {
     }
     assert_eq!(trained["split"], "test");
     assert_eq!(trained["preset"], "quick");
+    assert!(trained["n_dynamic"].as_u64() > Some(0), "the 4D stage is part of this test");
     assert_eq!(trained["lpips_vgg"], Value::Null);
     assert_eq!(trained["per_view"].as_array().map(Vec::len), Some(3));
     assert_eq!(trained["per_view"][1]["camera"], "cam00");

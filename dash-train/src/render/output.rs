@@ -190,15 +190,19 @@ fn existing_ancestor(out: &Path) -> Result<PathBuf, TrainError> {
 }
 
 fn refuse_occupied(folder: &Path) -> Result<(), TrainError> {
-    match fs::read_dir(folder) {
-        Err(e) if e.kind() == std::io::ErrorKind::NotFound => Ok(()),
-        Err(e) => Err(TrainError::io(folder, "list", e)),
-        Ok(mut entries) if entries.next().is_some() => Err(TrainError::run(
+    let occupied = match fs::read_dir(folder) {
+        Ok(mut entries) => entries.next().is_some(),
+        Err(e) if e.kind() == std::io::ErrorKind::NotFound => false,
+        Err(e) => return Err(TrainError::io(folder, "list", e)),
+    };
+    if occupied {
+        return Err(TrainError::run(
             folder,
-            "expected no such folder or an empty one, found files in it; remove it or choose another --out",
-        )),
-        Ok(_) => Ok(()),
+            "expected no such folder or an empty one, found files in it; \
+             remove it or choose another --out",
+        ));
     }
+    Ok(())
 }
 
 /// A camera's name with what file systems refuse replaced.

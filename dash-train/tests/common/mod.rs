@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
 
 /// Settings with which a tiny scene trains in a moment, but through all three stages.
-pub const TINY: [&str; 12] = [
+pub const TINY: [&str; 18] = [
     "--set",
     "decomposition.encoder.log2_hashmap_size=8",
     "--set",
@@ -19,6 +19,12 @@ pub const TINY: [&str; 12] = [
     "checkpoint_interval=10",
     "--set",
     "sh_degree=1",
+    "--set",
+    "stages.decomposition=0.5",
+    "--set",
+    "decomposition.floor=0",
+    "--set",
+    "decomposition.quantile=0.5",
 ];
 
 /// A scratch folder in which commands run.

@@ -13,7 +13,7 @@ use dash_train::train::{RunFolder, TrainConfig};
 use crate::Shared;
 use crate::configuration::name;
 use crate::failure::Failure;
-use crate::summary::{Table, add_results, bytes, duration};
+use crate::summary::{Table, add_scores, bytes, duration};
 
 /// Say what a run, a dataset or a PLY file holds
 #[derive(Args)]
@@ -75,7 +75,7 @@ fn finished_or_not(run: &RunFolder, device: &Device) -> Result<Table, Failure> {
     table.row("scene", format!("{n_static} static and {n_dynamic} dynamic Gaussians, SH degree {}, {}",
         scene.settings.sh_degree, bytes(storage_bytes(&run.scene_path())?)));
     if let Some(results) = read_results(run)? {
-        add_results(&mut table, &results);
+        add_scores(&mut table, &results);
     }
     Ok(table)
 }

@@ -24,17 +24,24 @@ impl Table {
 
 /// The scores of a run.
 pub fn results(results: &Results) -> String {
+    let scores = &results.evaluation;
     let mut table = Table::default();
-    add_results(&mut table, results);
+    table
+        .row("dataset", &results.dataset)
+        .row("Gaussians", format!("{} static, {} dynamic", scores.n_static, scores.n_dynamic))
+        .row("scene on disk", bytes(results.storage_bytes));
+    if let Some(secs) = results.train_seconds {
+        table.row("training", duration(secs));
+    }
+    add_scores(&mut table, results);
     table.text()
 }
 
 /// Adds the scores of a run.
-pub fn add_results(table: &mut Table, results: &Results) {
+pub fn add_scores(table: &mut Table, results: &Results) {
     let scores = &results.evaluation;
     table
-        .row("dataset", format!("{}, {} {} views", results.dataset, scores.per_view.len(), scores.split))
-        .row("Gaussians", format!("{} static, {} dynamic", scores.n_static, scores.n_dynamic))
+        .row("scored on", format!("{} {} views", scores.per_view.len(), scores.split))
         .row("PSNR", decibels(scores.psnr))
         .row("PSNR, moving pixels", decibels(scores.psnr_dynamic))
         .row("SSIM", share(scores.ssim))
@@ -45,10 +52,6 @@ pub fn add_results(table: &mut Table, results: &Results) {
             split.precision, split.recall, split.f1
         );
         table.row("what moves", text);
-    }
-    table.row("scene on disk", bytes(results.storage_bytes));
-    if let Some(secs) = results.train_seconds {
-        table.row("training", duration(secs));
     }
     if let Some(fps) = scores.render_fps {
         table.row("rendering", format!("{fps:.1} pictures/s on {}", results.device));
