@@ -26,7 +26,12 @@ mod error;
 pub mod hash_encode;
 mod host;
 mod isa;
+pub mod project;
+pub mod rasterize;
+pub mod splats;
 pub mod ssim;
+#[cfg(test)]
+mod testing;
 #[cfg(test)]
 mod testing_hash;
 
