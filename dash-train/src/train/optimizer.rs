@@ -180,7 +180,7 @@ impl<F: Fn(&str) -> f32> ModuleMapper for Stepper<'_, F> {
         let name = self.path.name();
         let rate = (self.rate)(&name);
         let shape = tensor.dims();
-        let n = shape.iter().product();
+        let n: usize = shape.iter().product();
         let value = tensor.inner().reshape([n]);
         let gradient = gradient.reshape([n]);
         let moments = self.optimizer.moments.remove(&name).unwrap_or_else(|| Moments {
