@@ -23,7 +23,12 @@
 mod camera;
 mod error;
 mod host;
+pub mod project;
+pub mod rasterize;
+pub mod splats;
 pub mod ssim;
+#[cfg(test)]
+mod testing;
 
 pub use camera::Camera;
 pub use error::KernelError;

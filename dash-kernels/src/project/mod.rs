@@ -1,0 +1,312 @@
+//! Projection of 3D Gaussians to 2D splats (EWA) with view-dependent colour.
+
+mod autodiff;
+pub mod cpu;
+pub mod reference;
+pub mod sh;
+#[cfg(test)]
+mod tests;
+mod view;
+
+use burn::backend::tensor::FloatTensor;
+use burn::backend::{Backend, Dispatch, backend_extension};
+use burn::tensor::Tensor;
+
+use crate::host::{HostBackend, dims};
+use crate::splats::{N_COLUMNS, NEAR_PLANE};
+use crate::{Camera, KernelError};
+pub use view::View;
+
+const OP: &str = "project";
+
+/// What the scales and opacities given to [`project`] have still to pass through.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum Activation {
+    /// Scales are given as logarithms and opacities as logits.
+    #[default]
+    Exp,
+    /// Scales (a negative one draws as its absolute value) and opacities in [0, 1] are given as
+    /// they are.
+    Linear,
+}
+
+/// Options of [`project`].
+#[derive(Debug, Clone, PartialEq)]
+pub struct ProjectOptions {
+    /// SH degree to evaluate, 0 to 3; `None` evaluates all the coefficients there are.
+    pub sh_degree: Option<usize>,
+    /// Form of scales and opacities.
+    pub activation: Activation,
+    /// Gaussians nearer than this along the camera's z are not drawn, in world units.
+    pub near_plane: f64,
+}
+
+impl Default for ProjectOptions {
+    fn default() -> Self {
+        Self {
+            sh_degree: None,
+            activation: Activation::default(),
+            near_plane: NEAR_PLANE,
+        }
+    }
+}
+
+/// Projects Gaussians into `camera` as packed splats; the columns are those of
+/// [`splats`](crate::splats).
+///
+/// Colour is `max(0, SH + 0.5)` seen from the camera's centre; the projected covariance is
+/// `J W R S S R^T W^T J^T + 0.3 I`, where `J` stops following a Gaussian some way beyond the
+/// image's border; the radii bound where alpha reaches 1/255.
+///
+/// A row is all zeros (culled: it draws nothing and has no gradient) when the Gaussian is nearer
+/// than the near plane, its box misses the image, its opacity is under 1/255, its quaternion is
+/// shorter than 1e-6, or any of its inputs or outputs is not finite.
+///
+/// # Shapes
+/// `means [N, 3]`, `quats [N, 4]`, `scales [N, 3]`, `opacities [N]`, `sh_coeffs [N, K, 3]` with K
+/// of 1, 4, 9 or 16 -> `[N, C]`. Scales and opacities are logarithms and logits unless
+/// [`Activation::Linear`] is chosen.
+///
+/// # Gradient
+/// To the five tensors. Zero to a colour where it was clamped, zero through the radii, zero
+/// through the direction of the Jacobian beyond the border.
+///
+/// # Errors
+/// [`KernelError::Shape`] when shapes do not fit, [`KernelError::Config`] when the camera or the
+/// options are out of range.
+///
+/// # Source
+/// Zwicker et al. 2001, eq. 31; Kerbl et al. 2023 (3DGS); radii of the opacity-aware kind of
+/// StopThePop (Radl et al. 2024).
+pub fn project(
+    means: Tensor<2>,
+    quats: Tensor<2>,
+    scales: Tensor<2>,
+    opacities: Tensor<1>,
+    sh_coeffs: Tensor<3>,
+    camera: &Camera,
+    options: &ProjectOptions,
+) -> Result<Tensor<2>, KernelError> {
+    let [n, _] = means.dims();
+    let [_, k, _] = sh_coeffs.dims();
+    check_shape("means", &means.dims(), &[n, 3])?;
+    check_shape("quats", &quats.dims(), &[n, 4])?;
+    check_shape("scales", &scales.dims(), &[n, 3])?;
+    check_shape("opacities", &opacities.dims(), &[n])?;
+    check_shape("sh_coeffs", &sh_coeffs.dims(), &[n, k, 3])?;
+    let sh_degree = check_degree(k, options.sh_degree)?;
+    check_camera(camera, options)?;
+    let view = View::new(camera, options, sh_degree);
+    Ok(Tensor::from_dispatch(Dispatch::project(
+        means.into_dispatch(),
+        quats.into_dispatch(),
+        scales.into_dispatch(),
+        opacities.into_dispatch(),
+        sh_coeffs.into_dispatch(),
+        view,
+    )))
+}
+
+fn check_shape(
+    tensor: &'static str,
+    found: &[usize],
+    expected: &[usize],
+) -> Result<(), KernelError> {
+    if found == expected {
+        return Ok(());
+    }
+    Err(KernelError::Shape {
+        op: OP,
+        tensor,
+        expected: format!("{expected:?}"),
+        found: found.to_vec(),
+    })
+}
+
+fn check_degree(n_coeffs: usize, wanted: Option<usize>) -> Result<usize, KernelError> {
+    let Some(stored) = sh::N_COEFFS.iter().position(|&n| n == n_coeffs) else {
+        return Err(KernelError::Config {
+            op: OP,
+            what: format!(
+                "`sh_coeffs` has {n_coeffs} coefficients per channel, expected one of {:?}",
+                sh::N_COEFFS
+            ),
+        });
+    };
+    match wanted {
+        Some(degree) if degree > stored => Err(KernelError::Config {
+            op: OP,
+            what: format!(
+                "`sh_degree` is {degree}, but {n_coeffs} coefficients allow at most {stored}"
+            ),
+        }),
+        wanted => Ok(wanted.unwrap_or(stored)),
+    }
+}
+
+fn check_camera(camera: &Camera, options: &ProjectOptions) -> Result<(), KernelError> {
+    let refuse = |what: String| Err(KernelError::Config { op: OP, what });
+    let numbers = camera
+        .rotation
+        .iter()
+        .flatten()
+        .chain(&camera.translation)
+        .chain([&camera.fx, &camera.fy, &camera.cx, &camera.cy]);
+    if !numbers.into_iter().all(|value| value.is_finite()) {
+        return refuse(format!(
+            "the camera has a value that is not finite: {camera:?}"
+        ));
+    }
+    if camera.fx <= 0.0 || camera.fy <= 0.0 || camera.width == 0 || camera.height == 0 {
+        return refuse(format!(
+            "the camera's focal lengths and image size must be positive, found fx {}, fy {}, {} x {}",
+            camera.fx, camera.fy, camera.width, camera.height
+        ));
+    }
+    if !(options.near_plane > 0.0 && options.near_plane.is_finite()) {
+        return refuse(format!(
+            "`near_plane` must be positive, found {}",
+            options.near_plane
+        ));
+    }
+    Ok(())
+}
+
+/// The inputs of [`project`] as row-major slices.
+#[derive(Debug, Clone, Copy)]
+pub struct Gaussians<'a, T> {
+    /// `[N, 3]`.
+    pub means: &'a [T],
+    /// `[N, 4]`.
+    pub quats: &'a [T],
+    /// `[N, 3]`.
+    pub scales: &'a [T],
+    /// `[N]`.
+    pub opacities: &'a [T],
+    /// `[N, K, 3]`.
+    pub sh_coeffs: &'a [T],
+    /// K.
+    pub n_coeffs: usize,
+}
+
+/// Gradients of the inputs of [`project`], row-major.
+#[derive(Debug, Clone, PartialEq)]
+pub struct GaussianGradients<T> {
+    /// `[N, 3]`.
+    pub v_means: Vec<T>,
+    /// `[N, 4]`.
+    pub v_quats: Vec<T>,
+    /// `[N, 3]`.
+    pub v_scales: Vec<T>,
+    /// `[N]`.
+    pub v_opacities: Vec<T>,
+    /// `[N, K, 3]`, or empty where it was not asked for.
+    pub v_sh_coeffs: Vec<T>,
+}
+
+/// The tensors of a projection.
+#[derive(Debug, Clone)]
+pub struct GaussianTensors<B: Backend> {
+    /// `[N, 3]`.
+    pub means: FloatTensor<B>,
+    /// `[N, 4]`.
+    pub quats: FloatTensor<B>,
+    /// `[N, 3]`.
+    pub scales: FloatTensor<B>,
+    /// `[N]`.
+    pub opacities: FloatTensor<B>,
+    /// `[N, K, 3]`.
+    pub sh_coeffs: FloatTensor<B>,
+}
+
+/// Dispatch of [`project`] over the enabled backends.
+#[backend_extension(Autodiff, Flex: cfg(feature = "flex"), NdArray: cfg(feature = "ndarray"))]
+pub trait Project: Backend {
+    /// See [`project`].
+    fn project(
+        means: FloatTensor<Self>,
+        quats: FloatTensor<Self>,
+        scales: FloatTensor<Self>,
+        opacities: FloatTensor<Self>,
+        sh_coeffs: FloatTensor<Self>,
+        view: View<f32>,
+    ) -> FloatTensor<Self>;
+}
+
+/// What a backend brings so that [`project`] can be differentiated on it.
+pub trait ProjectVjp: Project {
+    /// Gradients of means, quats, scales, opacities and SH coefficients, in that order, from the
+    /// gradient of `splats`, the output; the last only when `with_sh_coeffs`.
+    fn project_vjp(
+        gaussians: GaussianTensors<Self>,
+        view: View<f32>,
+        splats: FloatTensor<Self>,
+        v_splats: FloatTensor<Self>,
+        with_sh_coeffs: bool,
+    ) -> [Option<FloatTensor<Self>>; 5];
+}
+
+impl<B: HostBackend> Project for B {
+    fn project(
+        means: FloatTensor<B>,
+        quats: FloatTensor<B>,
+        scales: FloatTensor<B>,
+        opacities: FloatTensor<B>,
+        sh_coeffs: FloatTensor<B>,
+        view: View<f32>,
+    ) -> FloatTensor<B> {
+        let [n, k, _] = dims::<3>(&sh_coeffs);
+        let splats = cpu::project(
+            &Gaussians {
+                means: &B::values(&means),
+                quats: &B::values(&quats),
+                scales: &B::values(&scales),
+                opacities: &B::values(&opacities),
+                sh_coeffs: &B::values(&sh_coeffs),
+                n_coeffs: k,
+            },
+            &view,
+        );
+        B::tensor(splats, [n, N_COLUMNS], &means)
+    }
+}
+
+impl<B: HostBackend> ProjectVjp for B {
+    fn project_vjp(
+        gaussians: GaussianTensors<B>,
+        view: View<f32>,
+        splats: FloatTensor<B>,
+        v_splats: FloatTensor<B>,
+        with_sh_coeffs: bool,
+    ) -> [Option<FloatTensor<B>>; 5] {
+        let GaussianTensors {
+            means,
+            quats,
+            scales,
+            opacities,
+            sh_coeffs,
+        } = &gaussians;
+        let [n, k, _] = dims::<3>(sh_coeffs);
+        let gradients = cpu::project_vjp(
+            &Gaussians {
+                means: &B::values(means),
+                quats: &B::values(quats),
+                scales: &B::values(scales),
+                opacities: &B::values(opacities),
+                sh_coeffs: &B::values(sh_coeffs),
+                n_coeffs: k,
+            },
+            &view,
+            &B::values(&splats),
+            &B::values(&v_splats),
+            with_sh_coeffs,
+        );
+        [
+            Some(B::tensor(gradients.v_means, [n, 3], means)),
+            Some(B::tensor(gradients.v_quats, [n, 4], means)),
+            Some(B::tensor(gradients.v_scales, [n, 3], means)),
+            Some(B::tensor(gradients.v_opacities, [n], means)),
+            with_sh_coeffs.then(|| B::tensor(gradients.v_sh_coeffs, [n, k, 3], means)),
+        ]
+    }
+}

@@ -1,0 +1,361 @@
+//! Plain projection of one Gaussian after the other, for any float type: what the fast kernels
+//! are judged by. It goes through full 3x3 covariances, where they avoid them.
+
+use num_traits::Float;
+
+use crate::splats::{self, N_COLUMNS};
+
+use super::sh::{sh_basis, sh_basis_vjp};
+use super::{Activation, GaussianGradients, Gaussians, View};
+
+type Mat3<T> = [[T; 3]; 3];
+
+/// Packed splats `[N, C]`.
+pub fn project<T: Float>(gaussians: &Gaussians<T>, view: &View<T>) -> Vec<T> {
+    (0..gaussians.opacities.len())
+        .flat_map(
+            |i| match Projection::new(&Gaussian::at(gaussians, i), view) {
+                Some(projection) => projection.row,
+                None => [T::zero(); N_COLUMNS],
+            },
+        )
+        .collect()
+}
+
+/// Gradients from the gradient `v_splats [N, C]` of the packed splats.
+pub fn project_vjp<T: Float>(
+    gaussians: &Gaussians<T>,
+    view: &View<T>,
+    v_splats: &[T],
+) -> GaussianGradients<T> {
+    let zeros = |like: &[T]| vec![T::zero(); like.len()];
+    let mut out = GaussianGradients {
+        v_means: zeros(gaussians.means),
+        v_quats: zeros(gaussians.quats),
+        v_scales: zeros(gaussians.scales),
+        v_opacities: zeros(gaussians.opacities),
+        v_sh_coeffs: zeros(gaussians.sh_coeffs),
+    };
+    let width = gaussians.n_coeffs * 3;
+    for (i, v_row) in v_splats.chunks_exact(N_COLUMNS).enumerate() {
+        let gaussian = Gaussian::at(gaussians, i);
+        let Some(projection) = Projection::new(&gaussian, view) else {
+            continue;
+        };
+        let v_sh_coeffs = &mut out.v_sh_coeffs[i * width..(i + 1) * width];
+        let v = projection.vjp(&gaussian, view, v_row, v_sh_coeffs);
+        out.v_means[3 * i..3 * i + 3].copy_from_slice(&v.0);
+        out.v_quats[4 * i..4 * i + 4].copy_from_slice(&v.1);
+        out.v_scales[3 * i..3 * i + 3].copy_from_slice(&v.2);
+        out.v_opacities[i] = v.3;
+    }
+    out
+}
+
+struct Gaussian<'a, T> {
+    mean: [T; 3],
+    quat: [T; 4],
+    scale: [T; 3],
+    opacity: T,
+    sh_coeffs: &'a [T],
+}
+
+impl<'a, T: Float> Gaussian<'a, T> {
+    fn at(all: &Gaussians<'a, T>, i: usize) -> Self {
+        let width = all.n_coeffs * 3;
+        Self {
+            mean: std::array::from_fn(|k| all.means[3 * i + k]),
+            quat: std::array::from_fn(|k| all.quats[4 * i + k]),
+            scale: std::array::from_fn(|k| all.scales[3 * i + k]),
+            opacity: all.opacities[i],
+            sh_coeffs: &all.sh_coeffs[i * width..(i + 1) * width],
+        }
+    }
+}
+
+struct Projection<T> {
+    row: [T; N_COLUMNS],
+    /// The mean in camera coordinates.
+    point: [T; 3],
+    /// x/z and y/z as the Jacobian takes them, and whether they were clamped.
+    slope: [T; 2],
+    clamped: [bool; 2],
+    jacobian: [[T; 3]; 2],
+    unit_quat: [T; 4],
+    quat_norm: T,
+    rotation: Mat3<T>,
+    scale: [T; 3],
+    /// The covariance in camera coordinates.
+    covariance: Mat3<T>,
+    basis: [T; 16],
+    direction: [T; 3],
+    distance: T,
+}
+
+impl<T: Float> Projection<T> {
+    fn new(g: &Gaussian<T>, view: &View<T>) -> Option<Self> {
+        let c = |value: f64| T::from(value).expect("every float type converts from f64");
+        let inputs = g
+            .mean
+            .iter()
+            .chain(&g.quat)
+            .chain(&g.scale)
+            .chain([&g.opacity]);
+        if !inputs.into_iter().all(|value| value.is_finite()) {
+            return None;
+        }
+        let norm_squared = g.quat.iter().fold(T::zero(), |sum, &q| sum + q * q);
+        if norm_squared < c(1e-12) {
+            return None;
+        }
+        let quat_norm = norm_squared.sqrt();
+        let unit_quat = g.quat.map(|q| q / quat_norm);
+
+        let mut point = mat_vec(&view.rotation, g.mean);
+        for (p, &t) in point.iter_mut().zip(&view.translation) {
+            *p = *p + t;
+        }
+        let [x, y, z] = point;
+        if z < view.near_plane {
+            return None;
+        }
+        let ratio = [x / z, y / z];
+        let slope = [0, 1].map(|i| ratio[i].max(view.lowest[i]).min(view.highest[i]));
+        let [fx, fy] = view.focal;
+        let zero = T::zero();
+        let jacobian = [
+            [fx / z, zero, -fx * slope[0] / z],
+            [zero, fy / z, -fy * slope[1] / z],
+        ];
+
+        let (scale, opacity) = match view.activation {
+            Activation::Exp => (
+                g.scale.map(T::exp),
+                T::one() / (T::one() + (-g.opacity).exp()),
+            ),
+            Activation::Linear => (g.scale, g.opacity),
+        };
+        let rotation = rotation_from_quat(unit_quat);
+        let m = scale_columns(&rotation, scale);
+        let world = mat_mul(&m, &transpose(&m));
+        let covariance = mat_mul(&mat_mul(&view.rotation, &world), &transpose(&view.rotation));
+        let [jx, jy] = jacobian;
+        let xx = dot(jx, mat_vec(&covariance, jx)) + view.low_pass;
+        let xy = dot(jx, mat_vec(&covariance, jy));
+        let yy = dot(jy, mat_vec(&covariance, jy)) + view.low_pass;
+        let det = xx * yy - xy * xy;
+        if opacity < view.alpha_min || !(det > zero) {
+            return None;
+        }
+        let extent = c(2.0) * (opacity / view.alpha_min).ln();
+        let mean2d = [0, 1].map(|i| view.focal[i] * ratio[i] + view.principal[i]);
+        let radii = [(extent * xx).sqrt(), (extent * yy).sqrt()];
+        for i in 0..2 {
+            if !(mean2d[i] + radii[i] > zero && mean2d[i] - radii[i] < view.size[i]) {
+                return None;
+            }
+        }
+
+        let offset: [T; 3] = std::array::from_fn(|k| g.mean[k] - view.position[k]);
+        let distance = dot(offset, offset).sqrt();
+        let direction = offset.map(|o| o / distance);
+        let basis = sh_basis(direction, view.sh_degree);
+        let raw: [T; 3] = std::array::from_fn(|channel| {
+            basis
+                .iter()
+                .zip(g.sh_coeffs.chunks_exact(3))
+                .take((view.sh_degree + 1) * (view.sh_degree + 1))
+                .fold(c(0.5), |sum, (&b, coeffs)| sum + b * coeffs[channel])
+        });
+        let [red, green, blue] = raw.map(|value| value.max(zero));
+        let row = [
+            mean2d[0],
+            mean2d[1],
+            yy / det,
+            -xy / det,
+            xx / det,
+            opacity,
+            red,
+            green,
+            blue,
+            z,
+            radii[0],
+            radii[1],
+        ];
+        let finite = row.iter().chain(&raw).chain([&det]).all(|v| v.is_finite());
+        finite.then_some(Self {
+            row,
+            point,
+            slope,
+            clamped: [0, 1].map(|i| slope[i] != ratio[i]),
+            jacobian,
+            unit_quat,
+            quat_norm,
+            rotation,
+            scale,
+            covariance,
+            basis,
+            direction,
+            distance,
+        })
+    }
+
+    /// Gradients of mean, quaternion, scale and opacity; those of the SH coefficients are written
+    /// to `v_sh_coeffs`.
+    fn vjp(
+        &self,
+        g: &Gaussian<T>,
+        view: &View<T>,
+        v_row: &[T],
+        v_sh_coeffs: &mut [T],
+    ) -> ([T; 3], [T; 4], [T; 3], T) {
+        let (zero, two) = (T::zero(), T::one() + T::one());
+        let [x, y, z] = self.point;
+        let [fx, fy] = view.focal;
+
+        // The covariance is the conic's inverse, so v_cov = -conic v_conic conic.
+        let [a, b, c] = [2, 3, 4].map(|k| self.row[k]);
+        let conic = [[a, b], [b, c]];
+        let half_b = v_row[splats::CONIC_B] / two;
+        let v_conic = [
+            [v_row[splats::CONIC_A], half_b],
+            [half_b, v_row[splats::CONIC_C]],
+        ];
+        let product = mat2_mul(&mat2_mul(&conic, &v_conic), &conic);
+        let v_cov2d = product.map(|row| row.map(|value| -value));
+
+        let mut v_covariance = [[zero; 3]; 3];
+        let mut v_jacobian = [[zero; 3]; 2];
+        for i in 0..2 {
+            for j in 0..2 {
+                let jc = mat_vec(&self.covariance, self.jacobian[j]);
+                for r in 0..3 {
+                    v_jacobian[i][r] = v_jacobian[i][r] + two * v_cov2d[i][j] * jc[r];
+                    for s in 0..3 {
+                        v_covariance[r][s] = v_covariance[r][s]
+                            + self.jacobian[i][r] * v_cov2d[i][j] * self.jacobian[j][s];
+                    }
+                }
+            }
+        }
+        let v_world = mat_mul(
+            &mat_mul(&transpose(&view.rotation), &v_covariance),
+            &view.rotation,
+        );
+        let m = scale_columns(&self.rotation, self.scale);
+        let v_m = mat_mul(&v_world, &m).map(|row| row.map(|value| two * value));
+        let mut v_scale: [T; 3] = std::array::from_fn(|k| {
+            (0..3).fold(zero, |sum, r| sum + v_m[r][k] * self.rotation[r][k])
+        });
+        let v_quat = self.quat_vjp(&scale_columns(&v_m, self.scale));
+
+        let mut v_point = [zero; 3];
+        v_point[2] = v_row[splats::DEPTH];
+        let (v_u, v_v) = (v_row[splats::MEAN_X], v_row[splats::MEAN_Y]);
+        v_point[0] = v_point[0] + fx / z * v_u;
+        v_point[1] = v_point[1] + fy / z * v_v;
+        v_point[2] = v_point[2] - (fx * x * v_u + fy * y * v_v) / (z * z);
+        for (i, f) in [fx, fy].into_iter().enumerate() {
+            let [v_diagonal, v_third] = [v_jacobian[i][i], v_jacobian[i][2]];
+            v_point[2] = v_point[2] + (f * self.slope[i] * v_third - f * v_diagonal) / (z * z);
+            if !self.clamped[i] {
+                let v_slope = -f / z * v_third;
+                v_point[i] = v_point[i] + v_slope / z;
+                v_point[2] = v_point[2] - self.slope[i] / z * v_slope;
+            }
+        }
+        let mut v_mean = mat_vec(&transpose(&view.rotation), v_point);
+
+        let mut v_basis = [zero; 16];
+        for channel in 0..3 {
+            if self.row[splats::RED + channel] <= zero {
+                continue;
+            }
+            let v = v_row[splats::RED + channel];
+            let n_active = (view.sh_degree + 1) * (view.sh_degree + 1);
+            for k in 0..n_active {
+                v_basis[k] = v_basis[k] + v * g.sh_coeffs[3 * k + channel];
+                v_sh_coeffs[3 * k + channel] = v * self.basis[k];
+            }
+        }
+        let v_direction = sh_basis_vjp(self.direction, view.sh_degree, &v_basis);
+        let along = dot(v_direction, self.direction);
+        for k in 0..3 {
+            v_mean[k] = v_mean[k] + (v_direction[k] - along * self.direction[k]) / self.distance;
+        }
+
+        let mut v_opacity = v_row[splats::OPACITY];
+        if view.activation == Activation::Exp {
+            let opacity = self.row[splats::OPACITY];
+            v_opacity = v_opacity * opacity * (T::one() - opacity);
+            for (v, &s) in v_scale.iter_mut().zip(&self.scale) {
+                *v = *v * s;
+            }
+        }
+        (v_mean, v_quat, v_scale, v_opacity)
+    }
+
+    /// Gradient of the unnormalised quaternion from that of the rotation matrix.
+    fn quat_vjp(&self, v: &Mat3<T>) -> [T; 4] {
+        let two = T::one() + T::one();
+        let [w, x, y, z] = self.unit_quat;
+        let v_unit = [
+            x * (v[2][1] - v[1][2]) + y * (v[0][2] - v[2][0]) + z * (v[1][0] - v[0][1]),
+            y * (v[0][1] + v[1][0]) + z * (v[0][2] + v[2][0]) + w * (v[2][1] - v[1][2])
+                - two * x * (v[1][1] + v[2][2]),
+            x * (v[0][1] + v[1][0]) + z * (v[1][2] + v[2][1]) + w * (v[0][2] - v[2][0])
+                - two * y * (v[0][0] + v[2][2]),
+            x * (v[0][2] + v[2][0]) + y * (v[1][2] + v[2][1]) + w * (v[1][0] - v[0][1])
+                - two * z * (v[0][0] + v[1][1]),
+        ]
+        .map(|value| two * value);
+        let along = (0..4).fold(T::zero(), |sum, k| sum + v_unit[k] * self.unit_quat[k]);
+        std::array::from_fn(|k| (v_unit[k] - along * self.unit_quat[k]) / self.quat_norm)
+    }
+}
+
+fn rotation_from_quat<T: Float>([w, x, y, z]: [T; 4]) -> Mat3<T> {
+    let (one, two) = (T::one(), T::one() + T::one());
+    [
+        [
+            one - two * (y * y + z * z),
+            two * (x * y - w * z),
+            two * (x * z + w * y),
+        ],
+        [
+            two * (x * y + w * z),
+            one - two * (x * x + z * z),
+            two * (y * z - w * x),
+        ],
+        [
+            two * (x * z - w * y),
+            two * (y * z + w * x),
+            one - two * (x * x + y * y),
+        ],
+    ]
+}
+
+fn dot<T: Float>(a: [T; 3], b: [T; 3]) -> T {
+    a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+}
+
+fn mat_vec<T: Float>(m: &Mat3<T>, v: [T; 3]) -> [T; 3] {
+    m.map(|row| dot(row, v))
+}
+
+fn transpose<T: Float>(m: &Mat3<T>) -> Mat3<T> {
+    std::array::from_fn(|r| std::array::from_fn(|c| m[c][r]))
+}
+
+fn mat_mul<T: Float>(a: &Mat3<T>, b: &Mat3<T>) -> Mat3<T> {
+    let columns = transpose(b);
+    a.map(|row| columns.map(|column| dot(row, column)))
+}
+
+fn mat2_mul<T: Float>(a: &[[T; 2]; 2], b: &[[T; 2]; 2]) -> [[T; 2]; 2] {
+    std::array::from_fn(|r| std::array::from_fn(|c| a[r][0] * b[0][c] + a[r][1] * b[1][c]))
+}
+
+fn scale_columns<T: Float>(m: &Mat3<T>, scale: [T; 3]) -> Mat3<T> {
+    m.map(|row| std::array::from_fn(|k| row[k] * scale[k]))
+}

@@ -1,0 +1,144 @@
+//! One row of tiles: its splats in drawing order and the list of them for each tile.
+
+use crate::splats::{self, N_COLUMNS};
+
+use super::super::RasterizeOptions;
+use super::super::tiles::{Footprint, TILE};
+
+/// Pixels in a tile.
+pub const TILE_PIXELS: usize = TILE * TILE;
+
+const LOG2_E: f32 = std::f32::consts::LOG2_E;
+
+/// A splat as blending reads it.
+///
+/// The exponent is kept in base 2: with `d` the offset from a pixel to the centre,
+/// `log2(alpha / opacity) = qa dx^2 + qb dx dy + qc dy^2`.
+#[derive(Debug, Clone, Copy)]
+#[repr(C, align(64))]
+pub struct Record {
+    pub x: f32,
+    pub y: f32,
+    pub qa: f32,
+    pub qb: f32,
+    pub qc: f32,
+    pub opacity: f32,
+    /// The exponent where alpha is 1/255.
+    pub threshold: f32,
+    pub red: f32,
+    pub green: f32,
+    pub blue: f32,
+    pub depth: f32,
+    /// First row of the band that the splat's box touches, and one past the last.
+    pub rows: [u8; 2],
+    /// First tile column, and one past the last.
+    pub tiles: [u16; 2],
+}
+
+impl Record {
+    fn new(row: &[f32], footprint: &Footprint, band: usize) -> Self {
+        let top = band * TILE;
+        let within = |y: u16| usize::from(y).saturating_sub(top).min(TILE) as u8;
+        let tiles = footprint.tile_columns();
+        Self {
+            x: row[splats::MEAN_X],
+            y: row[splats::MEAN_Y],
+            qa: -0.5 * LOG2_E * row[splats::CONIC_A],
+            qb: -LOG2_E * row[splats::CONIC_B],
+            qc: -0.5 * LOG2_E * row[splats::CONIC_C],
+            opacity: row[splats::OPACITY],
+            threshold: -(255.0 * row[splats::OPACITY]).log2(),
+            red: row[splats::RED],
+            green: row[splats::GREEN],
+            blue: row[splats::BLUE],
+            depth: row[splats::DEPTH],
+            rows: [within(footprint.y0), within(footprint.y1)],
+            tiles: [tiles.start as u16, tiles.end as u16],
+        }
+    }
+
+    /// The conic's entries a, b, c.
+    pub fn conic(&self) -> [f32; 3] {
+        [
+            self.qa * (-2.0 / LOG2_E),
+            self.qb * (-1.0 / LOG2_E),
+            self.qc * (-2.0 / LOG2_E),
+        ]
+    }
+
+    /// The rows of the band that the splat's box touches, as bits.
+    #[inline(always)]
+    pub fn row_bits(&self) -> u32 {
+        (1 << self.rows[1]) - (1 << self.rows[0])
+    }
+}
+
+/// A row of tiles.
+#[derive(Debug)]
+pub struct Band {
+    /// Row of the image at the band's top.
+    pub top: usize,
+    /// The band's splats in drawing order.
+    pub records: Vec<Record>,
+    /// Where each tile's part of `entries` starts; one more entry than tiles.
+    pub starts: Vec<u32>,
+    /// Indices into `records`, in drawing order within each tile.
+    pub entries: Vec<u32>,
+    /// Transmittance behind the last splat of each pixel, tile after tile; filled by blending.
+    pub transmittance: Vec<f32>,
+    /// One past the place in its tile's list of each pixel's last splat; filled by blending.
+    pub last: Vec<i32>,
+}
+
+impl Band {
+    /// Sorts the band's splats into its tiles.
+    pub fn new(
+        splats: &[f32],
+        footprints: &[Footprint],
+        ids: &[u32],
+        index: usize,
+        options: &RasterizeOptions,
+    ) -> Self {
+        let n_tiles = options.width.div_ceil(TILE);
+        let records: Vec<Record> = ids
+            .iter()
+            .map(|&id| {
+                let id = id as usize;
+                let row = &splats[id * N_COLUMNS..(id + 1) * N_COLUMNS];
+                Record::new(row, &footprints[id], index)
+            })
+            .collect();
+        let mut starts = vec![0u32; n_tiles + 1];
+        for record in &records {
+            for tile in record.tiles[0]..record.tiles[1] {
+                starts[usize::from(tile) + 1] += 1;
+            }
+        }
+        for tile in 0..n_tiles {
+            starts[tile + 1] += starts[tile];
+        }
+        let mut ends = starts.clone();
+        let mut entries = vec![0; starts[n_tiles] as usize];
+        for (index, record) in (0u32..).zip(&records) {
+            for tile in record.tiles[0]..record.tiles[1] {
+                let end = &mut ends[usize::from(tile)];
+                entries[*end as usize] = index;
+                *end += 1;
+            }
+        }
+        Self {
+            top: index * TILE,
+            records,
+            starts,
+            entries,
+            transmittance: Vec::new(),
+            last: Vec::new(),
+        }
+    }
+
+    /// The splats of a tile, front to back, as indices into `records`.
+    #[inline(always)]
+    pub fn tile(&self, tile: usize) -> &[u32] {
+        &self.entries[self.starts[tile] as usize..self.starts[tile + 1] as usize]
+    }
+}

@@ -1,0 +1,95 @@
+//! What blending needs beyond the SIMD operations of `pulp`.
+
+use pulp::{Simd, bytemuck};
+
+use super::super::tiles::TILE;
+use super::band::TILE_PIXELS;
+
+/// A value for every pixel of a tile, row by row.
+#[derive(Clone, Copy)]
+#[repr(C, align(64))]
+pub struct TilePixels<T>(pub [T; TILE_PIXELS]);
+
+/// Offsets of the pixel centres of a row from the left edge of its tile.
+pub const CENTRES: TilePixels<f32> = {
+    let mut centres = [0.0; TILE_PIXELS];
+    let mut i = 0;
+    while i < TILE_PIXELS {
+        centres[i] = (i % TILE) as f32 + 0.5;
+        i += 1;
+    }
+    TilePixels(centres)
+};
+
+/// Whether any lane is set.
+#[inline(always)]
+pub fn any<S: Simd>(mask: S::m32s) -> bool {
+    bytemuck::bytes_of(&mask)
+        .iter()
+        .fold(0, |or, byte| or | byte)
+        != 0
+}
+
+/// 2^x to 2e-7 for x in [-126, 127]; anything elsewhere.
+#[inline(always)]
+pub fn exp2<S: Simd>(simd: S, x: S::f32s) -> S::f32s {
+    // Adding 1.5 * 2^23 rounds to the nearest integer and leaves it in the lowest bits.
+    let magic = simd.splat_f32s(12_582_912.0);
+    let shifted = simd.add_f32s(x, magic);
+    let fraction = simd.sub_f32s(x, simd.sub_f32s(shifted, magic));
+    // Taylor coefficients of 2^f; |f| <= 1/2 leaves an error under 1.3e-7.
+    let mut power = simd.splat_f32s(1.540_353e-4);
+    for coefficient in [
+        1.333_355_8e-3,
+        9.618_129e-3,
+        5.550_411e-2,
+        2.402_265_1e-1,
+        std::f32::consts::LN_2,
+        1.0,
+    ] {
+        power = simd.mul_add_e_f32s(power, fraction, simd.splat_f32s(coefficient));
+    }
+    let exponent = simd.wrapping_dyn_shl_u32s(
+        simd.transmute_u32s_f32s(shifted),
+        simd.splat_u32s(f32::MANTISSA_DIGITS - 1),
+    );
+    simd.transmute_f32s_u32s(simd.add_u32s(simd.transmute_u32s_f32s(power), exponent))
+}
+
+/// The sum of all lanes.
+#[inline(always)]
+pub fn sum<S: Simd>(simd: S, values: S::f32s) -> f32 {
+    simd.reduce_sum_f32s(values)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    struct Exp2<'a>(&'a mut [f32]);
+
+    impl pulp::WithSimd for Exp2<'_> {
+        type Output = ();
+
+        #[inline(always)]
+        fn with_simd<S: Simd>(self, simd: S) {
+            let (head, tail) = S::as_mut_simd_f32s(self.0);
+            assert!(tail.is_empty(), "the lanes divide the length");
+            for values in head {
+                *values = exp2(simd, *values);
+            }
+        }
+    }
+
+    #[test]
+    fn exp2_is_accurate_over_the_exponents_of_alpha() {
+        let arguments: Vec<f32> = (0..4096).map(|i| -12.0 * i as f32 / 4095.0).collect();
+        let mut values = arguments.clone();
+        pulp::Arch::new().dispatch(Exp2(&mut values));
+        for (x, got) in arguments.iter().zip(values) {
+            let expected = f64::from(*x).exp2();
+            let error = (f64::from(got) / expected - 1.0).abs();
+            assert!(error < 3e-7, "2^{x}: {got} instead of {expected}");
+        }
+    }
+}

@@ -1,0 +1,53 @@
+//! Packed 2D splats: the rows that [`project`](crate::project::project) writes and
+//! [`rasterize`](crate::rasterize::rasterize) reads, and the thresholds both agree on.
+//!
+//! Rows may be concatenated: static and dynamic splats are joined after projection. A row whose
+//! radii are zero draws nothing.
+
+/// Column of the centre, from the image's left edge, in pixels.
+pub const MEAN_X: usize = 0;
+/// Column of the centre, from the image's top edge, in pixels.
+pub const MEAN_Y: usize = 1;
+/// Column of the inverse covariance's entry (x, x), in 1 / px^2.
+pub const CONIC_A: usize = 2;
+/// Column of the inverse covariance's entry (x, y), in 1 / px^2.
+pub const CONIC_B: usize = 3;
+/// Column of the inverse covariance's entry (y, y), in 1 / px^2.
+pub const CONIC_C: usize = 4;
+/// Column of the opacity, in [0, 1].
+pub const OPACITY: usize = 5;
+/// Column of the red value; green and blue follow.
+pub const RED: usize = 6;
+/// Column of the green value.
+pub const GREEN: usize = 7;
+/// Column of the blue value.
+pub const BLUE: usize = 8;
+/// Column of the depth: the centre's z in camera coordinates.
+pub const DEPTH: usize = 9;
+/// Column of the half width of the box outside which alpha is under [`ALPHA_MIN`], in pixels.
+/// Carries no gradient.
+pub const RADIUS_X: usize = 10;
+/// Column of the half height of that box, in pixels. Carries no gradient.
+pub const RADIUS_Y: usize = 11;
+/// Number of columns.
+pub const N_COLUMNS: usize = 12;
+/// Number of leading columns that carry a gradient: all but the radii.
+pub const N_DIFFERENTIABLE: usize = 10;
+
+/// Gaussians nearer than this along the camera's z are not drawn, in world units (3DGS).
+pub const NEAR_PLANE: f64 = 0.2;
+/// Variance added to both axes of the projected covariance, in px^2 (3DGS).
+pub const LOW_PASS_PX2: f64 = 0.3;
+/// A splat contributes nothing to a pixel where its alpha is smaller (3DGS).
+pub const ALPHA_MIN: f64 = 1.0 / 255.0;
+/// Alpha is clamped to this, with zero gradient beyond (3DGS, gsplat).
+pub const ALPHA_MAX: f64 = 0.99;
+/// A pixel is finished before the splat that would bring its transmittance under this (3DGS).
+pub const TRANSMITTANCE_STOP: f64 = 1e-4;
+
+/// Whether the value is neither infinite nor NaN, from its bits: `x != x` and the like are
+/// optimised away by some shader compilers, and this contract is theirs too.
+#[inline(always)]
+pub(crate) fn is_finite(value: f32) -> bool {
+    value.to_bits() & 0x7f80_0000 != 0x7f80_0000
+}
