@@ -1,0 +1,253 @@
+//! PNG and EXR files, and the step from a scratch file to the file.
+
+use std::fs::File;
+use std::io::{self, BufWriter, Write};
+use std::path::Path;
+
+use image::codecs::openexr::OpenExrEncoder;
+use image::codecs::png::PngEncoder;
+use image::{ExtendedColorType, ImageEncoder, ImageError};
+use tempfile::NamedTempFile;
+
+use super::VideoError;
+
+/// 8-bit values of an image in [0, 1], rounded; what is below or above is clamped, NaN is 0.
+pub fn rgb8(image: &[f32]) -> Vec<u8> {
+    // A float-to-integer `as` saturates and takes NaN to 0.
+    image.iter().map(|v| (v * 255.0).round() as u8).collect()
+}
+
+/// Writes an 8-bit RGB PNG.
+///
+/// # Shapes
+/// `rgb [H, W, 3]`.
+///
+/// # Errors
+/// When the size is zero or not that of `rgb`, or the file can't be written.
+pub fn write_png(path: &Path, width: usize, height: usize, rgb: &[u8]) -> Result<(), VideoError> {
+    let size = checked_size(path, [width, height], rgb.len(), 3)?;
+    write_image(path, |file| {
+        PngEncoder::new(file).write_image(rgb, size[0], size[1], ExtendedColorType::Rgb8)
+    })
+}
+
+/// Writes an RGB OpenEXR with f32 values as they are: nothing is clamped or converted.
+///
+/// # Shapes
+/// `rgb [H, W, 3]`.
+///
+/// # Errors
+/// When the size is zero or not that of `rgb`, or the file can't be written.
+pub fn write_exr_rgb(
+    path: &Path,
+    width: usize,
+    height: usize,
+    rgb: &[f32],
+) -> Result<(), VideoError> {
+    let size = checked_size(path, [width, height], rgb.len(), 3)?;
+    let bytes: Vec<u8> = rgb.iter().flat_map(|v| v.to_ne_bytes()).collect();
+    write_image(path, |file| {
+        OpenExrEncoder::new(file).write_image(&bytes, size[0], size[1], ExtendedColorType::Rgb32F)
+    })
+}
+
+/// Writes one f32 value per pixel (depth, alpha) as an OpenEXR whose R, G and B are equal.
+///
+/// # Shapes
+/// `plane [H, W]`.
+///
+/// # Errors
+/// When the size is zero or not that of `plane`, or the file can't be written.
+pub fn write_exr_plane(
+    path: &Path,
+    width: usize,
+    height: usize,
+    plane: &[f32],
+) -> Result<(), VideoError> {
+    checked_size(path, [width, height], plane.len(), 1)?;
+    let rgb: Vec<f32> = plane.iter().flat_map(|v| [*v; 3]).collect();
+    write_exr_rgb(path, width, height, &rgb)
+}
+
+/// The size as the encoders want it, if `n_values` fill it.
+pub(super) fn checked_size(
+    path: &Path,
+    [width, height]: [usize; 2],
+    n_values: usize,
+    channels: usize,
+) -> Result<[u32; 2], VideoError> {
+    let expected = width
+        .checked_mul(height)
+        .and_then(|n| n.checked_mul(channels))
+        .filter(|n| *n > 0);
+    match (u32::try_from(width), u32::try_from(height)) {
+        (Ok(width), Ok(height)) if expected == Some(n_values) => Ok([width, height]),
+        _ => Err(VideoError::Invalid {
+            path: path.to_path_buf(),
+            expected: format!("{width} x {height} pixels of {channels} values, at least one"),
+            found: format!("{n_values} values"),
+        }),
+    }
+}
+
+fn write_image(
+    path: &Path,
+    encode: impl FnOnce(&mut BufWriter<&mut File>) -> Result<(), ImageError>,
+) -> Result<(), VideoError> {
+    let mut reason = None;
+    let written = write_whole(path, |file| {
+        let mut buffered = BufWriter::new(file);
+        match encode(&mut buffered) {
+            Ok(()) => buffered.flush(),
+            Err(ImageError::IoError(error)) => Err(error),
+            Err(error) => {
+                reason = Some(error.to_string());
+                Err(io::ErrorKind::InvalidInput.into())
+            }
+        }
+    });
+    match (written, reason) {
+        (Ok(()), _) => Ok(()),
+        (Err(_), Some(reason)) => Err(VideoError::Encode {
+            path: path.to_path_buf(),
+            reason,
+        }),
+        (Err(source), None) => Err(VideoError::Io {
+            path: path.to_path_buf(),
+            source,
+        }),
+    }
+}
+
+/// Writes a file whole or not at all.
+///
+/// # Errors
+/// Those of `write` and of the file system; then the file is as it was before.
+pub(crate) fn write_whole(
+    path: &Path,
+    write: impl FnOnce(&mut File) -> io::Result<()>,
+) -> io::Result<()> {
+    let mut scratch = scratch_beside(path)?;
+    write(scratch.as_file_mut())?;
+    scratch.persist(path)?;
+    Ok(())
+}
+
+/// A scratch file in the folder of `path`, so that renaming it replaces `path` in one step. It goes
+/// when dropped.
+pub(super) fn scratch_beside(path: &Path) -> io::Result<NamedTempFile> {
+    let folder = match path.parent() {
+        Some(folder) if !folder.as_os_str().is_empty() => folder,
+        _ => Path::new("."),
+    };
+    let mut builder = tempfile::Builder::new();
+    builder.prefix(".dash-").suffix(".partial");
+    // Scratch files are private by default; the result should be as readable as any other file.
+    #[cfg(unix)]
+    builder.permissions(std::os::unix::fs::PermissionsExt::from_mode(0o666));
+    builder.tempfile_in(folder)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn folder() -> tempfile::TempDir {
+        tempfile::tempdir().expect("a scratch folder")
+    }
+
+    #[test]
+    fn rounding_and_clamping() {
+        let values = [0.0, 1.0, 0.5, -3.0, 7.0, f32::NAN, 0.001, f32::INFINITY];
+        assert_eq!(rgb8(&values), [0, 255, 128, 0, 255, 0, 0, 255]);
+    }
+
+    #[test]
+    fn a_png_is_read_back() {
+        let folder = folder();
+        let path = folder.path().join("a.png");
+        let rgb: Vec<u8> = (0..5 * 3 * 3).map(|v| v * 5).collect();
+        write_png(&path, 5, 3, &rgb).expect("writable");
+        write_png(&path, 5, 3, &rgb).expect("replaceable");
+        let read = image::open(&path).expect("a PNG").into_rgb8();
+        assert_eq!((read.dimensions(), read.into_raw()), ((5, 3), rgb));
+        let files = std::fs::read_dir(folder.path()).expect("a folder").count();
+        assert_eq!(files, 1, "no scratch file is left");
+    }
+
+    #[test]
+    fn an_exr_keeps_every_bit() {
+        let folder = folder();
+        let path = folder.path().join("depth.exr");
+        let plane = [0.0, -1.5, 1e-30, 3.25e7, f32::INFINITY, 0.1];
+        write_exr_plane(&path, 2, 3, &plane).expect("writable");
+        let read = image::open(&path).expect("an EXR").into_rgb32f();
+        assert_eq!(read.dimensions(), (2, 3));
+        let expected: Vec<f32> = plane.iter().flat_map(|v| [*v; 3]).collect();
+        assert_eq!(read.into_raw(), expected);
+        let rgb: Vec<f32> = (0..12).map(|v| v as f32 * 0.3 - 1.0).collect();
+        write_exr_rgb(&path, 4, 1, &rgb).expect("writable");
+        assert_eq!(
+            image::open(&path).expect("an EXR").into_rgb32f().into_raw(),
+            rgb
+        );
+    }
+
+    #[test]
+    fn sizes_must_fit_and_nothing_is_left_behind() {
+        let folder = folder();
+        let path = folder.path().join("a.png");
+        for (width, height, n) in [(2, 2, 11), (0, 0, 0), (usize::MAX, 2, 6)] {
+            let error = write_png(&path, width, height, &vec![0; n]).expect_err("wrong size");
+            assert!(error.to_string().contains("a.png: expected"), "{error}");
+            assert!(write_exr_plane(&path, width, height, &vec![0.0; n]).is_err());
+        }
+        assert_eq!(
+            std::fs::read_dir(folder.path()).expect("a folder").count(),
+            0
+        );
+    }
+
+    #[test]
+    fn a_missing_folder_is_named() {
+        let path = folder().path().join("none").join("a.png");
+        let error = write_png(&path, 1, 1, &[0; 3])
+            .expect_err("no folder")
+            .to_string();
+        assert!(error.contains("a.png: cannot write it"), "{error}");
+    }
+
+    #[test]
+    fn a_failed_write_keeps_the_old_file() {
+        let folder = folder();
+        let path = folder.path().join("a.txt");
+        std::fs::write(&path, "old").expect("writable");
+        let failed = write_whole(&path, |file| {
+            file.write_all(b"new")?;
+            Err(io::ErrorKind::StorageFull.into())
+        });
+        assert!(failed.is_err());
+        assert_eq!(std::fs::read_to_string(&path).expect("readable"), "old");
+        assert_eq!(
+            std::fs::read_dir(folder.path()).expect("a folder").count(),
+            1
+        );
+    }
+
+    #[cfg(unix)]
+    #[test]
+    fn files_are_as_readable_as_others() {
+        use std::os::unix::fs::PermissionsExt;
+        let folder = folder();
+        let (ours, plain) = (folder.path().join("a.png"), folder.path().join("b"));
+        write_png(&ours, 1, 1, &[0; 3]).expect("writable");
+        std::fs::write(&plain, "").expect("writable");
+        let mode = |path: &Path| {
+            std::fs::metadata(path)
+                .expect("a file")
+                .permissions()
+                .mode()
+        };
+        assert_eq!(mode(&ours), mode(&plain));
+    }
+}
