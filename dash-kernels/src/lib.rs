@@ -20,15 +20,20 @@
     )
 )]
 
+pub mod adam;
 mod camera;
 mod error;
+pub mod hash_encode;
 mod host;
+mod isa;
 pub mod project;
 pub mod rasterize;
 pub mod splats;
 pub mod ssim;
 #[cfg(test)]
 mod testing;
+#[cfg(test)]
+mod testing_hash;
 
 pub use camera::Camera;
 pub use error::KernelError;

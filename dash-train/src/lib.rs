@@ -1,3 +1,13 @@
+//! Datasets, losses, training, evaluation, and the `dash` command line.
+//!
+//! # Map
+//! - `dataset`, `ply`: readers for camera rigs' folders; `cameras`: camera files and paths.
+//! - `synth`: ray-traced scenes with exact truth.
+//! - `train`: configuration, stages, losses, density control, checkpoints, runs on disk.
+//! - `metrics`: picture quality; `video`: pictures and videos on disk.
+//!
+//! Conventions are those of [`dash_kernels`] and [`dash_model`].
+
 pub mod cameras;
 pub mod dataset;
 mod error;
@@ -6,3 +16,5 @@ pub mod ply;
 pub mod synth;
 pub mod train;
 pub mod video;
+
+pub use error::TrainError;

@@ -17,9 +17,10 @@ impl<B: SsimVjp> Backward<B, 2> for SsimBackward {
     fn backward(self, ops: Ops<Self::State, 2>, grads: &mut Gradients, _: &mut Checkpointer) {
         let v_out = grads.consume::<B>(&ops.node);
         let (x, y) = ops.state;
-        let (v_x, v_y) = B::ssim_vjp(x, y, v_out);
-        for (parent, gradient) in ops.parents.into_iter().zip([v_x, v_y]) {
-            if let Some(node) = parent {
+        let needed = ops.parents.each_ref().map(Option::is_some);
+        let gradients = B::ssim_vjp(x, y, v_out, needed);
+        for (parent, gradient) in ops.parents.into_iter().zip(gradients) {
+            if let (Some(node), Some(gradient)) = (parent, gradient) {
                 grads.register::<B>(node.id, gradient);
             }
         }

@@ -1,7 +1,12 @@
 //! Structural similarity with an 11x11 Gaussian window.
 
 mod autodiff;
+mod blur;
 pub mod cpu;
+pub mod reference;
+#[cfg(test)]
+mod tests;
+mod window;
 
 use burn::backend::tensor::FloatTensor;
 use burn::backend::{Backend, Dispatch, backend_extension};
@@ -12,14 +17,23 @@ use crate::host::{HostBackend, dims};
 
 /// Per-pixel, per-channel structural similarity of two images.
 ///
+/// The window is a normalised Gaussian of 11x11 taps and sigma 1.5, zero-padded at the border;
+/// C1 = 0.01^2 and C2 = 0.03^2, for values in [0, 1]. The two variances are clamped together at
+/// zero from below. A pixel that is not finite counts as zero.
+///
 /// # Shapes
 /// `x [H, W, C]`, `y [H, W, C]` -> `[H, W, C]`, values in [-1, 1].
 ///
 /// # Gradient
-/// To both images.
+/// To both images, each worked out only where it is tracked. Zero through the variances where
+/// they were clamped, and at pixels that are not finite; the final clamp to [-1, 1] only removes
+/// rounding and passes the gradient on.
 ///
 /// # Errors
 /// [`KernelError::Shape`] when the shapes differ or a size is zero.
+///
+/// # Source
+/// Wang et al. 2004, with the window and the padding of 3D Gaussian Splatting.
 pub fn ssim(x: Tensor<3>, y: Tensor<3>) -> Result<Tensor<3>, KernelError> {
     let (found, expected) = (y.dims(), x.dims());
     if found != expected || expected.contains(&0) {
@@ -45,12 +59,13 @@ pub trait Ssim: Backend {
 
 /// What a backend brings so that [`ssim`] can be differentiated on it.
 pub trait SsimVjp: Ssim {
-    /// Gradients `(v_x, v_y)` from the gradient of the output.
+    /// Gradients `[v_x, v_y]` from the gradient of the output, where `needed`.
     fn ssim_vjp(
         x: FloatTensor<Self>,
         y: FloatTensor<Self>,
         v_out: FloatTensor<Self>,
-    ) -> (FloatTensor<Self>, FloatTensor<Self>);
+        needed: [bool; 2],
+    ) -> [Option<FloatTensor<Self>>; 2];
 }
 
 impl<B: HostBackend> Ssim for B {
@@ -66,9 +81,17 @@ impl<B: HostBackend> SsimVjp for B {
         x: FloatTensor<B>,
         y: FloatTensor<B>,
         v_out: FloatTensor<B>,
-    ) -> (FloatTensor<B>, FloatTensor<B>) {
+        [needs_x, needs_y]: [bool; 2],
+    ) -> [Option<FloatTensor<B>>; 2] {
         let shape = dims::<3>(&x);
-        let (v_x, v_y) = cpu::ssim_vjp(&B::values(&x), &B::values(&y), &B::values(&v_out), shape);
-        (B::tensor(v_x, shape, &x), B::tensor(v_y, shape, &x))
+        let (x_values, y_values, v) = (B::values(&x), B::values(&y), B::values(&v_out));
+        let gradient = |own, other| {
+            let v_own = cpu::ssim_vjp(own, other, &v, shape);
+            B::tensor(v_own, shape, &x)
+        };
+        [
+            needs_x.then(|| gradient(&x_values, &y_values)),
+            needs_y.then(|| gradient(&y_values, &x_values)),
+        ]
     }
 }

@@ -15,12 +15,7 @@ pub fn ssim<T: Float>(x: &[T], y: &[T], shape: [usize; 3]) -> Vec<T> {
 }
 
 /// Gradients `(v_x, v_y)` from `v_out`, all `[H, W, C]`.
-pub fn ssim_vjp<T: Float>(
-    x: &[T],
-    y: &[T],
-    v_out: &[T],
-    shape: [usize; 3],
-) -> (Vec<T>, Vec<T>) {
+pub fn ssim_vjp<T: Float>(x: &[T], y: &[T], v_out: &[T], shape: [usize; 3]) -> (Vec<T>, Vec<T>) {
     let (x_finite, y_finite) = (finite_or_zero(x), finite_or_zero(y));
     let v_moments: Vec<Moments<T>> = moments(&x_finite, &y_finite, shape)
         .into_iter()
@@ -28,9 +23,8 @@ pub fn ssim_vjp<T: Float>(
         .map(|(m, &v)| m.similarity_vjp(v))
         .collect();
     // A symmetric window with zero padding is its own transpose.
-    let pull = |part: fn(&Moments<T>) -> T| {
-        blur(&v_moments.iter().map(part).collect::<Vec<_>>(), shape)
-    };
+    let pull =
+        |part: fn(&Moments<T>) -> T| blur(&v_moments.iter().map(part).collect::<Vec<_>>(), shape);
     let (v_mean_x, v_mean_y) = (pull(|v| v.mean_x), pull(|v| v.mean_y));
     let (v_squares, v_product) = (pull(|v| v.squares), pull(|v| v.product));
     let two = T::one() + T::one();
@@ -111,7 +105,10 @@ fn moments<T: Float>(x: &[T], y: &[T], shape: [usize; 3]) -> Vec<Moments<T>> {
     let pairs = || x.iter().zip(y);
     let mean_x = blur(x, shape);
     let mean_y = blur(y, shape);
-    let squares = blur(&pairs().map(|(&x, &y)| x * x + y * y).collect::<Vec<_>>(), shape);
+    let squares = blur(
+        &pairs().map(|(&x, &y)| x * x + y * y).collect::<Vec<_>>(),
+        shape,
+    );
     let product = blur(&pairs().map(|(&x, &y)| x * y).collect::<Vec<_>>(), shape);
     (0..x.len())
         .map(|i| Moments {

@@ -19,7 +19,11 @@ fn images(seed: u64, shape: [usize; 3]) -> (Vec<f32>, Vec<f32>, Vec<f32>) {
     let n = shape.iter().product();
     let x = uniform(&mut rng, n, 0.0, 1.0);
     let noise = uniform(&mut rng, n, -0.3, 0.3);
-    let y = x.iter().zip(noise).map(|(x, n)| (x + n).clamp(0.0, 1.0)).collect();
+    let y = x
+        .iter()
+        .zip(noise)
+        .map(|(x, n)| (x + n).clamp(0.0, 1.0))
+        .collect();
     (x, y, uniform(&mut rng, n, -1.0, 1.0))
 }
 
@@ -33,7 +37,12 @@ fn one_pixel_by_hand() {
     let covariance = w * x * y - mx * my;
     let expected = (2.0 * mx * my + C1) * (2.0 * covariance + C2)
         / ((mx * mx + my * my + C1) * (variance + C2));
-    assert_close(&reference::ssim(&[x], &[y], [1, 1, 1]), &[expected], 1e-12, 0.0);
+    assert_close(
+        &reference::ssim(&[x], &[y], [1, 1, 1]),
+        &[expected],
+        1e-12,
+        0.0,
+    );
     for device in devices() {
         let one = |v| tensor(&[v], [1, 1, 1], &device);
         let got = values(ssim(one(0.5), one(0.25)).expect("equal shapes"));
@@ -62,8 +71,18 @@ fn reference_vjp_matches_central_differences() {
         let by_x = central_differences(&x, 1e-5, |x| dot(&reference::ssim(x, &y, shape), &v));
         let by_y = central_differences(&y, 1e-5, |y| dot(&reference::ssim(&x, y, shape), &v));
         let scale = v_x.iter().fold(0.0f64, |max, v| max.max(v.abs()));
-        assert_close(&v_x, &by_x, DIFFERENCES_RELATIVE, DIFFERENCES_RELATIVE * scale);
-        assert_close(&v_y, &by_y, DIFFERENCES_RELATIVE, DIFFERENCES_RELATIVE * scale);
+        assert_close(
+            &v_x,
+            &by_x,
+            DIFFERENCES_RELATIVE,
+            DIFFERENCES_RELATIVE * scale,
+        );
+        assert_close(
+            &v_y,
+            &by_y,
+            DIFFERENCES_RELATIVE,
+            DIFFERENCES_RELATIVE * scale,
+        );
     }
 }
 
@@ -73,12 +92,10 @@ fn backends_match_the_reference() {
         for (seed, shape) in SHAPES.into_iter().enumerate() {
             let (x, y, v) = images(seed as u64, shape);
             let expected = reference::ssim(&to_f64(&x), &to_f64(&y), shape);
-            let (v_x, v_y) =
-                reference::ssim_vjp(&to_f64(&x), &to_f64(&y), &to_f64(&v), shape);
+            let (v_x, v_y) = reference::ssim_vjp(&to_f64(&x), &to_f64(&y), &to_f64(&v), shape);
 
-            let tracked = |values: &[f32]| {
-                tensor(values, shape, &device.clone().autodiff()).require_grad()
-            };
+            let tracked =
+                |values: &[f32]| tensor(values, shape, &device.clone().autodiff()).require_grad();
             let (x, y) = (tracked(&x), tracked(&y));
             let out = ssim(x.clone(), y.clone()).expect("equal shapes");
             assert_agrees(&values(out.clone().inner()), &expected);
@@ -98,7 +115,10 @@ fn an_untracked_image_gets_no_gradient() {
         let (x, y, _) = images(3, shape);
         let x = tensor(&x, shape, &device).require_grad();
         let y = tensor(&y, shape, &device);
-        let grads = ssim(x.clone(), y.clone()).expect("equal shapes").sum().backward();
+        let grads = ssim(x.clone(), y.clone())
+            .expect("equal shapes")
+            .sum()
+            .backward();
         assert!(x.grad(&grads).is_some());
         assert!(y.grad(&grads).is_none());
     }
@@ -108,7 +128,13 @@ fn an_untracked_image_gets_no_gradient() {
 fn constants_stay_close_to_f64() {
     for shape in SHAPES {
         let n = shape.iter().product();
-        for (a, b) in [(1.0, 1.0), (0.7, 0.7), (0.3, 0.31), (255.0, 255.0), (1e-3, 1.0)] {
+        for (a, b) in [
+            (1.0, 1.0),
+            (0.7, 0.7),
+            (0.3, 0.31),
+            (255.0, 255.0),
+            (1e-3, 1.0),
+        ] {
             let (x, y) = (vec![a; n], vec![b; n]);
             let expected = reference::ssim(&to_f64(&x), &to_f64(&y), shape);
             let got = to_f64(&cpu::ssim(&x, &y, shape));
@@ -124,7 +150,10 @@ fn an_image_is_like_itself_and_similarity_is_symmetric_and_bounded() {
         for same in cpu::ssim(&x, &x, shape) {
             assert!((same - 1.0).abs() < 1e-6, "got {same}");
         }
-        assert_eq!(bits(&cpu::ssim(&x, &y, shape)), bits(&cpu::ssim(&y, &x, shape)));
+        assert_eq!(
+            bits(&cpu::ssim(&x, &y, shape)),
+            bits(&cpu::ssim(&y, &x, shape))
+        );
         let negative: Vec<f32> = x.iter().map(|v| 0.9 - v).collect();
         for value in cpu::ssim(&x, &negative, shape) {
             assert!((-1.0..=1.0).contains(&value), "got {value}");
@@ -135,7 +164,14 @@ fn an_image_is_like_itself_and_similarity_is_symmetric_and_bounded() {
 #[test]
 fn poisoned_and_huge_pixels_give_finite_results() {
     let shape = [12, 17, 3];
-    for poison in [f32::NAN, f32::INFINITY, f32::NEG_INFINITY, f32::MAX, 1e20, 1e-40] {
+    for poison in [
+        f32::NAN,
+        f32::INFINITY,
+        f32::NEG_INFINITY,
+        f32::MAX,
+        1e20,
+        1e-40,
+    ] {
         let (mut x, y, v) = images(5, shape);
         x[100] = poison;
         let out = cpu::ssim(&x, &y, shape);

@@ -1,0 +1,171 @@
+//! One step of the Adam optimiser, fused.
+
+mod cpu;
+pub mod reference;
+#[cfg(test)]
+mod tests;
+
+use burn::backend::tensor::FloatTensor;
+use burn::backend::{Backend, Dispatch, TensorMetadata, backend_extension};
+use burn::tensor::{Tensor, TensorData, try_read_sync};
+
+use crate::KernelError;
+use crate::host::HostBackend;
+
+/// Gradients are clamped to plus and minus this, so that their squares stay finite in f32.
+pub const MAX_GRADIENT: f32 = 1e18;
+
+/// Settings of one [`adam_step`].
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct AdamStep {
+    /// Step length.
+    pub learning_rate: f64,
+    /// Decay of the first moment, in [0, 1).
+    pub beta1: f64,
+    /// Decay of the second moment, in [0, 1).
+    pub beta2: f64,
+    /// Added to the root of the second moment; 3D Gaussian Splatting takes 1e-15.
+    pub epsilon: f64,
+    /// Number of this step, from 1; corrects the moments' bias towards zero.
+    pub step: u64,
+    /// Leaves elements whose gradient is exactly zero as they are, moments included: rows of a
+    /// hash table that no point touched do not drift.
+    pub skip_zero_grad: bool,
+}
+
+impl Default for AdamStep {
+    /// The first step of 3D Gaussian Splatting's Adam, at a learning rate of 1e-3.
+    fn default() -> Self {
+        Self {
+            learning_rate: 1e-3,
+            beta1: 0.9,
+            beta2: 0.999,
+            epsilon: 1e-15,
+            step: 1,
+            skip_zero_grad: false,
+        }
+    }
+}
+
+/// One Adam step on every element: the new `(param, first_moment, second_moment)`.
+///
+/// Not differentiable: on an autodiff device pass `tensor.inner()`. A tensor whose storage nobody
+/// else holds is updated in place.
+///
+/// Gradients are clamped to [`MAX_GRADIENT`]. An element whose gradient is not finite, or whose
+/// step would not be, is left as it is, moments included.
+///
+/// # Shapes
+/// All four tensors have the same shape.
+///
+/// # Errors
+/// [`KernelError::Shape`] when they differ, [`KernelError::Config`] when a setting is out of range.
+///
+/// # Panics
+/// On tensors of an autodiff device.
+pub fn adam_step<const R: usize>(
+    param: Tensor<R>,
+    grad: Tensor<R>,
+    first_moment: Tensor<R>,
+    second_moment: Tensor<R>,
+    settings: &AdamStep,
+) -> Result<(Tensor<R>, Tensor<R>, Tensor<R>), KernelError> {
+    let expected = param.dims();
+    for (name, found) in [
+        ("grad", grad.dims()),
+        ("first_moment", first_moment.dims()),
+        ("second_moment", second_moment.dims()),
+    ] {
+        if found != expected {
+            return Err(KernelError::Shape {
+                op: "adam_step",
+                tensor: name,
+                expected: format!("{expected:?}, as `param`"),
+                found: found.to_vec(),
+            });
+        }
+    }
+    validate(settings)?;
+    let (param, first_moment, second_moment) = Dispatch::adam_step(
+        param.into_dispatch(),
+        grad.into_dispatch(),
+        first_moment.into_dispatch(),
+        second_moment.into_dispatch(),
+        *settings,
+    );
+    Ok((
+        Tensor::from_dispatch(param),
+        Tensor::from_dispatch(first_moment),
+        Tensor::from_dispatch(second_moment),
+    ))
+}
+
+fn validate(settings: &AdamStep) -> Result<(), KernelError> {
+    let wrong = if !(settings.learning_rate >= 0.0 && settings.learning_rate.is_finite()) {
+        format!(
+            "`learning_rate` is {}, expected 0 or more",
+            settings.learning_rate
+        )
+    } else if !(0.0..1.0).contains(&settings.beta1) || !(0.0..1.0).contains(&settings.beta2) {
+        format!(
+            "`beta1` is {} and `beta2` {}, expected both in [0, 1)",
+            settings.beta1, settings.beta2
+        )
+    } else if !(settings.epsilon >= 0.0 && settings.epsilon.is_finite()) {
+        format!("`epsilon` is {}, expected 0 or more", settings.epsilon)
+    } else if settings.step == 0 {
+        "`step` is 0, expected to count from 1".into()
+    } else {
+        return Ok(());
+    };
+    Err(KernelError::Config {
+        op: "adam_step",
+        what: wrong,
+    })
+}
+
+/// Dispatch of [`adam_step`] over the enabled backends.
+#[backend_extension(Flex: cfg(feature = "flex"), NdArray: cfg(feature = "ndarray"))]
+pub trait AdamUpdate: Backend {
+    /// See [`adam_step`]; shapes and settings have been checked.
+    fn adam_step(
+        param: FloatTensor<Self>,
+        grad: FloatTensor<Self>,
+        first_moment: FloatTensor<Self>,
+        second_moment: FloatTensor<Self>,
+        settings: AdamStep,
+    ) -> (FloatTensor<Self>, FloatTensor<Self>, FloatTensor<Self>);
+}
+
+impl<B: HostBackend> AdamUpdate for B {
+    fn adam_step(
+        param: FloatTensor<B>,
+        grad: FloatTensor<B>,
+        first_moment: FloatTensor<B>,
+        second_moment: FloatTensor<B>,
+        settings: AdamStep,
+    ) -> (FloatTensor<B>, FloatTensor<B>, FloatTensor<B>) {
+        let (device, shape) = (param.device(), param.shape());
+        let mut values = [param, first_moment, second_moment].map(take_values::<B>);
+        let [param, first_moment, second_moment] = &mut values;
+        cpu::adam_step(
+            param,
+            &B::values(&grad),
+            first_moment,
+            second_moment,
+            &settings,
+        );
+        let [param, first_moment, second_moment] = values
+            .map(|values| B::float_from_data(TensorData::new(values, shape.clone()), &device));
+        (param, first_moment, second_moment)
+    }
+}
+
+/// The tensor's values, without a copy where nobody else holds its storage.
+fn take_values<B: HostBackend>(tensor: FloatTensor<B>) -> Vec<f32> {
+    try_read_sync(B::float_into_data(tensor))
+        .expect("a host backend's tensors are read without waiting")
+        .expect("reading host memory cannot fail")
+        .into_vec()
+        .expect("the caller passes f32 tensors")
+}

@@ -1,0 +1,245 @@
+use burn::tensor::Tensor;
+
+use super::{AdamStep, adam_step, cpu, reference};
+use crate::testing_hash::*;
+
+/// No multiple of a group, and more than a parallel piece.
+const N: usize = (1 << 15) + 37;
+
+struct State {
+    param: Vec<f32>,
+    first: Vec<f32>,
+    second: Vec<f32>,
+}
+
+impl State {
+    fn zero(param: Vec<f32>) -> Self {
+        let zeros = vec![0.0; param.len()];
+        Self {
+            first: zeros.clone(),
+            second: zeros,
+            param,
+        }
+    }
+
+    fn step(&mut self, grad: &[f32], settings: &AdamStep) {
+        cpu::adam_step(
+            &mut self.param,
+            grad,
+            &mut self.first,
+            &mut self.second,
+            settings,
+        );
+    }
+}
+
+#[test]
+fn two_steps_by_hand() {
+    let mut settings = AdamStep {
+        learning_rate: 0.1,
+        beta1: 0.5,
+        beta2: 0.75,
+        epsilon: 0.5,
+        ..AdamStep::default()
+    };
+    let mut state = State::zero(vec![1.0]);
+    // m = 1, v = 1, unbiased 2 and 4: the step is 0.1 * 2 / 2.5.
+    state.step(&[2.0], &settings);
+    assert_close(&to_f64(&state.param), &[0.92], 1e-6, 0.0);
+    assert_close(&to_f64(&state.first), &[1.0], 1e-6, 0.0);
+    assert_close(&to_f64(&state.second), &[1.0], 1e-6, 0.0);
+    // m = 0.5 - 0.5, v = 0.75 + 0.25.
+    settings.step = 2;
+    state.step(&[-1.0], &settings);
+    assert_close(&to_f64(&state.param), &[0.92], 1e-6, 0.0);
+    assert_close(&to_f64(&state.first), &[0.0], 0.0, 1e-7);
+    assert_close(&to_f64(&state.second), &[1.0], 1e-6, 0.0);
+}
+
+#[test]
+fn backends_match_the_reference() {
+    for device in devices() {
+        let mut rng = rng(1);
+        let start = uniform(&mut rng, N, -1.0, 1.0);
+        let tensor = |values: &[f32]| tensor(values, [N], &device);
+        let (mut param, mut first, mut second) =
+            (tensor(&start), tensor(&vec![0.0; N]), tensor(&vec![0.0; N]));
+        let (mut param64, mut first64, mut second64) = (to_f64(&start), vec![0.0; N], vec![0.0; N]);
+        for step in 1..=5 {
+            let settings = AdamStep {
+                step,
+                learning_rate: 0.01,
+                ..AdamStep::default()
+            };
+            let grad = uniform(&mut rng, N, -1.0, 1.0);
+            (param, first, second) =
+                adam_step(param, tensor(&grad), first, second, &settings).expect("equal shapes");
+            let grad = to_f64(&grad);
+            reference::adam_step(&mut param64, &grad, &mut first64, &mut second64, &settings);
+        }
+        assert_agrees(&values(param), &param64);
+        assert_agrees(&values(first), &first64);
+        assert_agrees(&values(second), &second64);
+    }
+}
+
+#[test]
+fn tensors_that_others_hold_are_not_written_to() {
+    for device in devices() {
+        let param = tensor(&[1.0, 2.0, 3.0], [3], &device);
+        let zeros = Tensor::<1>::zeros([3], &device);
+        let grad = tensor(&[1.0, -1.0, 0.5], [3], &device);
+        let (new, first, _) = adam_step(
+            param.clone(),
+            grad.clone(),
+            zeros.clone(),
+            zeros.clone(),
+            &AdamStep::default(),
+        )
+        .expect("equal shapes");
+        assert_eq!(values(param), [1.0, 2.0, 3.0]);
+        assert_eq!(values(zeros), [0.0; 3]);
+        assert!((values(new)[0] - 0.999).abs() < 1e-6);
+        assert!((values(first)[1] + 0.1).abs() < 1e-6);
+    }
+}
+
+#[test]
+fn a_first_step_has_the_learning_rate_whatever_the_gradient() {
+    let settings = AdamStep {
+        learning_rate: 0.25,
+        ..AdamStep::default()
+    };
+    for exponent in -38..=38 {
+        let g = 10f32.powi(exponent);
+        let mut state = State::zero(vec![0.0]);
+        state.step(&[g], &settings);
+        let got = -f64::from(state.param[0]);
+        // Epsilon damps gradients near and below it; from there on squares underflow unseen.
+        let expected = 0.25 * f64::from(g) / (f64::from(g) + 1e-15);
+        assert_close(&[got], &[expected], 1e-3, 0.25e-3);
+        assert!(state.second[0].is_finite());
+    }
+}
+
+#[test]
+fn huge_gradients_neither_freeze_nor_poison() {
+    let settings = AdamStep {
+        learning_rate: 0.1,
+        ..AdamStep::default()
+    };
+    let mut state = State::zero(vec![0.0]);
+    for step in 1..=50 {
+        state.step(&[f32::MAX], &AdamStep { step, ..settings });
+    }
+    assert_close(&to_f64(&state.param), &[-5.0], 1e-3, 0.0);
+}
+
+#[test]
+fn non_finite_gradients_leave_their_elements_alone() {
+    let grad = [f32::NAN, f32::INFINITY, f32::NEG_INFINITY, 1.0];
+    let mut state = State::zero(vec![7.0; 4]);
+    state.step(&grad, &AdamStep::default());
+    assert_eq!(state.param[..3], [7.0; 3]);
+    assert_eq!(state.first[..3], [0.0; 3]);
+    assert!(state.param[3] < 7.0);
+}
+
+#[test]
+fn zero_gradients_drift_unless_skipped() {
+    let mut settings = AdamStep {
+        step: 3,
+        ..AdamStep::default()
+    };
+    for skip in [false, true] {
+        settings.skip_zero_grad = skip;
+        // A whole group of zeros, a group with one other, and a remainder.
+        for touched in [None, Some(3)] {
+            let mut state = State::zero(vec![1.0; 21]);
+            state.first.fill(0.5);
+            state.second.fill(0.25);
+            let mut grad = vec![0.0; 21];
+            if let Some(i) = touched {
+                grad[i] = 1.0;
+            }
+            state.step(&grad, &settings);
+            for i in 0..21 {
+                let moved = !skip || Some(i) == touched;
+                assert_eq!(state.param[i] != 1.0, moved, "element {i}");
+                assert_eq!(state.first[i] != 0.5, moved, "element {i}");
+                assert_eq!(state.second[i] != 0.25, moved, "element {i}");
+            }
+        }
+    }
+}
+
+#[test]
+fn zero_everything_stays_zero_without_epsilon() {
+    let settings = AdamStep {
+        epsilon: 0.0,
+        ..AdamStep::default()
+    };
+    let mut state = State::zero(vec![0.0; 3]);
+    state.step(&[0.0; 3], &settings);
+    assert_eq!(state.param, [0.0; 3]);
+}
+
+#[test]
+fn no_elements() {
+    for device in devices() {
+        let empty = || Tensor::<2>::zeros([0, 3], &device);
+        let (param, ..) = adam_step(empty(), empty(), empty(), empty(), &AdamStep::default())
+            .expect("equal shapes");
+        assert_eq!(param.dims(), [0, 3]);
+    }
+}
+
+#[test]
+fn any_number_of_threads_gives_the_same_bits() {
+    let mut rng = rng(4);
+    let start = uniform(&mut rng, N, -1.0, 1.0);
+    let grad = uniform(&mut rng, N, -1.0, 1.0);
+    let run = || {
+        let mut state = State::zero(start.clone());
+        state.step(&grad, &AdamStep::default());
+        bits(&state.param)
+    };
+    let one = with_threads(1, run);
+    assert_eq!(one, with_threads(2, run));
+    assert_eq!(one, with_threads(8, run));
+}
+
+#[test]
+fn wrong_shapes_and_settings_are_refused() {
+    for device in devices() {
+        let zeros = |n| Tensor::<1>::zeros([n], &device);
+        let step = |grad, settings: AdamStep| {
+            adam_step(zeros(3), zeros(grad), zeros(3), zeros(3), &settings)
+        };
+        let good = AdamStep::default();
+        assert!(step(3, good).is_ok());
+        assert!(step(2, good).is_err());
+        for bad in [
+            AdamStep {
+                learning_rate: f64::NAN,
+                ..good
+            },
+            AdamStep {
+                learning_rate: -1.0,
+                ..good
+            },
+            AdamStep { beta1: 1.0, ..good },
+            AdamStep {
+                beta2: -0.1,
+                ..good
+            },
+            AdamStep {
+                epsilon: f64::INFINITY,
+                ..good
+            },
+            AdamStep { step: 0, ..good },
+        ] {
+            assert!(step(3, bad).is_err(), "{bad:?}");
+        }
+    }
+}
