@@ -6,7 +6,7 @@
 
 mod spiral;
 
-pub use spiral::spiral;
+pub use spiral::{focus_point, spiral};
 
 use std::io::Write;
 use std::path::{Path, PathBuf};

@@ -5,7 +5,10 @@ use std::path::{Path, PathBuf};
 use dash_kernels::KernelError;
 use dash_model::ModelError;
 
+use crate::cameras::CameraFileError;
 use crate::dataset::DatasetError;
+use crate::device::DeviceChoice;
+use crate::video::VideoError;
 
 /// What training, evaluation and rendering can refuse.
 #[derive(Debug, thiserror::Error)]
@@ -19,9 +22,26 @@ pub enum TrainError {
     /// A kernel refused its input.
     #[error(transparent)]
     Kernel(#[from] KernelError),
+    /// A camera file can't be used.
+    #[error(transparent)]
+    CameraFile(#[from] CameraFileError),
+    /// A picture or a video could not be written.
+    #[error(transparent)]
+    Video(#[from] VideoError),
     /// A configuration value can't be used.
     #[error("configuration: {0}")]
     Config(String),
+    /// This build has no backend for a device.
+    #[error("--device {device}: expected a build with that backend, found {found}; use --device auto")]
+    Device {
+        /// The device that was asked for.
+        device: DeviceChoice,
+        /// What this build is.
+        found: String,
+    },
+    /// The device broke down.
+    #[error("the device failed: {0}; try --device auto, or a smaller picture")]
+    DeviceFault(String),
     /// A file or folder could not be read or written.
     #[error("{path}: cannot {action}: {source}; check that it exists and that you may access it")]
     Io {

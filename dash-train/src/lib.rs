@@ -4,15 +4,19 @@
 //! - `dataset`, `ply`: readers for camera rigs' folders; `cameras`: camera files and paths.
 //! - `synth`: ray-traced scenes with exact truth.
 //! - `train`: configuration, stages, losses, density control, checkpoints, runs on disk.
+//! - `device`: devices by name; `evaluate`: `results.json`; `render`: pictures of a scene.
 //! - `metrics`: picture quality; `video`: pictures and videos on disk.
 //!
 //! Conventions are those of [`dash_kernels`] and [`dash_model`].
 
 pub mod cameras;
 pub mod dataset;
+pub mod device;
 mod error;
+pub mod evaluate;
 pub mod metrics;
 pub mod ply;
+pub mod render;
 pub mod synth;
 pub mod train;
 pub mod video;

@@ -89,6 +89,27 @@ pub fn spiral(cameras: &[Camera], n: usize, focus_depth: Option<f64>) -> Vec<Cam
         .collect()
 }
 
+/// The point that the cameras look at: where their axes meet (least squares) if that is before them,
+/// else a point ahead of their centre at ten times their spread (1 for cameras at one place). The
+/// origin for no cameras.
+///
+/// # Units
+/// World units.
+pub fn focus_point(cameras: &[Camera]) -> [f64; 3] {
+    if cameras.is_empty() {
+        return [0.0; 3];
+    }
+    let positions: Vec<DVec3> = cameras.iter().map(|c| c.position().into()).collect();
+    let centre = positions.iter().sum::<DVec3>() / positions.len() as f64;
+    let spread = percentile(positions.iter().map(|p| p.distance(centre)).collect(), 0.9);
+    if let Some(target) = meeting_point(cameras, &positions, centre, spread) {
+        return target.into();
+    }
+    let forward: DVec3 = cameras.iter().map(|c| DVec3::from(c.forward())).sum();
+    let depth = if spread > 0.0 { DEPTH_BY_SPREAD * spread } else { 1.0 };
+    (centre + forward.normalize_or_zero() * depth).into()
+}
+
 /// `up`, or some other direction where one can't look along `forward` with it.
 fn up_beside(up: DVec3, forward: DVec3) -> DVec3 {
     if up.cross(forward).length() > 1e-6 * forward.length() {

@@ -1,1 +1,155 @@
-fn main() {}
+//! The `dash` command line: arguments in, one library call, a few lines out.
+//!
+//! Each command has a file of its own. `configuration` resolves the training configuration from
+//! its sources, `values` parses what the arguments hold, `progress` reports long work, `summary`
+//! lays out what is printed, `failure` is how a command fails.
+
+mod configuration;
+mod eval;
+mod export;
+mod failure;
+mod info;
+mod progress;
+mod render;
+mod summary;
+mod synth;
+mod train;
+mod values;
+
+use std::io::{IsTerminal, Write};
+use std::num::NonZeroUsize;
+use std::process::ExitCode;
+
+use clap::{Args, Parser, Subcommand};
+use dash_train::device::DeviceChoice;
+use tracing::level_filters::LevelFilter;
+
+use failure::Failure;
+
+/// Dynamic-scene reconstruction from videos and poses to a 4D scene that renders in real time.
+#[derive(Parser)]
+#[command(name = "dash", version, propagate_version = true, after_help = EXAMPLE)]
+struct Cli {
+    #[command(flatten)]
+    shared: Shared,
+    #[command(subcommand)]
+    command: Command,
+}
+
+const EXAMPLE: &str = "Example, from nothing to pictures:
+  dash synth out/room
+  dash train out/room --out runs/room --preset quick
+  dash render runs/room --cameras spiral --out out/room.mp4
+
+`dash COMMAND --help` shows an example of each command.";
+
+/// Options of every command.
+#[derive(Args)]
+struct Shared {
+    /// Where to compute: auto, ndarray or flex (CPU). wgpu and cuda[:N] need a build with GPU
+    /// backends
+    #[arg(long, global = true, value_name = "DEVICE")]
+    device: Option<DeviceChoice>,
+    /// CPU threads; all that there are when left out
+    #[arg(long, global = true, value_name = "N")]
+    threads: Option<NonZeroUsize>,
+    /// Say more
+    #[arg(short, long, global = true, conflicts_with = "quiet")]
+    verbose: bool,
+    /// Say nothing but errors and results
+    #[arg(short, long, global = true)]
+    quiet: bool,
+}
+
+#[derive(Subcommand)]
+enum Command {
+    Synth(synth::SynthArgs),
+    Train(train::TrainArgs),
+    Eval(eval::EvalArgs),
+    Render(render::RenderArgs),
+    Export(export::ExportArgs),
+    Info(info::InfoArgs),
+}
+
+fn main() -> ExitCode {
+    report_faults_on_one_line();
+    let cli = Cli::parse();
+    let outcome = std::panic::catch_unwind(|| run(&cli));
+    match outcome {
+        Ok(Ok(text)) => {
+            // A reader that has seen enough, such as `head`, closes the pipe.
+            let _ = writeln!(std::io::stdout(), "{}", text.trim_end());
+            ExitCode::SUCCESS
+        }
+        Ok(Err(failure)) => {
+            let _ = writeln!(std::io::stderr(), "error: {}", failure.line());
+            ExitCode::from(failure.exit_code())
+        }
+        // The hook has reported it.
+        Err(_) => ExitCode::FAILURE,
+    }
+}
+
+fn run(cli: &Cli) -> Result<String, Failure> {
+    let shared = &cli.shared;
+    start_log(shared);
+    if let Some(threads) = shared.threads {
+        rayon::ThreadPoolBuilder::new().num_threads(threads.get()).build_global().map_err(|e| {
+            Failure::new(format!("--threads {threads}: the system cannot start them: {e}; ask for fewer"))
+        })?;
+    }
+    match &cli.command {
+        Command::Synth(args) => synth::run(args),
+        Command::Train(args) => train::run(args, shared),
+        Command::Eval(args) => eval::run(args, shared),
+        Command::Render(args) => render::run(args, shared),
+        Command::Export(args) => export::run(args, shared),
+        Command::Info(args) => info::run(args, shared),
+    }
+}
+
+fn start_log(shared: &Shared) {
+    let level = match (shared.quiet, shared.verbose) {
+        (true, _) => LevelFilter::ERROR,
+        (false, true) => LevelFilter::DEBUG,
+        (false, false) => LevelFilter::INFO,
+    };
+    tracing_subscriber::fmt()
+        .with_max_level(level)
+        .with_writer(std::io::stderr)
+        .with_ansi(std::io::stderr().is_terminal())
+        .without_time()
+        .with_target(false)
+        .init();
+}
+
+/// A broken invariant is ours to mend: the user gets one line to report, not a backtrace.
+fn report_faults_on_one_line() {
+    std::panic::set_hook(Box::new(|fault| {
+        let what = fault.payload_as_str().unwrap_or("no message");
+        let place = fault.location().map(ToString::to_string).unwrap_or_default();
+        let line = failure::on_one_line(what);
+        let _ = writeln!(
+            std::io::stderr(),
+            "error: a fault in dash itself ({place}): {line}; please report it with the command and its input"
+        );
+    }));
+}
+
+#[cfg(test)]
+mod tests {
+    use clap::CommandFactory;
+
+    use super::*;
+
+    #[test]
+    fn the_arguments_are_consistent_and_every_command_shows_an_example() {
+        let mut command = Cli::command();
+        command.build();
+        command.clone().debug_assert();
+        for sub in command.get_subcommands().filter(|sub| sub.get_name() != "help") {
+            let example = sub.get_after_help().map(ToString::to_string).unwrap_or_default();
+            assert!(example.contains(&format!("dash {}", sub.get_name())), "{}", sub.get_name());
+        }
+    }
+}

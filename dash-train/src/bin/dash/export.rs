@@ -1,0 +1,45 @@
+//! `dash export`: one instant as a standard 3DGS PLY.
+
+use std::path::PathBuf;
+
+use clap::Args;
+use dash_model::write_splat_ply;
+use dash_train::train::RunFolder;
+
+use crate::Shared;
+use crate::failure::Failure;
+use crate::values;
+
+/// Write the scene at one instant as a standard 3DGS PLY file
+#[derive(Args)]
+#[command(after_help = "Example:\n  dash export runs/room --time 0.5 --out room_at_half.ply")]
+pub struct ExportArgs {
+    /// A run's folder
+    run: PathBuf,
+    /// The instant, from 0 (the clip's start) to 1 (its end)
+    #[arg(long, value_name = "T", value_parser = values::time)]
+    time: f32,
+    /// File to write; one that exists is replaced
+    #[arg(long, value_name = "FILE.ply")]
+    out: PathBuf,
+}
+
+pub fn run(args: &ExportArgs, shared: &Shared) -> Result<String, Failure> {
+    if args.out.extension().is_none_or(|extension| extension != "ply") {
+        return Err(Failure::usage(format!(
+            "--out {}: expected a name that ends in .ply",
+            args.out.display()
+        )));
+    }
+    let device = shared.device.unwrap_or_default().device()?;
+    let scene = RunFolder::open(&args.run)?.scene(&device)?;
+    let rows = scene.at(args.time)?;
+    write_splat_ply(&args.out, &rows)?;
+    let (n_static, n_dynamic) = scene.counts();
+    Ok(format!(
+        "{}: {} Gaussians ({n_static} static, {n_dynamic} dynamic) at time {}",
+        args.out.display(),
+        rows.len(),
+        args.time
+    ))
+}

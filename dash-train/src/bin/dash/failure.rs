@@ -1,0 +1,89 @@
+//! How a command fails: one line and an exit code.
+
+use std::error::Error;
+
+use dash_model::ModelError;
+use dash_train::TrainError;
+use dash_train::dataset::DatasetError;
+use dash_train::synth::SynthError;
+
+/// Exit code of work that failed.
+const FAILED: u8 = 1;
+/// Exit code of arguments that can't be right whatever the files hold; clap's too.
+const WRONG_USAGE: u8 = 2;
+
+/// A message for the user and an exit code.
+#[derive(Debug)]
+pub struct Failure {
+    message: String,
+    exit_code: u8,
+}
+
+impl Failure {
+    /// Work that failed.
+    pub fn new(message: impl Into<String>) -> Self {
+        Self { message: message.into(), exit_code: FAILED }
+    }
+
+    /// Arguments that can't be right.
+    pub fn usage(message: impl Into<String>) -> Self {
+        Self { message: message.into(), exit_code: WRONG_USAGE }
+    }
+
+    /// The message without line breaks.
+    pub fn line(&self) -> String {
+        on_one_line(&self.message)
+    }
+
+    /// 1 for what failed, 2 for wrong usage.
+    pub fn exit_code(&self) -> u8 {
+        self.exit_code
+    }
+
+    fn from_error(error: &dyn Error) -> Self {
+        let mut message = error.to_string();
+        let mut source = error.source();
+        while let Some(cause) = source {
+            let text = cause.to_string();
+            // Most messages of ours quote their cause already.
+            if !message.contains(&text) {
+                message.push_str(": ");
+                message.push_str(&text);
+            }
+            source = cause.source();
+        }
+        Self::new(message)
+    }
+}
+
+/// Text with every run of white space that has a line break in it made one space.
+pub fn on_one_line(text: &str) -> String {
+    text.lines().map(str::trim).filter(|line| !line.is_empty()).collect::<Vec<_>>().join(" ")
+}
+
+impl From<TrainError> for Failure {
+    fn from(error: TrainError) -> Self {
+        Self::from_error(&error)
+    }
+}
+
+impl From<ModelError> for Failure {
+    fn from(error: ModelError) -> Self {
+        Self::from_error(&error)
+    }
+}
+
+impl From<DatasetError> for Failure {
+    fn from(error: DatasetError) -> Self {
+        Self::from_error(&error)
+    }
+}
+
+impl From<SynthError> for Failure {
+    fn from(error: SynthError) -> Self {
+        match error {
+            SynthError::Setting { .. } => Self::usage(error.to_string()),
+            other => Self::from_error(&other),
+        }
+    }
+}

@@ -1,0 +1,171 @@
+//! `dash info`: what a run, a dataset or a PLY file holds.
+
+use std::path::{Path, PathBuf};
+
+use burn::tensor::Device;
+use clap::Args;
+use dash_model::{GaussianRows, read_splat_ply};
+use dash_train::dataset::{Dataset, Layout, LoadOptions, Split, load};
+use dash_train::evaluate::{read_results, storage_bytes};
+use dash_train::ply::{PointCloud, read_points};
+use dash_train::train::{RunFolder, TrainConfig};
+
+use crate::Shared;
+use crate::configuration::name;
+use crate::failure::Failure;
+use crate::summary::{Table, add_results, bytes, duration};
+
+/// Say what a run, a dataset or a PLY file holds
+#[derive(Args)]
+#[command(after_help = "Examples:\n  dash info runs/room\n  dash info out/room\n  dash info room_at_half.ply")]
+pub struct InfoArgs {
+    /// A run's folder, a dataset's folder, or a PLY file of Gaussians or points
+    path: PathBuf,
+    /// Force the dataset's layout instead of recognising it by its files
+    #[arg(long, value_enum)]
+    layout: Option<Layout>,
+}
+
+pub fn run(args: &InfoArgs, shared: &Shared) -> Result<String, Failure> {
+    let path = &args.path;
+    let table = if path.extension().is_some_and(|extension| extension == "ply") {
+        ply(path)?
+    } else if path.join("config.toml").is_file() {
+        finished_or_not(&RunFolder::open(path)?, &shared.device.unwrap_or_default().device()?)?
+    } else {
+        let options = LoadOptions { layout: args.layout, ..Default::default() };
+        dataset(&load(path, &options)?)
+    };
+    Ok(table.text())
+}
+
+fn finished_or_not(run: &RunFolder, device: &Device) -> Result<Table, Failure> {
+    let config = run.config()?;
+    let mut table = Table::default();
+    table
+        .row("run", run.root().display())
+        .row("dataset", config.data.dataset.display())
+        .row("preset", name(config.train.preset))
+        .row("device", &config.data.device);
+    if config.data.downscale != 1.0 {
+        table.row("downscale", config.data.downscale);
+    }
+    settings(&mut table, &config.train);
+    let log = run.log()?;
+    if let Some(last) = log.last() {
+        let text = format!(
+            "{} of {} steps, {}, training PSNR {:.2} dB",
+            last.step,
+            config.train.iterations,
+            duration(last.seconds),
+            last.train_psnr
+        );
+        table.row("trained", text);
+        let validation = log.iter().rev().find_map(|line| line.validation_psnr);
+        if let Some(psnr) = validation {
+            table.row("validation PSNR", format!("{psnr:.2} dB"));
+        }
+    }
+    if !run.scene_path().join("scene.json").is_file() {
+        table.row("scene", "not finished; continue with `dash train DATASET --out RUN --resume`");
+        return Ok(table);
+    }
+    let scene = run.scene(device)?;
+    let (n_static, n_dynamic) = scene.counts();
+    table.row("scene", format!("{n_static} static and {n_dynamic} dynamic Gaussians, SH degree {}, {}",
+        scene.settings.sh_degree, bytes(storage_bytes(&run.scene_path())?)));
+    if let Some(results) = read_results(run)? {
+        add_results(&mut table, &results);
+    }
+    Ok(table)
+}
+
+fn settings(table: &mut Table, config: &TrainConfig) {
+    let (warmup, split) =
+        (config.step_at(config.stages.warmup), config.step_at(config.stages.decomposition));
+    let stages = if config.decomposition.enabled {
+        format!("warm-up to step {warmup}, decomposition to {split}, 4D to {}", config.iterations)
+    } else {
+        format!("static 3DGS to step {}", config.iterations)
+    };
+    table.row("seed", config.seed).row("stages", stages);
+}
+
+fn dataset(dataset: &Dataset) -> Table {
+    let mut table = Table::default();
+    let sizes: std::collections::BTreeSet<(usize, usize)> =
+        dataset.views.iter().map(|view| (view.camera.width, view.camera.height)).collect();
+    let sizes: Vec<String> = sizes.iter().map(|(w, h)| format!("{w}x{h}")).collect();
+    let times = dataset.views.iter().map(|view| view.time).fold([1.0_f32, 0.0], |[low, high], time| {
+        [low.min(time), high.max(time)]
+    });
+    let held_out: std::collections::BTreeSet<&str> =
+        dataset.split(Split::Test).map(|view| view.camera_name.as_str()).collect();
+    let held_out: Vec<&str> = held_out.into_iter().collect();
+    table
+        .row("dataset", &dataset.name)
+        .row("layout", dataset.layout)
+        .row("cameras", dataset.n_cameras)
+        .row("frames", if dataset.is_static() { "1 (static)".into() } else { dataset.n_frames.to_string() })
+        .row("times", format!("{} to {}", times[0], times[1]))
+        .row(
+            "views",
+            format!("{} to train on, {} to test", dataset.split(Split::Train).count(), dataset.split(Split::Test).count()),
+        )
+        .row("test cameras", listed(&held_out))
+        .row("size", listed(&sizes))
+        .row("images in memory", bytes(dataset.image_bytes()))
+        .row("points", dataset.points.as_ref().map_or("none".into(), |points| points.len().to_string()));
+    if let Some(background) = dataset.background {
+        table.row("background", format!("{background:?} behind transparent pixels"));
+    }
+    table
+}
+
+/// At most a line's worth of names.
+fn listed<T: AsRef<str>>(names: &[T]) -> String {
+    const SHOWN: usize = 8;
+    if names.is_empty() {
+        return "none".into();
+    }
+    let mut text = names.iter().take(SHOWN).map(AsRef::as_ref).collect::<Vec<_>>().join(", ");
+    if names.len() > SHOWN {
+        text += &format!(", .. ({} in all)", names.len());
+    }
+    text
+}
+
+fn ply(path: &Path) -> Result<Table, Failure> {
+    let mut table = Table::default();
+    table.row("file", path.display());
+    match read_splat_ply(path) {
+        Ok(rows) => splats(&mut table, &rows),
+        // A file without the columns of Gaussians may hold plain points.
+        Err(not_splats) => match read_points(path) {
+            Ok(points) => cloud(&mut table, &points),
+            Err(_) => return Err(not_splats.into()),
+        },
+    }
+    Ok(table)
+}
+
+fn splats(table: &mut Table, rows: &GaussianRows) {
+    let degree = ((rows.sh_rest_width / 3 + 1) as f64).sqrt() as usize - 1;
+    table.row("Gaussians", rows.len()).row("SH degree", degree);
+    add_box(table, &rows.means);
+}
+
+fn cloud(table: &mut Table, points: &PointCloud) {
+    table.row("points", points.len());
+    add_box(table, &points.positions);
+}
+
+fn add_box(table: &mut Table, positions: &[[f32; 3]]) {
+    if positions.is_empty() {
+        return;
+    }
+    let extreme = |pick: fn(f32, f32) -> f32| -> [f32; 3] {
+        std::array::from_fn(|axis| positions.iter().map(|p| p[axis]).fold(positions[0][axis], pick))
+    };
+    table.row("from", format!("{:?}", extreme(f32::min))).row("to", format!("{:?}", extreme(f32::max)));
+}

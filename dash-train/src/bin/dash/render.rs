@@ -1,0 +1,175 @@
+//! `dash render`: pictures or a video of a run or of a PLY file.
+
+use std::collections::BTreeSet;
+use std::path::{Path, PathBuf};
+
+use clap::Args;
+use dash_model::{
+    DynamicScene, Gaussians, OffsetPlacement, SceneSettings, TrajectoryBasis, read_splat_ply,
+};
+use dash_train::dataset::{Dataset, load};
+use dash_train::render::{
+    PictureFormat, PictureLayer, RenderJob, Shot, at_times, file_shots, spiral_shots, test_shots,
+    write_pictures, write_video,
+};
+use dash_train::train::RunFolder;
+
+use crate::Shared;
+use crate::failure::Failure;
+use crate::progress::Progress;
+use crate::values::{self, Color};
+
+/// Cameras on the spiral path when --frames does not say how many.
+const SPIRAL_CAMERAS: usize = 60;
+
+/// Render pictures or a video of a run, or of the Gaussians in a PLY file
+#[derive(Args)]
+#[command(after_help = "Examples:
+  dash render runs/room --cameras test --out out/room
+  dash render runs/room --cameras spiral --frames 90 --out out/room.mp4
+  dash render runs/room --cameras cameras.json --time 0.5 --layers full,dynamic,depth --out out/half
+  dash render room_at_half.ply --cameras cameras.json --out out/ply
+
+Pictures are OUT/LAYER/NNNN_CAMERA.png. PNG: values clamped to [0, 1]; depth is scaled per picture,
+the nearest surface white, the farthest black, black where there is none. EXR: values as rendered,
+depth in world units. --cameras F.json is the cameras.json of 3DGS, with optional cx, cy and time.")]
+pub struct RenderArgs {
+    /// A run's folder, or a 3DGS PLY file
+    #[arg(value_name = "RUN|FILE.ply")]
+    scene: PathBuf,
+    /// test (the dataset's test views), spiral (a path around them), or a cameras.json file
+    /// [default: test; a PLY file needs cameras.json]
+    #[arg(long, value_name = "F.json|test|spiral")]
+    cameras: Option<String>,
+    /// One instant for every camera, from 0 to 1; otherwise the views' own times
+    #[arg(long, value_name = "T", value_parser = values::time, conflicts_with = "frames")]
+    time: Option<f32>,
+    /// Times from 0 to 1 for each camera; on a spiral, the cameras along it
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
+    frames: Option<u32>,
+    /// Folder to make, or an .mp4 file (needs ffmpeg) [default: RUN/renders]
+    #[arg(long, value_name = "DIR|FILE.mp4")]
+    out: Option<PathBuf>,
+    /// What to show; a video shows one
+    #[arg(long, value_enum, value_delimiter = ',', default_value = "full")]
+    layers: Vec<PictureLayer>,
+    /// File format of pictures
+    #[arg(long, value_enum, default_value = "png")]
+    format: PictureFormat,
+    /// Colour behind everything, each from 0 to 1 [default: the run's; black for a PLY file]
+    #[arg(long, value_name = "R,G,B")]
+    background: Option<Color>,
+}
+
+/// What is rendered.
+enum Source {
+    Run(RunFolder),
+    Ply(PathBuf),
+}
+
+pub fn run(args: &RenderArgs, shared: &Shared) -> Result<String, Failure> {
+    let source = if args.scene.extension().is_some_and(|extension| extension == "ply") {
+        Source::Ply(args.scene.clone())
+    } else {
+        Source::Run(RunFolder::open(&args.scene)?)
+    };
+    let out = match (&args.out, &source) {
+        (Some(out), _) => out.clone(),
+        (None, Source::Run(run)) => run.root().join("renders"),
+        (None, Source::Ply(_)) => {
+            return Err(Failure::usage("a PLY file has no folder for renders: give --out DIR"));
+        }
+    };
+    let layers: Vec<PictureLayer> =
+        args.layers.iter().copied().collect::<BTreeSet<_>>().into_iter().collect();
+    let video = out.extension().is_some_and(|extension| extension == "mp4");
+    if video && layers.len() != 1 {
+        return Err(Failure::usage(format!(
+            "--layers: {} holds one layer, found {}; give one, or a folder to --out",
+            out.display(),
+            layers.len()
+        )));
+    }
+    let device = shared.device.unwrap_or_default().device()?;
+    let mut scene = match &source {
+        Source::Run(run) => run.scene(&device)?,
+        Source::Ply(path) => ply_scene(path, &device)?,
+    };
+    if let Some(Color(background)) = args.background {
+        scene.settings.background = background;
+    }
+    let shots = shots(args, &source)?;
+    let mut progress = Progress::new(shots.len(), shared);
+    let job = RenderJob {
+        scene: &scene,
+        shots: &shots,
+        on_shot: &mut |done| progress.at(done, || "pictures".into()),
+    };
+    let written = match (video, layers.as_slice()) {
+        (true, &[layer]) => write_video(job, layer, &out),
+        _ => write_pictures(job, &layers, args.format, &out),
+    };
+    progress.finish();
+    written?;
+    Ok(format!("{}: {} pictures", out.display(), shots.len() * layers.len()))
+}
+
+/// The Gaussians of a PLY file as a scene in which nothing moves.
+fn ply_scene(path: &Path, device: &burn::tensor::Device) -> Result<DynamicScene, Failure> {
+    let rows = read_splat_ply(path)?;
+    let static_set = Gaussians::from_rows(&rows, device);
+    let settings = SceneSettings {
+        background: [0.0; 3],
+        sh_degree: static_set.sh_degree(),
+        // Nothing moves, so that these two change nothing.
+        trajectory_basis: TrajectoryBasis::Cosine,
+        offsets: OffsetPlacement::BeforeActivation,
+    };
+    Ok(DynamicScene { static_set, dynamic: None, settings })
+}
+
+fn shots(args: &RenderArgs, source: &Source) -> Result<Vec<Shot>, Failure> {
+    let named = args.cameras.as_deref().unwrap_or("test");
+    let frames = args.frames.map(|n| n as usize);
+    let shots = match (named, source) {
+        ("test" | "spiral", Source::Ply(path)) => {
+            return Err(Failure::usage(format!(
+                "--cameras {named}: {} names no dataset to take cameras from; give a cameras.json file",
+                path.display()
+            )));
+        }
+        ("spiral", Source::Run(run)) => {
+            let mut shots = spiral_shots(&dataset(run)?, frames.unwrap_or(SPIRAL_CAMERAS));
+            if let Some(time) = args.time {
+                shots.iter_mut().for_each(|shot| shot.time = time);
+            }
+            return Ok(shots);
+        }
+        ("test", Source::Run(run)) => {
+            let dataset = dataset(run)?;
+            let shots = test_shots(&dataset);
+            if shots.is_empty() {
+                return Err(Failure::new(format!(
+                    "{}: expected test views, found none; give --cameras spiral or a cameras.json file",
+                    dataset.root.display()
+                )));
+            }
+            shots
+        }
+        (file, _) => file_shots(Path::new(file))?,
+    };
+    Ok(match (args.time, frames) {
+        (Some(time), _) => {
+            let mut shots = at_times(&shots, 1);
+            shots.iter_mut().for_each(|shot| shot.time = time);
+            shots
+        }
+        (None, Some(n)) => at_times(&shots, n),
+        (None, None) => shots,
+    })
+}
+
+fn dataset(run: &RunFolder) -> Result<Dataset, Failure> {
+    let data = run.config()?.data;
+    Ok(load(&data.dataset, &data.load_options())?)
+}

@@ -1,0 +1,109 @@
+//! Tables of names and values for people.
+
+use dash_train::evaluate::Results;
+
+/// Rows of a name and a value, the values aligned.
+#[derive(Default)]
+pub struct Table {
+    rows: Vec<(String, String)>,
+}
+
+impl Table {
+    /// Adds a row.
+    pub fn row(&mut self, name: impl Into<String>, value: impl ToString) -> &mut Self {
+        self.rows.push((name.into(), value.to_string()));
+        self
+    }
+
+    /// The rows as text, one line each.
+    pub fn text(&self) -> String {
+        let width = self.rows.iter().map(|(name, _)| name.len()).max().unwrap_or(0);
+        self.rows.iter().map(|(name, value)| format!("{name:width$}  {value}\n")).collect()
+    }
+}
+
+/// The scores of a run.
+pub fn results(results: &Results) -> String {
+    let mut table = Table::default();
+    add_results(&mut table, results);
+    table.text()
+}
+
+/// Adds the scores of a run.
+pub fn add_results(table: &mut Table, results: &Results) {
+    let scores = &results.evaluation;
+    table
+        .row("dataset", format!("{}, {} {} views", results.dataset, scores.per_view.len(), scores.split))
+        .row("Gaussians", format!("{} static, {} dynamic", scores.n_static, scores.n_dynamic))
+        .row("PSNR", decibels(scores.psnr))
+        .row("PSNR, moving pixels", decibels(scores.psnr_dynamic))
+        .row("SSIM", share(scores.ssim))
+        .row("MS-SSIM", share(scores.ms_ssim));
+    if let Some(split) = &scores.decomposition {
+        let text = format!(
+            "precision {:.3}, recall {:.3}, F1 {:.3}",
+            split.precision, split.recall, split.f1
+        );
+        table.row("what moves", text);
+    }
+    table.row("scene on disk", bytes(results.storage_bytes));
+    if let Some(secs) = results.train_seconds {
+        table.row("training", duration(secs));
+    }
+    if let Some(fps) = scores.render_fps {
+        table.row("rendering", format!("{fps:.1} pictures/s on {}", results.device));
+    }
+    if let Some(peak) = results.peak_memory_bytes {
+        table.row("peak memory", bytes(peak));
+    }
+}
+
+fn decibels(value: Option<f64>) -> String {
+    value.map_or("not defined".into(), |value| format!("{value:.2} dB"))
+}
+
+fn share(value: Option<f64>) -> String {
+    value.map_or("not defined".into(), |value| format!("{value:.4}"))
+}
+
+/// An amount of memory in a unit that leaves at most four digits.
+pub fn bytes(bytes: u64) -> String {
+    const UNITS: [&str; 4] = ["KiB", "MiB", "GiB", "TiB"];
+    if bytes < 1024 {
+        return format!("{bytes} bytes");
+    }
+    let mut value = bytes as f64 / 1024.0;
+    let mut unit = 0;
+    while value >= 1024.0 && unit + 1 < UNITS.len() {
+        value /= 1024.0;
+        unit += 1;
+    }
+    format!("{value:.1} {}", UNITS[unit])
+}
+
+/// Seconds, or minutes and seconds.
+pub fn duration(secs: f64) -> String {
+    if secs < 60.0 {
+        return format!("{secs:.1} s");
+    }
+    let whole = secs.round() as u64;
+    match whole / 3600 {
+        0 => format!("{} min {:02} s", whole / 60, whole % 60),
+        hours => format!("{hours} h {:02} min", whole / 60 % 60),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn amounts_have_units() {
+        assert_eq!(bytes(12), "12 bytes");
+        assert_eq!(bytes(1536), "1.5 KiB");
+        assert_eq!(bytes(3 << 30), "3.0 GiB");
+        assert_eq!(duration(3.21), "3.2 s");
+        assert_eq!(duration(125.0), "2 min 05 s");
+        assert_eq!(duration(7321.0), "2 h 02 min");
+    }
+}

@@ -1,0 +1,215 @@
+//! `dash train`: a dataset into a run's folder.
+
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+use clap::Args;
+use dash_train::dataset::{Dataset, Layout, LoadOptions, Split, load};
+use dash_train::device::DeviceChoice;
+use dash_train::evaluate::{Process, evaluate_run};
+use dash_train::train::{
+    DataConfig, Preset, RunConfig, RunFolder, TrainConfig, TrainOptions, train,
+};
+
+use crate::Shared;
+use crate::configuration::{ConfigFile, Overrides, name};
+use crate::failure::Failure;
+use crate::progress::TrainProgress;
+use crate::summary::{self, Table, duration};
+use crate::values::{self, CameraList};
+
+/// Train a scene on a dataset; then score it on the test views
+#[derive(Args)]
+#[command(after_help = "Examples:
+  dash train out/room --out runs/room --preset quick
+  dash train flame_steak --out runs/steak --downscale 2 --test-cameras 0 --set loss.dssim=0.1
+  dash train out/room --out runs/room --resume
+
+RUN/config.toml holds every value that was used; its keys are those of --set and --config, and
+`--config RUN/config.toml` trains the same again.")]
+pub struct TrainArgs {
+    /// The dataset's folder (n3dv, blender or colmap layout)
+    dataset: PathBuf,
+    /// The run's folder to make; must not exist, or be empty
+    #[arg(long, value_name = "RUN")]
+    out: PathBuf,
+    /// Where values start from [default: default]
+    #[arg(long, value_enum)]
+    preset: Option<Preset>,
+    /// Values that replace the preset's
+    #[arg(long, value_name = "F.toml")]
+    config: Option<PathBuf>,
+    /// One value that replaces the preset's and the file's, such as loss.dssim=0.1; may be repeated
+    #[arg(long, value_name = "KEY=VALUE")]
+    set: Vec<String>,
+    /// Optimisation steps
+    #[arg(long, value_name = "N")]
+    iterations: Option<usize>,
+    /// Indices of the cameras to hold out, such as 0,7, or none; the layout's own choice when left
+    /// out
+    #[arg(long, value_name = "LIST")]
+    test_cameras: Option<CameraList>,
+    /// Make images smaller by this factor [default: 1]
+    #[arg(long, value_name = "K", value_parser = values::downscale)]
+    downscale: Option<f64>,
+    /// Memory that the dataset's images may take, such as 2GiB; more is an error, since every image
+    /// is kept decoded [default: 48GiB]
+    #[arg(long, value_name = "BYTES", value_parser = values::bytes)]
+    memory: Option<u64>,
+    /// Seed of everything random [default: 0]
+    #[arg(long, value_name = "S")]
+    seed: Option<u64>,
+    /// Force the dataset's layout instead of recognising it by its files
+    #[arg(long, value_enum)]
+    layout: Option<Layout>,
+    /// Continue the run in RUN from its newest checkpoint, with its own configuration
+    #[arg(long)]
+    resume: bool,
+}
+
+pub fn run(args: &TrainArgs, shared: &Shared) -> Result<String, Failure> {
+    let file = ConfigFile::read(args.config.as_deref())?;
+    let overrides = Overrides {
+        preset: args.preset,
+        file: args.config.as_deref(),
+        assignments: &args.set,
+        iterations: args.iterations,
+        seed: args.seed,
+    };
+    let (run, config, dataset) = if args.resume {
+        let run = RunFolder::open(&args.out)?;
+        let config = run.config()?;
+        check_same(args, shared, &overrides, &file, &config)?;
+        let dataset = load_dataset(&config.data, args.memory)?;
+        (run, config, dataset)
+    } else {
+        start(args, shared, &overrides, &file)?
+    };
+    let choice: DeviceChoice = config
+        .data
+        .device
+        .parse()
+        .map_err(|e| Failure::new(format!("{}: data.device: {e}", args.out.display())))?;
+    let device = choice.device()?;
+    let dataset = Arc::new(dataset);
+    let mut progress = TrainProgress::new(config.train.iterations, shared);
+    let options = TrainOptions {
+        resume: args.resume,
+        on_step: &mut |report, secs| progress.step(report, secs),
+    };
+    let trained = train(&run, &config.train, dataset.clone(), &device, options);
+    progress.finish();
+    let (trainer, secs) = trained?;
+    drop(trainer);
+    finish(&run, &config, &dataset, (&device, &config.data.device), secs)
+}
+
+/// Checks everything that can be checked, and only then makes the run's folder.
+fn start(
+    args: &TrainArgs,
+    shared: &Shared,
+    overrides: &Overrides<'_>,
+    file: &ConfigFile,
+) -> Result<(RunFolder, RunConfig, Dataset), Failure> {
+    let train = overrides.resolve(file)?;
+    let choice = shared.device.unwrap_or_default().resolved();
+    choice.device()?;
+    let mut data = DataConfig {
+        dataset: args.dataset.clone(),
+        layout: args.layout.or(file.data.layout),
+        downscale: args.downscale.or(file.data.downscale).unwrap_or(1.0),
+        test_cameras: test_cameras(args).or_else(|| file.data.test_cameras.clone()),
+        device: choice.to_string(),
+    };
+    let dataset = load_dataset(&data, args.memory)?;
+    data.dataset = absolute(&args.dataset)?;
+    let config = RunConfig { data, train };
+    let run = RunFolder::create(&args.out, &config)?;
+    Ok((run, config, dataset))
+}
+
+fn load_dataset(data: &DataConfig, memory: Option<u64>) -> Result<Dataset, Failure> {
+    let mut options = data.load_options();
+    options.max_image_bytes = memory.unwrap_or(LoadOptions::default().max_image_bytes);
+    let dataset = load(&data.dataset, &options)?;
+    tracing::debug!(
+        "{}: {} views, {}",
+        data.dataset.display(),
+        dataset.views.len(),
+        summary::bytes(dataset.image_bytes())
+    );
+    Ok(dataset)
+}
+
+fn test_cameras(args: &TrainArgs) -> Option<Vec<usize>> {
+    args.test_cameras.as_ref().map(|list| list.0.clone())
+}
+
+fn absolute(path: &Path) -> Result<PathBuf, Failure> {
+    path.canonicalize()
+        .map_err(|e| Failure::new(format!("{}: cannot be found: {e}; check the path", path.display())))
+}
+
+/// A resumed run is the one that was begun: options may repeat its values, not change them.
+fn check_same(
+    args: &TrainArgs,
+    shared: &Shared,
+    overrides: &Overrides<'_>,
+    file: &ConfigFile,
+    config: &RunConfig,
+) -> Result<(), Failure> {
+    let refuse = |option: &str, found: String| {
+        Err(Failure::usage(format!(
+            "{option} contradicts the run in {}, which has {found}; leave it out with --resume, or \
+             start another run",
+            args.out.display()
+        )))
+    };
+    let data = &config.data;
+    if absolute(&args.dataset)? != data.dataset {
+        return refuse("DATASET", data.dataset.display().to_string());
+    }
+    if args.preset.is_some_and(|preset| preset != config.train.preset) {
+        return refuse("--preset", name(config.train.preset));
+    }
+    if args.downscale.is_some_and(|downscale| downscale != data.downscale) {
+        return refuse("--downscale", data.downscale.to_string());
+    }
+    if args.layout.is_some() && args.layout != data.layout {
+        return refuse("--layout", data.layout.map_or("none".into(), |layout| layout.to_string()));
+    }
+    if args.test_cameras.is_some() && test_cameras(args) != data.test_cameras {
+        let found = data.test_cameras.as_ref().map_or("the layout's own".into(), |c| format!("{c:?}"));
+        return refuse("--test-cameras", found);
+    }
+    if shared.device.is_some_and(|device| device.resolved().to_string() != data.device) {
+        return refuse("--device", data.device.clone());
+    }
+    let again: TrainConfig = overrides.apply(config.train.clone(), file)?;
+    if again != config.train {
+        return refuse("--config, --set, --iterations or --seed", "other values in config.toml".into());
+    }
+    Ok(())
+}
+
+/// Scores the run where there are test views, and says what became of it.
+fn finish(
+    run: &RunFolder,
+    config: &RunConfig,
+    dataset: &Dataset,
+    device: (&burn::tensor::Device, &str),
+    secs: f64,
+) -> Result<String, Failure> {
+    let root = run.root().display();
+    if dataset.split(Split::Test).next().is_none() {
+        let (n_static, n_dynamic) = run.scene(device.0)?.counts();
+        let mut table = Table::default();
+        table
+            .row("dataset", format!("{}, no test views to score", dataset.name))
+            .row("Gaussians", format!("{n_static} static, {n_dynamic} dynamic"))
+            .row("training", format!("{} steps, {}", config.train.iterations, duration(secs)));
+        return Ok(format!("{}\nwritten to {root}", table.text()));
+    }
+    let results = evaluate_run(run, dataset, Split::Test, device, Process::Trained)?;
+    Ok(format!("{}\nwritten to {root}", summary::results(&results)))
+}

@@ -1,0 +1,140 @@
+//! What arguments hold: sizes, colours, times, lists, amounts of memory.
+
+use std::str::FromStr;
+
+/// `WxH` in pixels.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Size {
+    /// Width.
+    pub width: usize,
+    /// Height.
+    pub height: usize,
+}
+
+impl FromStr for Size {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        let wrong = || format!("expected WIDTHxHEIGHT in pixels, such as 160x120, found `{text}`");
+        let (width, height) = text.split_once('x').ok_or_else(wrong)?;
+        let side = |text: &str| text.parse().map_err(|_| wrong());
+        Ok(Self { width: side(width)?, height: side(height)? })
+    }
+}
+
+/// Camera indices: `0,7`, or `none`.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct CameraList(pub Vec<usize>);
+
+impl FromStr for CameraList {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        if text == "none" {
+            return Ok(Self(Vec::new()));
+        }
+        let wrong = || format!("expected camera indices such as 0,7, or none, found `{text}`");
+        let indices = text.split(',').map(|index| index.trim().parse().map_err(|_| wrong()));
+        indices.collect::<Result<_, _>>().map(Self)
+    }
+}
+
+/// Red, green and blue, sRGB in [0, 1].
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Color(pub [f32; 3]);
+
+impl FromStr for Color {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        let wrong = || format!("expected R,G,B, each from 0 to 1, such as 1,1,1, found `{text}`");
+        let values: Vec<f32> = text
+            .split(',')
+            .map(|value| value.trim().parse().map_err(|_| wrong()))
+            .collect::<Result<_, _>>()?;
+        match <[f32; 3]>::try_from(values) {
+            Ok(color) if color.iter().all(|v| (0.0..=1.0).contains(v)) => Ok(Self(color)),
+            _ => Err(wrong()),
+        }
+    }
+}
+
+/// A time in the clip.
+pub fn time(text: &str) -> Result<f32, String> {
+    match text.parse() {
+        Ok(time) if (0.0..=1.0).contains(&time) => Ok(time),
+        _ => Err(format!("expected a time from 0 (the clip's start) to 1 (its end), found `{text}`")),
+    }
+}
+
+/// A factor by which images are made smaller.
+pub fn downscale(text: &str) -> Result<f64, String> {
+    match text.parse::<f64>() {
+        Ok(factor) if factor >= 1.0 && factor.is_finite() => Ok(factor),
+        _ => Err(format!("expected a factor of at least 1, found `{text}`")),
+    }
+}
+
+/// An amount of memory: bytes, or with a unit of 1000 (kB, MB, GB, TB) or 1024 (KiB, MiB, GiB, TiB).
+pub fn bytes(text: &str) -> Result<u64, String> {
+    const UNITS: [(&str, u64); 9] = [
+        ("KiB", 1 << 10),
+        ("MiB", 1 << 20),
+        ("GiB", 1 << 30),
+        ("TiB", 1 << 40),
+        ("kB", 1_000),
+        ("MB", 1_000_000),
+        ("GB", 1_000_000_000),
+        ("TB", 1_000_000_000_000),
+        ("B", 1),
+    ];
+    let wrong = || format!("expected bytes, such as 2GiB, 500MB or 1000000, found `{text}`");
+    let (number, unit) = UNITS
+        .iter()
+        .find_map(|(name, unit)| text.strip_suffix(name).map(|number| (number, *unit)))
+        .unwrap_or((text, 1));
+    let number: f64 = number.trim().parse().map_err(|_| wrong())?;
+    if !(number.is_finite() && number > 0.0) {
+        return Err(wrong());
+    }
+    // Saturates beyond what any machine has.
+    Ok((number * unit as f64) as u64)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn amounts_of_memory() {
+        assert_eq!(bytes("1000"), Ok(1000));
+        assert_eq!(bytes("2GiB"), Ok(2 << 30));
+        assert_eq!(bytes("0.5 MB"), Ok(500_000));
+        assert_eq!(bytes("12B"), Ok(12));
+        for bad in ["", "GiB", "-1", "0", "2 gigs", "inf", "NaNMB"] {
+            assert!(bytes(bad).is_err(), "{bad}");
+        }
+    }
+
+    #[test]
+    fn sizes_colours_times_and_lists() {
+        assert_eq!("32x24".parse(), Ok(Size { width: 32, height: 24 }));
+        assert_eq!("1, 0,0.5".parse(), Ok(Color([1.0, 0.0, 0.5])));
+        assert_eq!("0,7".parse(), Ok(CameraList(vec![0, 7])));
+        assert_eq!("none".parse(), Ok(CameraList(vec![])));
+        assert_eq!(time("0.25"), Ok(0.25));
+        assert_eq!(downscale("2"), Ok(2.0));
+        for bad in ["32", "32x", "x24", "axb", "-1x2"] {
+            assert!(bad.parse::<Size>().is_err(), "{bad}");
+        }
+        for bad in ["1,1", "1,1,1,1", "2,0,0", "NaN,0,0", "red"] {
+            assert!(bad.parse::<Color>().is_err(), "{bad}");
+        }
+        for bad in ["", "a", "1,,2", "-1"] {
+            assert!(bad.parse::<CameraList>().is_err(), "{bad}");
+        }
+        for bad in ["-0.1", "1.1", "NaN", ""] {
+            assert!(time(bad).is_err() && downscale("0.5").is_err(), "{bad}");
+        }
+    }
+}

@@ -1,0 +1,265 @@
+//! Scores of a scene over the views of one split.
+
+use std::collections::BTreeMap;
+
+use dash_model::{DynamicScene, Layer};
+use serde::{Deserialize, Serialize};
+
+use crate::TrainError;
+use crate::dataset::{Dataset, Split, View};
+use crate::metrics::{
+    MOVING_PIXELS_RULE, MS_SSIM_RULE, PSNR_RULE, SPLIT_RULE, SSIM_RULE, SplitCounts, masked_psnr,
+    moving_pixels, ms_ssim, ms_ssim_scales, psnr, split_scores, ssim,
+};
+use crate::render::{Picture, render_timed};
+
+/// Steps of an 8-bit channel.
+const LEVELS: f32 = 255.0;
+
+/// Scores of one view. A score is absent where it is not defined or not finite.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct ViewScores {
+    /// The camera's name.
+    pub camera: String,
+    /// Index of the time among the dataset's.
+    pub frame: usize,
+    /// Time in [0, 1].
+    pub time: f32,
+    /// dB.
+    pub psnr: Option<f64>,
+    /// dB, over the pixels that move in this camera's video.
+    pub psnr_dynamic: Option<f64>,
+    /// In [-1, 1].
+    pub ssim: Option<f64>,
+    /// In [0, 1].
+    pub ms_ssim: Option<f64>,
+}
+
+/// How well the dynamic Gaussians cover what really moves.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct DecompositionScores {
+    /// Share of the covered pixels that move.
+    pub precision: f64,
+    /// Share of the moving pixels that are covered.
+    pub recall: f64,
+    /// Harmonic mean of both.
+    pub f1: f64,
+}
+
+/// What a reader must know to compare the scores with others'.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct MetricSettings {
+    /// How the ground truth got its size.
+    pub resize: String,
+    /// How rendered values were rounded.
+    pub rounding: String,
+    /// Colour behind everything, in both pictures, sRGB in [0, 1].
+    pub background: [f32; 3],
+    /// How PSNR is taken.
+    pub psnr: String,
+    /// How the moving pixels are found.
+    pub moving_pixels: String,
+    /// How SSIM is taken.
+    pub ssim: String,
+    /// How MS-SSIM is taken.
+    pub ms_ssim: String,
+    /// Scales that MS-SSIM had at the size of the first view.
+    pub ms_ssim_scales: usize,
+    /// How `decomposition` is scored.
+    pub decomposition: String,
+    /// Why LPIPS is absent.
+    pub lpips: String,
+    /// How rendering was timed.
+    pub render_fps: String,
+    /// Which process `peak_memory_bytes` belongs to.
+    pub peak_memory: String,
+}
+
+/// Scores of a scene over one split: means over its views, and every view.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Evaluation {
+    /// The split.
+    pub split: Split,
+    /// Static Gaussians.
+    pub n_static: usize,
+    /// Dynamic Gaussians.
+    pub n_dynamic: usize,
+    /// Mean over views, dB.
+    pub psnr: Option<f64>,
+    /// Mean over the views of cameras in which something moves, dB.
+    pub psnr_dynamic: Option<f64>,
+    /// Mean over views.
+    pub ssim: Option<f64>,
+    /// Mean over views.
+    pub ms_ssim: Option<f64>,
+    /// Absent without weights.
+    pub lpips_vgg: Option<f64>,
+    /// Absent without weights.
+    pub lpips_alex: Option<f64>,
+    /// Pictures per second at the views' size.
+    pub render_fps: Option<f64>,
+    /// Against the true masks, where the dataset has them.
+    pub decomposition: Option<DecompositionScores>,
+    /// What the scores mean.
+    pub metric_settings: MetricSettings,
+    /// Every view.
+    pub per_view: Vec<ViewScores>,
+}
+
+/// Scores `scene` against the views of a split. `downscale` is the factor at which the dataset was
+/// loaded, for the record.
+///
+/// # Errors
+/// When the split has no views, or a kernel refuses its input.
+pub fn evaluate(
+    scene: &DynamicScene,
+    dataset: &Dataset,
+    split: Split,
+    downscale: f64,
+) -> Result<Evaluation, TrainError> {
+    let views: Vec<&View> = dataset.split(split).collect();
+    let Some(first) = views.first() else {
+        return Err(TrainError::run(
+            &dataset.root,
+            format!("expected views of the {split} split, found none; choose --split or --test-cameras"),
+        ));
+    };
+    let background = scene.settings.background;
+    let mut masks = BTreeMap::new();
+    // The first rendering pays for what later ones find ready.
+    render_timed(scene, &first.camera, first.time, Layer::Full)?;
+    let (mut per_view, mut seconds) = (Vec::with_capacity(views.len()), 0.0);
+    let mut counts: Option<SplitCounts> = None;
+    for view in &views {
+        let (picture, secs) = render_timed(scene, &view.camera, view.time, Layer::Full)?;
+        seconds += secs;
+        let moving = masks
+            .entry(view.camera_index)
+            .or_insert_with(|| camera_moving_pixels(dataset, view, background));
+        per_view.push(score(view, &picture, moving, background));
+        if let Some(truth) = view.mask() {
+            let (dynamic, _) = render_timed(scene, &view.camera, view.time, Layer::Dynamic)?;
+            let truth: Vec<bool> = truth.iter().map(|&m| m > 127).collect();
+            *counts.get_or_insert_default() += split_scores(&dynamic.alpha, &truth);
+        }
+    }
+    let (n_static, n_dynamic) = scene.counts();
+    let camera = &first.camera;
+    Ok(Evaluation {
+        split,
+        n_static,
+        n_dynamic,
+        psnr: mean_of_all(per_view.iter().map(|view| view.psnr)),
+        psnr_dynamic: mean_of_some(per_view.iter().filter_map(|view| view.psnr_dynamic)),
+        ssim: mean_of_all(per_view.iter().map(|view| view.ssim)),
+        ms_ssim: mean_of_all(per_view.iter().map(|view| view.ms_ssim)),
+        lpips_vgg: None,
+        lpips_alex: None,
+        render_fps: finite(views.len() as f64 / seconds),
+        decomposition: counts.map(|counts| DecompositionScores {
+            precision: counts.precision(),
+            recall: counts.recall(),
+            f1: counts.f1(),
+        }),
+        metric_settings: settings(background, downscale, camera.width, camera.height),
+        per_view,
+    })
+}
+
+fn score(view: &View, picture: &Picture, moving: &[bool], background: [f32; 3]) -> ViewScores {
+    let (width, height) = (view.camera.width, view.camera.height);
+    let truth = view.rgb(background);
+    let image: Vec<f32> = picture.rgb.iter().copied().map(as_saved).collect();
+    ViewScores {
+        camera: view.camera_name.clone(),
+        frame: view.frame,
+        time: view.time,
+        psnr: finite(psnr(&image, &truth)),
+        psnr_dynamic: masked_psnr(&image, &truth, moving).and_then(finite),
+        ssim: finite(ssim(&image, &truth, width, height)),
+        ms_ssim: finite(ms_ssim(&image, &truth, width, height)),
+    }
+}
+
+/// The value that an 8-bit picture would hold; NaN stays NaN.
+fn as_saved(value: f32) -> f32 {
+    (value.clamp(0.0, 1.0) * LEVELS).round() / LEVELS
+}
+
+/// Which pixels move in the video of this view's camera, over all its frames.
+fn camera_moving_pixels(dataset: &Dataset, view: &View, background: [f32; 3]) -> Vec<bool> {
+    let camera = &view.camera;
+    // Views of one camera differ in size only if the dataset's images do.
+    let same = |other: &&View| {
+        other.camera_index == view.camera_index
+            && (other.camera.width, other.camera.height) == (camera.width, camera.height)
+    };
+    let mut video: Vec<&View> = dataset.views.iter().filter(same).collect();
+    video.sort_by_key(|view| view.frame);
+    let frames: Vec<Vec<f32>> = video.iter().map(|view| view.rgb(background)).collect();
+    let frames: Vec<&[f32]> = frames.iter().map(Vec::as_slice).collect();
+    moving_pixels(&frames, camera.width, camera.height)
+}
+
+fn settings(background: [f32; 3], downscale: f64, width: usize, height: usize) -> MetricSettings {
+    let resize = if downscale == 1.0 {
+        "none: the images' own size".into()
+    } else {
+        format!("images made smaller by {downscale} on loading, averaging over the area of each new pixel")
+    };
+    MetricSettings {
+        resize,
+        rounding: "rendered values clamped to [0, 1] and rounded to 8 bits, as a saved PNG".into(),
+        background,
+        psnr: PSNR_RULE.into(),
+        moving_pixels: MOVING_PIXELS_RULE.into(),
+        ssim: SSIM_RULE.into(),
+        ms_ssim: MS_SSIM_RULE.into(),
+        ms_ssim_scales: ms_ssim_scales(width, height),
+        decomposition: SPLIT_RULE.into(),
+        lpips: "not measured: no weights".into(),
+        render_fps: "each of the split's views once at its own size, after one unmeasured rendering, \
+                     device synchronised before the clock stops, copying to the host excluded"
+            .into(),
+        peak_memory: "not recorded".into(),
+    }
+}
+
+fn finite(value: f64) -> Option<f64> {
+    value.is_finite().then_some(value)
+}
+
+/// The mean when every view has a score: one broken view must not go unnoticed.
+fn mean_of_all(scores: impl ExactSizeIterator<Item = Option<f64>>) -> Option<f64> {
+    let n = scores.len();
+    let sum: f64 = scores.sum::<Option<f64>>()?;
+    finite(sum / n as f64)
+}
+
+/// The mean of the scores there are.
+fn mean_of_some(scores: impl Iterator<Item = f64>) -> Option<f64> {
+    let (sum, n) = scores.fold((0.0, 0), |(sum, n), score| (sum + score, n + 1));
+    finite(sum / f64::from(n))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn means_leave_out_nothing_that_is_broken() {
+        assert_eq!(mean_of_all([Some(1.0), Some(3.0)].into_iter()), Some(2.0));
+        assert_eq!(mean_of_all([Some(1.0), None].into_iter()), None);
+        assert_eq!(mean_of_all([].into_iter()), None);
+        assert_eq!(mean_of_some([4.0].into_iter()), Some(4.0));
+        assert_eq!(mean_of_some([].into_iter()), None);
+    }
+
+    #[test]
+    fn rounding_is_that_of_a_saved_picture() {
+        assert_eq!(as_saved(-0.2), 0.0);
+        assert_eq!(as_saved(1.7), 1.0);
+        assert_eq!(as_saved(0.5), 128.0 / 255.0);
+        assert!(as_saved(f32::NAN).is_nan());
+    }
+}

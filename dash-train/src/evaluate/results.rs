@@ -1,0 +1,138 @@
+//! `results.json` of a run.
+
+use std::fs;
+use std::io::Write;
+use std::path::Path;
+
+use burn::tensor::Device;
+use dash_model::scene_file::write_atomically;
+use serde::{Deserialize, Serialize};
+
+use super::measure::{Evaluation, evaluate};
+use crate::TrainError;
+use crate::dataset::{Dataset, Split};
+use crate::train::{Preset, RunFolder};
+
+/// `results.json`.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Results {
+    /// The dataset's name.
+    pub dataset: String,
+    /// The device of the evaluation.
+    pub device: String,
+    /// The preset that the run started from.
+    pub preset: Preset,
+    /// The run's seed.
+    pub seed: u64,
+    /// Training steps.
+    pub iterations: usize,
+    /// Seconds of training, evaluation and file writing excluded.
+    pub train_seconds: Option<f64>,
+    /// Size of `RUN/scene`.
+    pub storage_bytes: u64,
+    /// Most resident memory of the process that `metric_settings.peak_memory` names.
+    pub peak_memory_bytes: Option<u64>,
+    /// The scores.
+    #[serde(flatten)]
+    pub evaluation: Evaluation,
+}
+
+/// What the calling process has done so far, which decides whose memory is recorded.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Process {
+    /// It has just trained the run.
+    Trained,
+    /// It only evaluates.
+    Evaluates,
+}
+
+const TRAINING_MEMORY: &str = "most resident memory of the process that trained, dataset included";
+const EVALUATION_MEMORY: &str =
+    "most resident memory of the process that evaluated, dataset included; that of training is not known";
+
+/// Scores a finished run over a split and writes its `results.json`.
+///
+/// # Errors
+/// When the run is unfinished, the split has no views, or a file can't be read or written.
+pub fn evaluate_run(
+    run: &RunFolder,
+    dataset: &Dataset,
+    split: Split,
+    device: (&Device, &str),
+    process: Process,
+) -> Result<Results, TrainError> {
+    let config = run.config()?;
+    let scene = run.scene(device.0)?;
+    // Before the evaluation adds its own.
+    let trained_peak = match process {
+        Process::Trained => peak_memory_bytes(),
+        Process::Evaluates => recorded_training_peak(run),
+    };
+    let mut evaluation = evaluate(&scene, dataset, split, config.data.downscale)?;
+    let (peak, rule) = match trained_peak {
+        Some(peak) => (Some(peak), TRAINING_MEMORY),
+        None => (peak_memory_bytes(), EVALUATION_MEMORY),
+    };
+    evaluation.metric_settings.peak_memory = rule.into();
+    let results = Results {
+        dataset: dataset.name.clone(),
+        device: device.1.into(),
+        preset: config.train.preset,
+        seed: config.train.seed,
+        iterations: config.train.iterations,
+        train_seconds: run.log()?.last().map(|line| line.seconds),
+        storage_bytes: storage_bytes(&run.scene_path())?,
+        peak_memory_bytes: peak,
+        evaluation,
+    };
+    let json = serde_json::to_vec_pretty(&results).map_err(|e| TrainError::Config(e.to_string()))?;
+    write_atomically(&run.results_path(), |mut file| file.write_all(&json))?;
+    Ok(results)
+}
+
+/// Reads a run's `results.json`; `None` when the run has none yet.
+///
+/// # Errors
+/// When the file can't be read or is damaged.
+pub fn read_results(run: &RunFolder) -> Result<Option<Results>, TrainError> {
+    let path = run.results_path();
+    let text = match fs::read(&path) {
+        Ok(text) => text,
+        Err(e) if e.kind() == std::io::ErrorKind::NotFound => return Ok(None),
+        Err(e) => return Err(TrainError::io(&path, "read", e)),
+    };
+    serde_json::from_slice(&text).map(Some).map_err(|e| {
+        TrainError::run(&path, format!("expected a run's results, found {e}; write them again with `dash eval`"))
+    })
+}
+
+/// A damaged file is about to be replaced, so it is no reason to fail.
+fn recorded_training_peak(run: &RunFolder) -> Option<u64> {
+    let before = read_results(run).ok().flatten()?;
+    (before.evaluation.metric_settings.peak_memory == TRAINING_MEMORY)
+        .then_some(before.peak_memory_bytes)
+        .flatten()
+}
+
+/// Bytes of the files in a folder and its subfolders.
+///
+/// # Errors
+/// When something in it can't be read.
+pub fn storage_bytes(folder: &Path) -> Result<u64, TrainError> {
+    let io = |e| TrainError::io(folder, "list", e);
+    let mut bytes = 0;
+    for entry in fs::read_dir(folder).map_err(io)? {
+        let entry = entry.map_err(io)?;
+        let metadata = entry.metadata().map_err(io)?;
+        bytes += if metadata.is_dir() { storage_bytes(&entry.path())? } else { metadata.len() };
+    }
+    Ok(bytes)
+}
+
+/// The most resident memory that this process has had; `None` where the system does not say.
+pub fn peak_memory_bytes() -> Option<u64> {
+    let status = fs::read_to_string("/proc/self/status").ok()?;
+    let line = status.lines().find_map(|line| line.strip_prefix("VmHWM:"))?;
+    let kibibytes: u64 = line.trim().strip_suffix("kB")?.trim().parse().ok()?;
+    Some(kibibytes * 1024)
+}

@@ -1,0 +1,13 @@
+//! Pictures of a scene in host memory, and whole sets of them on disk.
+//!
+//! `picture`: one camera at one time. `shots`: which cameras at which times. `output`: folders of
+//! pictures and videos, complete or absent.
+
+mod output;
+mod picture;
+mod shots;
+
+pub use output::{PictureFormat, RenderJob, write_pictures, write_video};
+pub use picture::{NO_SURFACE_ALPHA, Picture, PictureLayer, render};
+pub(crate) use picture::render_timed;
+pub use shots::{Shot, at_times, file_shots, spiral_shots, test_shots};

@@ -1,0 +1,226 @@
+//! Folders of pictures and videos, complete or absent.
+
+use std::fs;
+use std::path::{Path, PathBuf};
+
+use dash_model::{DynamicScene, Layer};
+
+use super::picture::{Picture, PictureLayer, render};
+use super::shots::Shot;
+use crate::TrainError;
+use crate::video::{VideoWriter, rgb8, write_exr_plane, write_exr_rgb, write_png};
+
+/// Frame rate of videos.
+const FRAMES_PER_SEC: f64 = 30.0;
+
+/// File format of pictures.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, clap::ValueEnum)]
+pub enum PictureFormat {
+    /// 8 bits, values clamped to [0, 1]. Depth is scaled per picture: the nearest surface white, the
+    /// farthest black, and black where there is no surface.
+    #[default]
+    Png,
+    /// 32-bit floats as rendered; depth in world units, 0 where there is no surface.
+    Exr,
+}
+
+impl PictureFormat {
+    fn extension(self) -> &'static str {
+        match self {
+            Self::Png => "png",
+            Self::Exr => "exr",
+        }
+    }
+}
+
+/// Pictures to take of a scene.
+pub struct RenderJob<'a> {
+    /// The scene.
+    pub scene: &'a DynamicScene,
+    /// Which cameras at which times, in the order of the files.
+    pub shots: &'a [Shot],
+    /// Called with the number of shots done after each.
+    pub on_shot: &'a mut dyn FnMut(usize),
+}
+
+/// Renders every shot to `out/LAYER/NNNN_CAMERA.png` (or `.exr`), `NNNN` counting shots from 0.
+///
+/// The layers' folders appear when everything is rendered: a failure leaves nothing behind.
+///
+/// # Errors
+/// When `out` can't be written, one of the layers' folders holds files already, or a kernel refuses
+/// its input.
+pub fn write_pictures(
+    job: RenderJob<'_>,
+    layers: &[PictureLayer],
+    format: PictureFormat,
+    out: &Path,
+) -> Result<(), TrainError> {
+    let scratch = scratch_beside(out)?;
+    for layer in layers {
+        refuse_occupied(&out.join(layer.to_string()))?;
+        let folder = scratch.path().join(layer.to_string());
+        fs::create_dir(&folder).map_err(|e| TrainError::io(&folder, "create", e))?;
+    }
+    for (index, shot) in job.shots.iter().enumerate() {
+        let name = format!("{index:04}_{}.{}", file_name(&shot.camera_name), format.extension());
+        for drawn_from in [Layer::Full, Layer::Static, Layer::Dynamic] {
+            let shown: Vec<PictureLayer> =
+                layers.iter().copied().filter(|layer| layer.drawn_from() == drawn_from).collect();
+            if shown.is_empty() {
+                continue;
+            }
+            let picture = render(job.scene, &shot.camera, shot.time, drawn_from)?;
+            for layer in shown {
+                let path = scratch.path().join(layer.to_string()).join(&name);
+                write_picture(&path, &picture, layer, format)?;
+            }
+        }
+        (job.on_shot)(index + 1);
+    }
+    fs::create_dir_all(out).map_err(|e| TrainError::io(out, "create", e))?;
+    for layer in layers {
+        let (from, to) = (scratch.path().join(layer.to_string()), out.join(layer.to_string()));
+        if to.exists() {
+            // Not every system renames over an empty folder.
+            fs::remove_dir(&to).map_err(|e| TrainError::io(&to, "replace", e))?;
+        }
+        fs::rename(&from, &to).map_err(|e| TrainError::io(&to, "write", e))?;
+    }
+    Ok(())
+}
+
+/// Renders every shot as a frame of the MP4 video `out`, which replaces one that exists when it is
+/// complete.
+///
+/// # Errors
+/// When ffmpeg is missing, `out` can't be written, the shots differ in size, or a kernel refuses
+/// its input.
+pub fn write_video(job: RenderJob<'_>, layer: PictureLayer, out: &Path) -> Result<(), TrainError> {
+    let Some(first) = job.shots.first() else {
+        return Err(TrainError::run(out, "expected at least one frame to write, found none"));
+    };
+    let size = (first.camera.width, first.camera.height);
+    let same = |shot: &Shot| (shot.camera.width, shot.camera.height) == size;
+    if let Some(other) = job.shots.iter().find(|shot| !same(shot)) {
+        return Err(TrainError::run(
+            out,
+            format!(
+                "expected cameras of one size for a video, found {}x{} and {}x{}; render pictures \
+                 into a folder, or one camera at a time",
+                size.0, size.1, other.camera.width, other.camera.height
+            ),
+        ));
+    }
+    let mut writer = VideoWriter::create(out, size.0, size.1, FRAMES_PER_SEC)?;
+    for (index, shot) in job.shots.iter().enumerate() {
+        let picture = render(job.scene, &shot.camera, shot.time, layer.drawn_from())?;
+        writer.push(&shown(&picture, layer))?;
+        (job.on_shot)(index + 1);
+    }
+    Ok(writer.finish()?)
+}
+
+fn write_picture(
+    path: &Path,
+    picture: &Picture,
+    layer: PictureLayer,
+    format: PictureFormat,
+) -> Result<(), TrainError> {
+    let (width, height) = (picture.width, picture.height);
+    Ok(match (format, layer) {
+        (PictureFormat::Png, _) => write_png(path, width, height, &shown(picture, layer))?,
+        (PictureFormat::Exr, PictureLayer::Alpha) => {
+            write_exr_plane(path, width, height, &picture.alpha)?;
+        }
+        (PictureFormat::Exr, PictureLayer::Depth) => {
+            write_exr_plane(path, width, height, &picture.depth)?;
+        }
+        (PictureFormat::Exr, _) => write_exr_rgb(path, width, height, &picture.rgb)?,
+    })
+}
+
+/// What a layer looks like, `[H, W, 3]` in 8 bits.
+fn shown(picture: &Picture, layer: PictureLayer) -> Vec<u8> {
+    let gray = |plane: &[f32]| rgb8(plane).into_iter().flat_map(|v| [v; 3]).collect();
+    match layer {
+        PictureLayer::Full | PictureLayer::Static | PictureLayer::Dynamic => rgb8(&picture.rgb),
+        PictureLayer::Alpha => gray(&picture.alpha),
+        PictureLayer::Depth => gray(&nearness(&picture.depth)),
+    }
+}
+
+/// 1 for the nearest surface, 0 for the farthest and for none.
+fn nearness(depth: &[f32]) -> Vec<f32> {
+    let surfaces = || depth.iter().copied().filter(|d| *d > 0.0 && d.is_finite());
+    let near = surfaces().fold(f32::INFINITY, f32::min);
+    let far = surfaces().fold(0.0, f32::max);
+    // A flat wall is all near.
+    let range = if far > near { far - near } else { 1.0 };
+    depth.iter().map(|&d| if d > 0.0 { 1.0 - (d - near) / range } else { 0.0 }).collect()
+}
+
+/// A scratch folder on the file system of `out`, gone when dropped.
+fn scratch_beside(out: &Path) -> Result<tempfile::TempDir, TrainError> {
+    let place = existing_ancestor(out)?;
+    tempfile::Builder::new()
+        .prefix(".dash-render-")
+        .tempdir_in(&place)
+        .map_err(|e| TrainError::io(out, "write", e))
+}
+
+/// The nearest folder on the way to `out` that exists.
+fn existing_ancestor(out: &Path) -> Result<PathBuf, TrainError> {
+    let mut place = out;
+    loop {
+        match fs::metadata(place) {
+            Ok(found) if found.is_dir() => return Ok(place.to_path_buf()),
+            Ok(_) => {
+                return Err(TrainError::run(
+                    out,
+                    format!("expected a folder to write to, found the file {}; choose another --out", place.display()),
+                ));
+            }
+            Err(_) => match place.parent() {
+                Some(parent) if parent != Path::new("") => place = parent,
+                _ => return Ok(PathBuf::from(".")),
+            },
+        }
+    }
+}
+
+fn refuse_occupied(folder: &Path) -> Result<(), TrainError> {
+    match fs::read_dir(folder) {
+        Err(e) if e.kind() == std::io::ErrorKind::NotFound => Ok(()),
+        Err(e) => Err(TrainError::io(folder, "list", e)),
+        Ok(mut entries) if entries.next().is_some() => Err(TrainError::run(
+            folder,
+            "expected no such folder or an empty one, found files in it; remove it or choose another --out",
+        )),
+        Ok(_) => Ok(()),
+    }
+}
+
+/// A camera's name with what file systems refuse replaced.
+fn file_name(camera: &str) -> String {
+    let safe = |c: char| if c.is_alphanumeric() || "-_.".contains(c) { c } else { '_' };
+    camera.chars().map(safe).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn nearness_spans_the_surfaces() {
+        assert_eq!(nearness(&[0.0, 2.0, 4.0, 3.0]), [0.0, 1.0, 0.0, 0.5]);
+        assert_eq!(nearness(&[5.0, 5.0]), [1.0, 1.0]);
+        assert_eq!(nearness(&[0.0; 2]), [0.0; 2]);
+    }
+
+    #[test]
+    fn file_names_hold_no_separators() {
+        assert_eq!(file_name("train/r_0001 (2)"), "train_r_0001__2_");
+        assert_eq!(file_name("../x"), ".._x");
+    }
+}

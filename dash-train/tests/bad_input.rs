@@ -1,0 +1,340 @@
+//! Bad input of every kind: exit code 1, one line that names the file, nothing left behind.
+
+mod common;
+
+use common::{Bench, TINY};
+
+/// `dash train` on `room`, which must fail before `run` is made.
+const TRAIN: [&str; 4] = ["train", "room", "--out", "run"];
+
+/// A NumPy file of f64.
+fn npy(shape: &str, values: &[f64]) -> Vec<u8> {
+    let header = format!("{{'descr': '<f8', 'fortran_order': False, 'shape': {shape}, }}\n");
+    let mut bytes = b"\x93NUMPY\x01\x00".to_vec();
+    bytes.extend((header.len() as u16).to_le_bytes());
+    bytes.extend(header.as_bytes());
+    bytes.extend(values.iter().flat_map(|v| v.to_le_bytes()));
+    bytes
+}
+
+#[test]
+fn missing_files() {
+    let bench = Bench::new();
+    bench.fails(&["train", "nowhere", "--out", "run"], "nowhere");
+    bench.fails(&["info", "nowhere"], "nowhere");
+    bench.fails(&["info", "nowhere.ply"], "nowhere.ply");
+    bench.fails(&["eval", "nowhere"], "nowhere");
+    bench.fails(&["render", "nowhere", "--out", "out"], "nowhere");
+    bench.fails(&["render", "nowhere.ply", "--cameras", "c.json", "--out", "out"], "nowhere.ply");
+    bench.fails(&["export", "nowhere", "--time", "0", "--out", "a.ply"], "nowhere");
+    bench.fails(&["train", "nowhere", "--out", "run", "--resume"], "run");
+    bench.fails(&["train", "nowhere", "--out", "run", "--config", "c.toml"], "c.toml");
+    bench.write("empty/readme.txt", "nothing here");
+    bench.fails(&["train", "empty", "--out", "run"], "empty");
+}
+
+#[test]
+fn damaged_poses_of_n3dv() {
+    let bench = Bench::with_room("n3dv");
+    let whole = bench.read("room/poses_bounds.npy");
+    for share in [0.0, 0.02, 0.3, 0.9] {
+        bench.truncate("room/poses_bounds.npy", share);
+        bench.fails(&TRAIN, "poses_bounds.npy");
+        bench.write("room/poses_bounds.npy", &whole);
+    }
+    let poses: Vec<f64> = whole[whole.len() - 4 * 17 * 8..]
+        .chunks_exact(8)
+        .map(|bytes| f64::from_le_bytes(bytes.try_into().expect("8 bytes")))
+        .collect();
+    bench.write("room/poses_bounds.npy", npy("(4, 17)", &poses));
+    bench.ok(&["info", "room"]);
+    for bad in [f64::NAN, f64::INFINITY] {
+        let mut broken = poses.clone();
+        broken[5] = bad;
+        bench.write("room/poses_bounds.npy", npy("(4, 17)", &broken));
+        bench.fails(&TRAIN, "poses_bounds.npy");
+    }
+    for (shape, n) in [("(4, 16)", 64), ("(68,)", 68), ("(3, 17)", 51), ("(0, 17)", 0)] {
+        bench.write("room/poses_bounds.npy", npy(shape, &poses[..n]));
+        bench.fails(&TRAIN, "room");
+    }
+    bench.write("room/poses_bounds.npy", npy("(99999999999, 17)", &poses));
+    bench.fails(&TRAIN, "poses_bounds.npy");
+}
+
+#[test]
+fn damaged_pictures_and_points() {
+    let bench = Bench::with_room("n3dv");
+    let picture = "room/cam01/images/0001.png";
+    let whole = bench.read(picture);
+    bench.truncate(picture, 0.5);
+    bench.fails(&TRAIN, "0001.png");
+    bench.write(picture, "not a picture");
+    bench.fails(&TRAIN, "0001.png");
+    image::RgbImage::new(31, 24).save(bench.path(picture)).expect("saved");
+    bench.fails(&TRAIN, "0001.png");
+    bench.write(picture, whole);
+    bench.ok(&["info", "room"]);
+    for share in [0.0, 0.01, 0.6] {
+        let points = bench.read("room/points3D_downsample2.ply");
+        bench.truncate("room/points3D_downsample2.ply", share);
+        bench.fails(&TRAIN, "points3D_downsample2.ply");
+        bench.fails(&["info", "room/points3D_downsample2.ply"], "points3D_downsample2.ply");
+        bench.write("room/points3D_downsample2.ply", points);
+    }
+}
+
+#[test]
+fn zero_frames_and_one_camera() {
+    let bench = Bench::with_room("n3dv");
+    for camera in 0..4 {
+        for frame in 0..3 {
+            let path = bench.path(&format!("room/cam{camera:02}/images/{frame:04}.png"));
+            std::fs::remove_file(path).expect("removed");
+        }
+    }
+    bench.fails(&TRAIN, "cam00");
+
+    let bench = Bench::with_room("n3dv");
+    for camera in 1..4 {
+        std::fs::remove_dir_all(bench.path(&format!("room/cam{camera:02}"))).expect("removed");
+    }
+    bench.fails(&TRAIN, "room");
+    let whole = bench.read("room/poses_bounds.npy");
+    let first: Vec<f64> = whole[whole.len() - 4 * 17 * 8..][..17 * 8]
+        .chunks_exact(8)
+        .map(|bytes| f64::from_le_bytes(bytes.try_into().expect("8 bytes")))
+        .collect();
+    bench.write("room/poses_bounds.npy", npy("(1, 17)", &first));
+    bench.fails(&[&TRAIN[..], &["--test-cameras", "0"]].concat(), "camera");
+}
+
+#[test]
+fn damaged_transforms() {
+    let bench = Bench::with_room("blender");
+    let path = "room/transforms_train.json";
+    let whole = common::text(&bench.read(path));
+    for share in [0.0, 0.5, 0.99] {
+        bench.truncate(path, share);
+        bench.fails(&TRAIN, "transforms_train.json");
+        bench.write(path, &whole);
+    }
+    for (from, to) in [
+        ("transform_matrix", "matrix"),
+        ("\"frames\"", "\"pictures\""),
+        ("\"camera_angle_x\"", "\"angle\""),
+        ("r_0001", "r_9999"),
+    ] {
+        assert!(whole.contains(from), "{from} in {whole}");
+        bench.write(path, whole.replace(from, to));
+        bench.fails(&TRAIN, "room");
+    }
+    bench.write(path, r#"{"camera_angle_x": 0.8, "frames": []}"#);
+    bench.fails(&TRAIN, "transforms_train.json");
+}
+
+#[test]
+fn damaged_colmap_models() {
+    let bench = Bench::new();
+    let files = colmap_model();
+    for image in 0..3 {
+        let path = bench.path(&format!("room/images/{image}.png"));
+        std::fs::create_dir_all(path.parent().expect("a parent")).expect("made");
+        image::RgbImage::from_fn(16, 12, |x, y| image::Rgb([x as u8 * 9, y as u8 * 9, 50]))
+            .save(path)
+            .expect("saved");
+    }
+    let restore = || {
+        for (name, bytes) in &files {
+            bench.write(&format!("room/sparse/0/{name}"), bytes);
+        }
+    };
+    restore();
+    bench.ok(&["info", "room"]);
+    for (name, _) in &files {
+        for share in [0.0, 0.2, 0.7, 0.97] {
+            bench.truncate(&format!("room/sparse/0/{name}"), share);
+            bench.fails(&TRAIN, name);
+            restore();
+        }
+    }
+    // A count that promises more than any file holds.
+    for (name, bytes) in &files {
+        let mut huge = bytes.clone();
+        huge[..8].copy_from_slice(&(u64::MAX / 2).to_le_bytes());
+        bench.write(&format!("room/sparse/0/{name}"), huge);
+        bench.fails(&TRAIN, name);
+        restore();
+    }
+    let mut broken = files[1].1.clone();
+    broken[12..20].copy_from_slice(&f64::NAN.to_le_bytes());
+    bench.write("room/sparse/0/images.bin", broken);
+    bench.fails(&TRAIN, "images.bin");
+}
+
+/// Three images of one pinhole camera, and two points.
+fn colmap_model() -> [(&'static str, Vec<u8>); 3] {
+    let mut cameras = 1_u64.to_le_bytes().to_vec();
+    cameras.extend(1_u32.to_le_bytes());
+    // Model 1: PINHOLE.
+    cameras.extend(1_i32.to_le_bytes());
+    for side in [16_u64, 12] {
+        cameras.extend(side.to_le_bytes());
+    }
+    for parameter in [20.0_f64, 20.0, 8.0, 6.0] {
+        cameras.extend(parameter.to_le_bytes());
+    }
+    let mut images = 3_u64.to_le_bytes().to_vec();
+    for image in 0..3_u32 {
+        images.extend((image + 1).to_le_bytes());
+        for value in [1.0, 0.0, 0.0, 0.0, f64::from(image), 0.0, 0.0] {
+            images.extend(value.to_le_bytes());
+        }
+        images.extend(1_u32.to_le_bytes());
+        images.extend(format!("{image}.png\0").as_bytes());
+        images.extend(0_u64.to_le_bytes());
+    }
+    let mut points = 2_u64.to_le_bytes().to_vec();
+    for point in 0..2_u64 {
+        points.extend(point.to_le_bytes());
+        for value in [0.0, point as f64, 4.0] {
+            points.extend(value.to_le_bytes());
+        }
+        points.extend([200, 100, 50]);
+        points.extend(0.5_f64.to_le_bytes());
+        points.extend(0_u64.to_le_bytes());
+    }
+    [("cameras.bin", cameras), ("images.bin", images), ("points3D.bin", points)]
+}
+
+#[test]
+fn folders_that_cannot_be_written() {
+    let bench = Bench::with_room("n3dv");
+    bench.train("done");
+    bench.write("file", "not a folder");
+    for place in ["file/run", "/proc/run"] {
+        bench.fails(&["synth", place], place);
+        bench.fails(&["train", "room", "--out", place], place);
+        bench.fails(&["render", "done", "--out", place], place);
+        bench.fails(&["render", "done", "--frames", "2", "--out", &format!("{place}.mp4")], place);
+        bench.fails(&["export", "done", "--time", "0", "--out", &format!("{place}.ply")], place);
+    }
+    bench.fails(&["train", "room", "--out", "done"], "done");
+    bench.fails(&["train", "room", "--out", "file"], "file");
+    bench.write("out/full/mine.txt", "kept");
+    bench.fails(&["render", "done", "--out", "out"], "out/full");
+}
+
+#[test]
+fn damaged_runs() {
+    let bench = Bench::with_room("n3dv");
+    bench.train("run");
+    let commands: [&[&str]; 4] = [
+        &["eval", "run"],
+        &["render", "run", "--out", "out"],
+        &["export", "run", "--time", "0", "--out", "a.ply"],
+        &["info", "run"],
+    ];
+    for (file, shares) in [
+        ("scene/scene.json", [0.0, 0.7]),
+        ("scene/scene.safetensors", [0.01, 0.9]),
+    ] {
+        let path = format!("run/{file}");
+        let whole = bench.read(&path);
+        for share in shares {
+            bench.truncate(&path, share);
+            for command in commands {
+                bench.fails(command, file);
+            }
+        }
+        bench.write(&path, whole);
+    }
+    let whole = bench.read("run/config.toml");
+    bench.truncate("run/config.toml", 0.5);
+    bench.fails(&["eval", "run"], "config.toml");
+    bench.fails(&["train", "room", "--out", "run", "--resume"], "config.toml");
+    bench.write("run/config.toml", whole);
+
+    std::fs::remove_dir_all(bench.path("run/checkpoints/000030")).expect("removed");
+    bench.truncate("run/checkpoints/000020/optimizer.safetensors", 0.5);
+    bench.fails(&["train", "room", "--out", "run", "--resume"], "optimizer.safetensors");
+    bench.truncate("run/checkpoints/000020/state.json", 0.5);
+    bench.fails(&["train", "room", "--out", "run", "--resume"], "state.json");
+
+    std::fs::remove_file(bench.path("run/scene/scene.json")).expect("removed");
+    bench.fails(&["eval", "run"], "run");
+    std::fs::remove_dir_all(bench.path("room")).expect("removed");
+    bench.fails(&["train", "room", "--out", "run", "--resume"], "room");
+}
+
+#[test]
+fn damaged_camera_files_and_exported_scenes() {
+    let bench = Bench::with_room("n3dv");
+    bench.train("run");
+    bench.ok(&["export", "run", "--time", "0", "--out", "a.ply"]);
+    let good = r#"[{"id": 0, "img_name": "a", "width": 16, "height": 12, "position": [0, 1, 4],
+        "rotation": [[1, 0, 0], [0, -1, 0], [0, 0, -1]], "fx": 20, "fy": 20}]"#;
+    bench.write("c.json", good);
+    let render = ["render", "a.ply", "--cameras", "c.json", "--out", "out"];
+    for (from, to) in [
+        ("]}]", ""),
+        ("[{", "{"),
+        ("\"fx\": 20", "\"fx\": 0"),
+        ("\"fx\": 20", "\"fy\": 20"),
+        ("[0, 1, 4]", "[0, 1]"),
+        ("[1, 0, 0]", "[1, 0, 1e999]"),
+        ("[1, 0, 0]", "[0, 0, 0]"),
+        ("\"width\": 16", "\"width\": 0"),
+        (good, "[]"),
+    ] {
+        let bad = good.replace(from, to);
+        assert_ne!(bad, good, "{from}");
+        bench.write("c.json", bad);
+        bench.fails(&render, "c.json");
+    }
+    bench.write("c.json", good);
+    let whole = bench.read("a.ply");
+    for share in [0.0, 0.01, 0.5, 0.999] {
+        bench.truncate("a.ply", share);
+        bench.fails(&render, "a.ply");
+        bench.fails(&["info", "a.ply"], "a.ply");
+        bench.write("a.ply", &whole);
+    }
+    bench.ok(&render);
+}
+
+#[test]
+fn ffmpeg_is_missing() {
+    let bench = Bench::with_room("n3dv");
+    bench.train("run");
+    let without = |args: &[&str]| {
+        let mut command = bench.command(args);
+        command.env("PATH", "");
+        command
+    };
+    bench.fails_as(without(&["synth", "clip", "--video"]), "ffmpeg");
+    bench.fails_as(without(&["render", "run", "--frames", "2", "--out", "clip.mp4"]), "ffmpeg");
+    for camera in 0..4 {
+        std::fs::remove_dir_all(bench.path(&format!("room/cam{camera:02}"))).expect("removed");
+        bench.write(&format!("room/cam{camera:02}.mp4"), "no video either");
+    }
+    bench.fails_as(without(&["train", "room", "--out", "again"]), "ffmpeg");
+}
+
+#[test]
+fn options_that_do_not_fit_the_data() {
+    let bench = Bench::with_room("n3dv");
+    bench.fails(&[&TRAIN[..], &["--test-cameras", "9"]].concat(), "--test-cameras");
+    bench.fails(&[&TRAIN[..], &["--test-cameras", "0,1,2,3"]].concat(), "room");
+    bench.fails(&[&TRAIN[..], &["--memory", "1kB"]].concat(), "room");
+    bench.fails(&[&TRAIN[..], &["--layout", "colmap"]].concat(), "room");
+    bench.fails(&[&TRAIN[..], &["--device", "wgpu"]].concat(), "wgpu");
+    bench.write("c.toml", "[loss]\ndsim = 1\n");
+    bench.fails(&[&TRAIN[..], &["--config", "c.toml"]].concat(), "c.toml");
+    bench.write("c.toml", "[loss\n");
+    bench.fails(&[&TRAIN[..], &["--config", "c.toml"]].concat(), "c.toml");
+    let args = ["train", "room", "--out", "run", "--test-cameras", "none", "--iterations", "5"];
+    bench.ok(&[&args[..], &TINY[..]].concat());
+    bench.fails(&["eval", "run"], "test");
+    bench.fails(&["render", "run", "--out", "out"], "test views");
+}
