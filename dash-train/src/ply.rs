@@ -1,7 +1,7 @@
 //! Point clouds in PLY files.
 
 use std::fs;
-use std::io::{BufReader, BufWriter, Cursor, Write};
+use std::io::{BufWriter, Cursor, Write};
 use std::path::Path;
 
 use serde::{Deserialize, Serialize};
@@ -54,7 +54,10 @@ impl PointCloud {
 pub fn read_points(path: &Path) -> Result<PointCloud, DatasetError> {
     let (points, dropped) = read_points_counting(path)?;
     if dropped > 0 {
-        tracing::warn!("{}: left out {dropped} points that are not finite", path.display());
+        tracing::warn!(
+            "{}: left out {dropped} points that are not finite",
+            path.display()
+        );
     }
     Ok(points)
 }
@@ -77,7 +80,11 @@ pub fn read_points_counting(path: &Path) -> Result<(PointCloud, usize), DatasetE
 /// # Panics
 /// When there are not as many colours as positions.
 pub fn write_points(path: &Path, points: &PointCloud) -> Result<(), DatasetError> {
-    assert_eq!(points.positions.len(), points.colors.len(), "one colour per position");
+    assert_eq!(
+        points.positions.len(),
+        points.colors.len(),
+        "one colour per position"
+    );
     let vertex = points
         .positions
         .iter()
@@ -95,8 +102,12 @@ pub fn write_points(path: &Path, points: &PointCloud) -> Result<(), DatasetError
         })
         .collect();
     let mut file = BufWriter::new(fs::File::create(path).map_err(DatasetError::io(path))?);
-    serde_ply::to_writer(&WrittenCloud { vertex }, SerializeOptions::binary_le(), &mut file)
-        .map_err(|e| DatasetError::io(path)(e.0))?;
+    serde_ply::to_writer(
+        &WrittenCloud { vertex },
+        SerializeOptions::binary_le(),
+        &mut file,
+    )
+    .map_err(|e| DatasetError::io(path)(e.0))?;
     file.flush().map_err(DatasetError::io(path))
 }
 
@@ -145,19 +156,20 @@ fn parse(path: &Path, mut bytes: Vec<u8>) -> Result<(PointCloud, usize), Dataset
             "export the points again or remove the file",
         )
     };
-    // serde-ply ends an ASCII number at white space only, also the file's last one.
-    bytes.push(b'\n');
     let n_bytes = bytes.len();
-    let mut reader = PlyReader::from_reader(BufReader::new(Cursor::new(bytes)))
-        .map_err(|e| malformed(e.0.to_string()))?;
-    let format = reader.header().format;
+    let header = PlyReader::from_reader(&bytes[..]).map_err(|e| malformed(e.0.to_string()))?;
+    let format = header.header().format;
+    if format == PlyFormat::Ascii {
+        // serde-ply ends a number at white space only, also the file's last one.
+        bytes.push(b'\n');
+    }
+    let mut reader =
+        PlyReader::from_reader(Cursor::new(bytes)).map_err(|e| malformed(e.0.to_string()))?;
     while let Some(element) = reader.current_element().cloned() {
         if !rows_fit(&element, format, n_bytes) {
             return Err(malformed(format!(
                 "{} rows of `{}` announced in a file of {} bytes (truncated?)",
-                element.count,
-                element.name,
-                n_bytes - 1
+                element.count, element.name, n_bytes
             )));
         }
         if element.name != "vertex" {
@@ -166,7 +178,10 @@ fn parse(path: &Path, mut bytes: Vec<u8>) -> Result<(PointCloud, usize), Dataset
                 .map_err(|e| malformed(format!("in `{}`: {}", element.name, e.0)))?;
             continue;
         }
-        if let Some(axis) = ["x", "y", "z"].iter().find(|name| !element.has_property(name)) {
+        if let Some(axis) = ["x", "y", "z"]
+            .iter()
+            .find(|name| !element.has_property(name))
+        {
             return Err(malformed(format!("no property `{axis}`")));
         }
         let rows = reader
@@ -177,21 +192,26 @@ fn parse(path: &Path, mut bytes: Vec<u8>) -> Result<(PointCloud, usize), Dataset
     Err(malformed("no element `vertex`".into()))
 }
 
-/// Whether a file of `n_bytes` can hold the announced rows; a row without columns holds nothing.
+/// Whether a file of `n_bytes` can hold the announced rows, going by each column's smallest size; a
+/// row without columns holds nothing.
 fn rows_fit(element: &ElementDef, format: PlyFormat, n_bytes: usize) -> bool {
     let row_bytes: usize = element
         .properties
         .iter()
         .map(|property| match (format, &property.property_type) {
-            (PlyFormat::Ascii, _) => 2,
-            (_, PropertyType::Scalar(scalar) | PropertyType::List { count_type: scalar, .. }) => {
-                match scalar {
-                    ScalarType::I8 | ScalarType::U8 => 1,
-                    ScalarType::I16 | ScalarType::U16 => 2,
-                    ScalarType::I32 | ScalarType::U32 | ScalarType::F32 => 4,
-                    ScalarType::F64 => 8,
-                }
-            }
+            (PlyFormat::Ascii, _) => 1,
+            (
+                _,
+                PropertyType::Scalar(scalar)
+                | PropertyType::List {
+                    count_type: scalar, ..
+                },
+            ) => match scalar {
+                ScalarType::I8 | ScalarType::U8 => 1,
+                ScalarType::I16 | ScalarType::U16 => 2,
+                ScalarType::I32 | ScalarType::U32 | ScalarType::F32 => 4,
+                ScalarType::F64 => 8,
+            },
         })
         .sum();
     element.count == 0 || (row_bytes > 0 && element.count <= n_bytes / row_bytes)
@@ -208,7 +228,9 @@ fn collect(element: &ElementDef, rows: Vec<Vertex>) -> (PointCloud, usize) {
     };
     let scale = match color_type {
         Some(ScalarType::F32 | ScalarType::F64)
-            if rows.iter().all(|r| r.red <= 1.0 && r.green <= 1.0 && r.blue <= 1.0) =>
+            if rows
+                .iter()
+                .all(|r| r.red <= 1.0 && r.green <= 1.0 && r.blue <= 1.0) =>
         {
             255.0
         }
@@ -295,7 +317,10 @@ mod tests {
         }
         bytes.extend([9, 8, 7]);
         let (points, _) = parse(Path::new("cloud.ply"), bytes).expect("valid");
-        assert_eq!((points.positions[0], points.colors[0]), ([1.0, 2.0, 3.0], [9, 8, 7]));
+        assert_eq!(
+            (points.positions[0], points.colors[0]),
+            ([1.0, 2.0, 3.0], [9, 8, 7])
+        );
     }
 
     #[test]

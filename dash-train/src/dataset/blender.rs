@@ -1,6 +1,6 @@
 //! The layout of D-NeRF, Blender and nerfstudio: `transforms*.json` beside the images.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use dash_kernels::Camera;
 
@@ -33,11 +33,18 @@ struct Entry {
 pub(super) fn read(context: &Context) -> Result<Parts, DatasetError> {
     let path = |name: &str| context.root.join(name);
     let mut entries = Vec::new();
-    let first = if path(TRAIN).is_file() { path(TRAIN) } else { path(SINGLE) };
+    let first = if path(TRAIN).is_file() {
+        path(TRAIN)
+    } else {
+        path(SINGLE)
+    };
     let transforms = parse(&first)?;
     collect(context, &first, &transforms, false, &mut entries)?;
     // Validation views serve only where there are no test views.
-    let held_out = [TEST, VAL].map(path).into_iter().find(|p| first != path(SINGLE) && p.is_file());
+    let held_out = [TEST, VAL]
+        .map(path)
+        .into_iter()
+        .find(|p| first != path(SINGLE) && p.is_file());
     match held_out {
         Some(file) => collect(context, &file, &parse(&file)?, true, &mut entries)?,
         None => hold_out_every_eighth(&mut entries),
@@ -64,19 +71,24 @@ pub(super) fn read(context: &Context) -> Result<Parts, DatasetError> {
             camera: entry.camera,
         });
     }
-    let views = context.load_views(planned)?;
     let named = transforms
         .ply_file_path
         .as_deref()
         .map(|name| files::confined(context.root, name, &first))
         .transpose()?;
     let points = find_points(context.root, named.as_deref())?;
-    Ok(Parts { views, points, n_frames, n_cameras })
+    let views = context.load_views(planned)?;
+    Ok(Parts {
+        views,
+        points,
+        n_frames,
+        n_cameras,
+    })
 }
 
 fn collect(
     context: &Context,
-    listed_in: &std::path::Path,
+    listed_in: &Path,
     transforms: &Transforms,
     held_out: bool,
     entries: &mut Vec<Entry>,
@@ -84,8 +96,7 @@ fn collect(
     for frame in &transforms.frames {
         let file = files::confined(context.root, &frame.file_path, listed_in)?;
         let file = find_image(file, listed_in)?;
-        let (camera, distortion) =
-            transforms.camera(listed_in, frame, || dimensions(&file))?;
+        let (camera, distortion) = transforms.camera(listed_in, frame, || dimensions(&file))?;
         let finite = distortion.is_finite() && frame.time.is_none_or(f64::is_finite);
         if !finite {
             return Err(DatasetError::invalid(
@@ -97,7 +108,10 @@ fn collect(
         }
         let inside = file.strip_prefix(context.root).unwrap_or(&file);
         entries.push(Entry {
-            name: inside.with_extension("").to_string_lossy().replace('\\', "/"),
+            name: inside
+                .with_extension("")
+                .to_string_lossy()
+                .replace('\\', "/"),
             file,
             time: frame.time,
             camera,
@@ -171,7 +185,9 @@ fn distinct_poses(entries: &[Entry]) -> (Vec<usize>, usize) {
     let indices = entries
         .iter()
         .map(|entry| {
-            let known = distinct.iter().position(|camera| pose::same_pose(camera, &entry.camera));
+            let known = distinct
+                .iter()
+                .position(|camera| pose::same_pose(camera, &entry.camera));
             known.unwrap_or_else(|| {
                 distinct.push(&entry.camera);
                 distinct.len() - 1

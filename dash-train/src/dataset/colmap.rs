@@ -59,19 +59,30 @@ pub(super) fn parameter_names(model: u32) -> Option<(&'static str, usize)> {
 /// The folder with a sparse model, in either format, if there is one.
 pub(super) fn model_folder(root: &Path) -> Option<PathBuf> {
     let has_cameras = |folder: &PathBuf| {
-        ["cameras.bin", "cameras.txt"].iter().any(|name| folder.join(name).is_file())
+        ["cameras.bin", "cameras.txt"]
+            .iter()
+            .any(|name| folder.join(name).is_file())
     };
-    MODEL_FOLDERS.iter().map(|name| root.join(name)).find(has_cameras)
+    MODEL_FOLDERS
+        .iter()
+        .map(|name| root.join(name))
+        .find(has_cameras)
 }
 
 /// The points of a sparse model, if it has the file.
 pub(super) fn read_model_points(model: &Path) -> Result<Option<PointCloud>, DatasetError> {
-    if !["points3D.bin", "points3D.txt"].iter().any(|name| model.join(name).is_file()) {
+    if !["points3D.bin", "points3D.txt"]
+        .iter()
+        .any(|name| model.join(name).is_file())
+    {
         return Ok(None);
     }
     let (points, dropped) = read_model_file(model, "points3D", binary::points, text::points)?.1;
     if dropped > 0 {
-        tracing::warn!("{}: left out {dropped} points that are not finite", model.display());
+        tracing::warn!(
+            "{}: left out {dropped} points that are not finite",
+            model.display()
+        );
     }
     Ok(Some(points))
 }
@@ -110,7 +121,12 @@ pub(super) fn read(context: &Context) -> Result<Parts, DatasetError> {
         read_model_file(&model, "images", binary::images, text::images)?;
     if images.is_empty() {
         let remedy = "run COLMAP's mapper until it registers images";
-        return Err(DatasetError::invalid(&images_file, "registered images", "none", remedy));
+        return Err(DatasetError::invalid(
+            &images_file,
+            "registered images",
+            "none",
+            remedy,
+        ));
     }
     // Plain order of names, as 3DGS sorts before it holds out every eighth.
     images.sort_by(|a, b| a.name.cmp(&b.name));
@@ -134,12 +150,14 @@ pub(super) fn read(context: &Context) -> Result<Parts, DatasetError> {
             return Err(malformed("cameras listed in the cameras file", found));
         };
         let camera = place(camera, image).map_err(|e| malformed("a finite pose", e))?;
-        let file = files::confined(&context.root.join(IMAGE_FOLDER), &image.name, &images_file)?;
+        let folder = context.root.join(IMAGE_FOLDER);
+        let file = files::confined(&folder, &image.name, &images_file)?;
         if !file.is_file() {
             let found = "no such file".to_string();
             return Err(malformed(&format!("the image {}", file.display()), found));
         }
-        let name = Path::new(&image.name).with_extension("").to_string_lossy().into_owned();
+        let inside = file.strip_prefix(&folder).unwrap_or(&file);
+        let name = inside.with_extension("").to_string_lossy().into_owned();
         planned.push(PlannedView {
             file,
             camera_name: name.clone(),
@@ -152,9 +170,14 @@ pub(super) fn read(context: &Context) -> Result<Parts, DatasetError> {
             lens: lens.clone(),
         });
     }
-    let views = context.load_views(planned)?;
     let points = find_points(context.root, None)?;
-    Ok(Parts { views, points, n_frames: 1, n_cameras })
+    let views = context.load_views(planned)?;
+    Ok(Parts {
+        views,
+        points,
+        n_frames: 1,
+        n_cameras,
+    })
 }
 
 /// The intrinsics and lens distortion of a model's camera.
@@ -167,15 +190,16 @@ pub(super) fn pinhole(
         let remedy = "undistort the images and export the model again (`colmap image_undistorter`)";
         DatasetError::invalid(path, expected, found, remedy)
     };
-    let lens = |k: [f64; 2], p| Distortion { k: [k[0], k[1], 0.0, 0.0], p };
+    let lens = |k: [f64; 2], p| Distortion {
+        k: [k[0], k[1], 0.0, 0.0],
+        p,
+    };
     let (fx, fy, cx, cy, distortion) = match (camera.model.as_str(), &camera.parameters[..]) {
         ("SIMPLE_PINHOLE", &[f, cx, cy]) => (f, f, cx, cy, Distortion::default()),
         ("PINHOLE", &[fx, fy, cx, cy]) => (fx, fy, cx, cy, Distortion::default()),
         ("SIMPLE_RADIAL", &[f, cx, cy, k]) => (f, f, cx, cy, lens([k, 0.0], [0.0; 2])),
         ("RADIAL", &[f, cx, cy, k1, k2]) => (f, f, cx, cy, lens([k1, k2], [0.0; 2])),
-        ("OPENCV", &[fx, fy, cx, cy, k1, k2, p1, p2]) => {
-            (fx, fy, cx, cy, lens([k1, k2], [p1, p2]))
-        }
+        ("OPENCV", &[fx, fy, cx, cy, k1, k2, p1, p2]) => (fx, fy, cx, cy, lens([k1, k2], [p1, p2])),
         (model, parameters) => {
             return Err(malformed(
                 "a camera model among SIMPLE_PINHOLE, PINHOLE, SIMPLE_RADIAL, RADIAL and OPENCV",
@@ -186,11 +210,18 @@ pub(super) fn pinhole(
     let side = |v: u64| (1..=u64::from(MAX_IMAGE_SIDE)).contains(&v);
     if !(side(camera.width) && side(camera.height)) {
         let found = format!("{}x{}", camera.width, camera.height);
-        return Err(malformed(&format!("image sizes from 1 to {MAX_IMAGE_SIDE}"), found));
+        return Err(malformed(
+            &format!("image sizes from 1 to {MAX_IMAGE_SIDE}"),
+            found,
+        ));
     }
     let positive = |v: f64| v > 0.0 && v.is_finite();
-    if !(positive(fx) && positive(fy) && cx.is_finite() && cy.is_finite() && distortion.is_finite()) {
-        return Err(malformed("positive finite intrinsics", format!("{:?}", camera.parameters)));
+    if !(positive(fx) && positive(fy) && cx.is_finite() && cy.is_finite() && distortion.is_finite())
+    {
+        return Err(malformed(
+            "positive finite intrinsics",
+            format!("{:?}", camera.parameters),
+        ));
     }
     let (width, height) = (camera.width as usize, camera.height as usize);
     Ok((Camera::new(fx, fy, cx, cy, width, height), distortion))
@@ -204,12 +235,26 @@ pub(super) fn place(intrinsics: &Camera, image: &ModelImage) -> Result<Camera, S
     }
     let [w, x, y, z] = image.quaternion.map(|v| v / norm);
     let rows = [
-        [1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y - w * z), 2.0 * (x * z + w * y)],
-        [2.0 * (x * y + w * z), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z - w * x)],
-        [2.0 * (x * z - w * y), 2.0 * (y * z + w * x), 1.0 - 2.0 * (x * x + y * y)],
+        [
+            1.0 - 2.0 * (y * y + z * z),
+            2.0 * (x * y - w * z),
+            2.0 * (x * z + w * y),
+        ],
+        [
+            2.0 * (x * y + w * z),
+            1.0 - 2.0 * (x * x + z * z),
+            2.0 * (y * z - w * x),
+        ],
+        [
+            2.0 * (x * z - w * y),
+            2.0 * (y * z + w * x),
+            1.0 - 2.0 * (x * x + y * y),
+        ],
     ];
     let position = [0, 1, 2].map(|axis| {
-        -(0..3).map(|row| rows[row][axis] * image.translation[row]).sum::<f64>()
+        -(0..3)
+            .map(|row| rows[row][axis] * image.translation[row])
+            .sum::<f64>()
     });
     pose::place(intrinsics.clone(), rows, position)
 }

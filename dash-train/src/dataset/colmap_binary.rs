@@ -28,7 +28,13 @@ pub(super) fn cameras(path: &Path, bytes: &[u8]) -> Result<Vec<ModelCamera>, Dat
         for _ in 0..names {
             parameters.push(reader.f64("camera parameters")?);
         }
-        cameras.push(ModelCamera { id, model: model.to_string(), width, height, parameters });
+        cameras.push(ModelCamera {
+            id,
+            model: model.to_string(),
+            width,
+            height,
+            parameters,
+        });
     }
     Ok(cameras)
 }
@@ -75,7 +81,11 @@ pub(super) struct Reader<'a> {
 
 impl<'a> Reader<'a> {
     pub(super) fn new(path: &'a Path, bytes: &'a [u8]) -> Self {
-        Self { path, rest: bytes, length: bytes.len() }
+        Self {
+            path,
+            rest: bytes,
+            length: bytes.len(),
+        }
     }
 
     fn malformed(&self, found: String) -> DatasetError {
@@ -87,7 +97,7 @@ impl<'a> Reader<'a> {
         )
     }
 
-    fn take(&mut self, n: usize, what: &str) -> Result<&'a [u8], DatasetError> {
+    pub(super) fn take(&mut self, n: usize, what: &str) -> Result<&'a [u8], DatasetError> {
         let Some((taken, rest)) = self.rest.split_at_checked(n) else {
             return Err(self.malformed(format!("the end of the file within {what}")));
         };
@@ -143,6 +153,11 @@ impl<'a> Reader<'a> {
         let Ok(name) = std::str::from_utf8(&name[..end]) else {
             return Err(self.malformed("an image name that is not UTF-8".into()));
         };
-        Ok(ModelImage { quaternion, translation, camera_id, name: name.to_string() })
+        Ok(ModelImage {
+            quaternion,
+            translation,
+            camera_id,
+            name: name.to_string(),
+        })
     }
 }

@@ -35,7 +35,12 @@ pub(super) fn images(path: &Path, text: &str) -> Result<Vec<ModelImage>, Dataset
         let translation = fields.array("image translation")?;
         let camera_id = fields.next("image camera")?;
         let name = fields.rest::<String>("image name")?.join(" ");
-        images.push(ModelImage { quaternion, translation, camera_id, name });
+        images.push(ModelImage {
+            quaternion,
+            translation,
+            camera_id,
+            name,
+        });
         // The line after an image lists its observations and is empty when there are none.
         lines.next();
     }
@@ -58,7 +63,9 @@ pub(super) fn points(path: &Path, text: &str) -> Result<(PointCloud, usize), Dat
 }
 
 fn content(text: &str) -> impl Iterator<Item = (usize, &str)> {
-    text.lines().enumerate().filter(|(_, line)| is_content(line))
+    text.lines()
+        .enumerate()
+        .filter(|(_, line)| is_content(line))
 }
 
 fn is_content(line: &str) -> bool {
@@ -74,7 +81,11 @@ struct Fields<'a> {
 
 impl<'a> Fields<'a> {
     fn new(path: &'a Path, line_index: usize, line: &'a str) -> Self {
-        Self { path, line_index, fields: line.split_ascii_whitespace() }
+        Self {
+            path,
+            line_index,
+            fields: line.split_ascii_whitespace(),
+        }
     }
 
     fn malformed(&self, what: &str, found: &str) -> DatasetError {
@@ -87,8 +98,13 @@ impl<'a> Fields<'a> {
     }
 
     fn next<T: FromStr>(&mut self, what: &str) -> Result<T, DatasetError> {
-        let field = self.fields.next().ok_or_else(|| self.malformed(what, "the end"))?;
-        field.parse().map_err(|_| self.malformed(what, &format!("`{field}`")))
+        let field = self
+            .fields
+            .next()
+            .ok_or_else(|| self.malformed(what, "the end"))?;
+        field
+            .parse()
+            .map_err(|_| self.malformed(what, &format!("`{field}`")))
     }
 
     fn array<T: FromStr + Copy + Default, const N: usize>(
@@ -105,7 +121,11 @@ impl<'a> Fields<'a> {
     fn rest<T: FromStr>(&mut self, what: &str) -> Result<Vec<T>, DatasetError> {
         let mut values = vec![self.next(what)?];
         while let Some(field) = self.fields.next() {
-            values.push(field.parse().map_err(|_| self.malformed(what, &format!("`{field}`")))?);
+            values.push(
+                field
+                    .parse()
+                    .map_err(|_| self.malformed(what, &format!("`{field}`")))?,
+            );
         }
         Ok(values)
     }

@@ -74,7 +74,8 @@ impl Distortion {
             let target = zoomed(zoom);
             border(camera).all(|pixel| {
                 let [u, v] = self.source_pixel(camera, &target, pixel);
-                (0.0..=camera.width as f64).contains(&u) && (0.0..=camera.height as f64).contains(&v)
+                (0.0..=camera.width as f64).contains(&u)
+                    && (0.0..=camera.height as f64).contains(&v)
             })
         };
         let corner = [0.0, camera.width as f64]
@@ -113,8 +114,10 @@ impl Distortion {
 /// Centres of the outermost pixels.
 fn border(camera: &Camera) -> impl Iterator<Item = [f64; 2]> {
     let (width, height) = (camera.width as f64, camera.height as f64);
-    let rows = (0..camera.width).flat_map(move |x| [[x as f64 + 0.5, 0.5], [x as f64 + 0.5, height - 0.5]]);
-    let columns = (0..camera.height).flat_map(move |y| [[0.5, y as f64 + 0.5], [width - 0.5, y as f64 + 0.5]]);
+    let rows = (0..camera.width)
+        .flat_map(move |x| [[x as f64 + 0.5, 0.5], [x as f64 + 0.5, height - 0.5]]);
+    let columns = (0..camera.height)
+        .flat_map(move |y| [[0.5, y as f64 + 0.5], [width - 0.5, y as f64 + 0.5]]);
     rows.chain(columns)
 }
 
@@ -138,9 +141,17 @@ pub(super) fn undistort(
             let (right, bottom) = ((left + 1).min(last_x), (top + 1).min(last_y));
             let (wx, wy) = ((u - left as f64) as f32, (v - top as f64) as f32);
             let mut value = [0.0; 4];
-            accumulate(&mut value, image.premultiplied(left, top), (1.0 - wx) * (1.0 - wy));
+            accumulate(
+                &mut value,
+                image.premultiplied(left, top),
+                (1.0 - wx) * (1.0 - wy),
+            );
             accumulate(&mut value, image.premultiplied(right, top), wx * (1.0 - wy));
-            accumulate(&mut value, image.premultiplied(left, bottom), (1.0 - wx) * wy);
+            accumulate(
+                &mut value,
+                image.premultiplied(left, bottom),
+                (1.0 - wx) * wy,
+            );
             accumulate(&mut value, image.premultiplied(right, bottom), wx * wy);
             out.push_premultiplied(value);
         }
@@ -158,7 +169,10 @@ mod tests {
 
     #[test]
     fn follows_the_opencv_model() {
-        let lens = Distortion { k: [0.1, -0.02, 0.003, 0.0], p: [0.01, -0.005] };
+        let lens = Distortion {
+            k: [0.1, -0.02, 0.003, 0.0],
+            p: [0.01, -0.005],
+        };
         // By hand: r2 = 0.25, radial = 1 + 0.025 - 0.00125 + 0.000046875 = 1.023796875.
         let [x, y] = lens.apply([0.3, 0.4]);
         assert!((x - (0.3071390625 + 0.0024 - 0.00215)).abs() < 1e-12, "{x}");
@@ -168,16 +182,30 @@ mod tests {
     #[test]
     fn undone_distortion_puts_points_where_the_pinhole_projects_them() {
         for lens in [
-            Distortion { k: [0.15, 0.02, 0.0, 0.0], p: [0.002, -0.001] },
-            Distortion { k: [-0.12, 0.01, 0.0, 0.0], p: [0.0; 2] },
+            Distortion {
+                k: [0.15, 0.02, 0.0, 0.0],
+                p: [0.002, -0.001],
+            },
+            Distortion {
+                k: [-0.12, 0.01, 0.0, 0.0],
+                p: [0.0; 2],
+            },
         ] {
             // A smooth image of the direction itself, as the lens shows it.
             let source = camera();
-            let mut image = ImageData { width: 80, height: 60, channels: 3, pixels: vec![0; 80 * 60 * 3] };
+            let mut image = ImageData {
+                width: 80,
+                height: 60,
+                channels: 3,
+                pixels: vec![0; 80 * 60 * 3],
+            };
             let shade = |[x, y]: [f64; 2]| [128.0 + 100.0 * x, 128.0 + 100.0 * y];
             for y in 0..60 {
                 for x in 0..80 {
-                    let seen = [(x as f64 + 0.5 - source.cx) / source.fx, (y as f64 + 0.5 - source.cy) / source.fy];
+                    let seen = [
+                        (x as f64 + 0.5 - source.cx) / source.fx,
+                        (y as f64 + 0.5 - source.cy) / source.fy,
+                    ];
                     let mut direction = seen;
                     for _ in 0..100 {
                         let [dx, dy] = lens.apply(direction);
@@ -190,14 +218,24 @@ mod tests {
                 }
             }
             let target = lens.pinhole(&source, Path::new("lens")).expect("mild");
-            assert_eq!(target.fx > source.fx, lens.k[0] > 0.0, "only pincushion needs a zoom");
+            assert_eq!(
+                target.fx > source.fx,
+                lens.k[0] > 0.0,
+                "only pincushion needs a zoom"
+            );
             let flat = undistort(&image, &source, &lens, &target);
             for y in 0..60 {
                 for x in 0..80 {
-                    let direction = [(x as f64 + 0.5 - target.cx) / target.fx, (y as f64 + 0.5 - target.cy) / target.fy];
+                    let direction = [
+                        (x as f64 + 0.5 - target.cx) / target.fx,
+                        (y as f64 + 0.5 - target.cy) / target.fy,
+                    ];
                     let at = (y * 80 + x) * 3;
                     for (got, expected) in flat.pixels[at..].iter().zip(shade(direction)) {
-                        assert!((f64::from(*got) - expected).abs() < 2.0, "({x}, {y}): {got} {expected}");
+                        assert!(
+                            (f64::from(*got) - expected).abs() < 2.0,
+                            "({x}, {y}): {got} {expected}"
+                        );
                     }
                 }
             }
@@ -207,8 +245,13 @@ mod tests {
     #[test]
     fn lenses_that_fold_or_swallow_the_image_are_refused() {
         for k1 in [-1.5, 40.0] {
-            let lens = Distortion { k: [k1, 0.0, 0.0, 0.0], p: [0.0; 2] };
-            let error = lens.pinhole(&camera(), Path::new("cameras.bin")).expect_err("refused");
+            let lens = Distortion {
+                k: [k1, 0.0, 0.0, 0.0],
+                p: [0.0; 2],
+            };
+            let error = lens
+                .pinhole(&camera(), Path::new("cameras.bin"))
+                .expect_err("refused");
             assert!(error.to_string().contains("cameras.bin"), "{error}");
         }
     }

@@ -34,7 +34,10 @@ pub(super) fn natural_cmp(a: &str, b: &str) -> Ordering {
 }
 
 fn split_digits(text: &[u8]) -> (&[u8], &[u8]) {
-    let end = text.iter().position(|c| !c.is_ascii_digit()).unwrap_or(text.len());
+    let end = text
+        .iter()
+        .position(|c| !c.is_ascii_digit())
+        .unwrap_or(text.len());
     let (digits, rest) = text.split_at(end);
     let zeros = digits.iter().take_while(|&&c| c == b'0').count();
     (&digits[zeros..], rest)
@@ -43,9 +46,11 @@ fn split_digits(text: &[u8]) -> (&[u8], &[u8]) {
 /// The last run of digits in a name without its leading zeros; empty for zero, `None` without one.
 pub(super) fn frame_number(stem: &str) -> Option<&str> {
     let end = stem.rfind(|c: char| c.is_ascii_digit())? + 1;
-    let start = stem[..end].rfind(|c: char| !c.is_ascii_digit()).map_or(0, |at| {
-        at + stem[at..].chars().next().map_or(1, char::len_utf8)
-    });
+    let start = stem[..end]
+        .rfind(|c: char| !c.is_ascii_digit())
+        .map_or(0, |at| {
+            at + stem[at..].chars().next().map_or(1, char::len_utf8)
+        });
     Some(stem[start..end].trim_start_matches('0'))
 }
 
@@ -67,8 +72,13 @@ pub(super) fn list(folder: &Path) -> Result<Vec<String>, DatasetError> {
 /// The image files directly in a folder, in natural order.
 pub(super) fn list_images(folder: &Path) -> Result<Vec<PathBuf>, DatasetError> {
     let names = list(folder)?;
-    let images = names.iter().filter(|name| has_extension(name, &IMAGE_EXTENSIONS));
-    Ok(images.map(|name| folder.join(name)).filter(|path| path.is_file()).collect())
+    let images = names
+        .iter()
+        .filter(|name| has_extension(name, &IMAGE_EXTENSIONS));
+    Ok(images
+        .map(|name| folder.join(name))
+        .filter(|path| path.is_file())
+        .collect())
 }
 
 /// Whether the name ends in one of the extensions, in either case.
@@ -81,7 +91,10 @@ pub(super) fn has_extension(name: &str, extensions: &[&str]) -> bool {
 
 /// The file's name without folder and extension.
 pub(super) fn stem(path: &Path) -> String {
-    path.file_stem().unwrap_or_default().to_string_lossy().into_owned()
+    path.file_stem()
+        .unwrap_or_default()
+        .to_string_lossy()
+        .into_owned()
 }
 
 /// `name` in tidy form (no `.`, no `..`), or `None` when it is absolute, empty or would leave its folder.
@@ -117,9 +130,27 @@ mod tests {
 
     #[test]
     fn numbers_order_by_value() {
-        let mut names = vec!["cam10", "cam2", "cam01", "cam1", "b", "cam", "cam2b", "cam00000000000000000000003"];
+        let mut names = vec![
+            "cam10",
+            "cam2",
+            "cam01",
+            "cam1",
+            "b",
+            "cam",
+            "cam2b",
+            "cam00000000000000000000003",
+        ];
         names.sort_by(|a, b| natural_cmp(a, b));
-        let expected = ["b", "cam", "cam01", "cam1", "cam2", "cam2b", "cam00000000000000000000003", "cam10"];
+        let expected = [
+            "b",
+            "cam",
+            "cam01",
+            "cam1",
+            "cam2",
+            "cam2b",
+            "cam00000000000000000000003",
+            "cam10",
+        ];
         assert_eq!(names, expected);
     }
 
@@ -138,9 +169,20 @@ mod tests {
 
     #[test]
     fn paths_stay_inside() {
-        assert_eq!(confine("./train/r_0").expect("inside"), Path::new("train/r_0"));
+        assert_eq!(
+            confine("./train/r_0").expect("inside"),
+            Path::new("train/r_0")
+        );
         assert_eq!(confine("a/../b.png").expect("inside"), Path::new("b.png"));
-        for bad in ["../x.png", "a/../../x.png", "/etc/passwd", "", ".", "a/..", "x\0.png"] {
+        for bad in [
+            "../x.png",
+            "a/../../x.png",
+            "/etc/passwd",
+            "",
+            ".",
+            "a/..",
+            "x\0.png",
+        ] {
             assert!(confine(bad).is_none(), "{bad:?}");
         }
     }

@@ -25,7 +25,11 @@ pub(crate) struct ImageData {
 
 impl fmt::Debug for ImageData {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(f, "ImageData({}x{}x{})", self.width, self.height, self.channels)
+        write!(
+            f,
+            "ImageData({}x{}x{})",
+            self.width, self.height, self.channels
+        )
     }
 }
 
@@ -33,7 +37,12 @@ impl ImageData {
     /// An RGB image.
     pub(super) fn from_rgb(width: usize, height: usize, pixels: Vec<u8>) -> Self {
         debug_assert_eq!(pixels.len(), width * height * RGB);
-        Self { width, height, channels: RGB, pixels }
+        Self {
+            width,
+            height,
+            channels: RGB,
+            pixels,
+        }
     }
 
     pub(super) fn has_alpha(&self) -> bool {
@@ -58,7 +67,10 @@ impl ImageData {
     /// `[H, W]` in [0, 1]; `None` for an image without alpha.
     pub(super) fn alpha(&self) -> Option<Vec<f32>> {
         self.has_alpha().then(|| {
-            self.pixels.chunks_exact(RGBA).map(|p| f32::from(p[RGB]) / 255.0).collect()
+            self.pixels
+                .chunks_exact(RGBA)
+                .map(|p| f32::from(p[RGB]) / 255.0)
+                .collect()
         })
     }
 
@@ -66,7 +78,11 @@ impl ImageData {
     pub(super) fn premultiplied(&self, x: usize, y: usize) -> [f32; RGBA] {
         let at = (y * self.width + x) * self.channels;
         let pixel = &self.pixels[at..at + self.channels];
-        let alpha = if self.has_alpha() { f32::from(pixel[RGB]) } else { 255.0 };
+        let alpha = if self.has_alpha() {
+            f32::from(pixel[RGB])
+        } else {
+            255.0
+        };
         let weight = alpha / 255.0;
         [
             f32::from(pixel[0]) * weight,
@@ -78,9 +94,14 @@ impl ImageData {
 
     /// Appends one premultiplied pixel in this image's channels.
     pub(super) fn push_premultiplied(&mut self, value: [f32; RGBA]) {
-        let weight = if value[RGB] > 0.0 { 255.0 / value[RGB] } else { 0.0 };
+        let weight = if value[RGB] > 0.0 {
+            255.0 / value[RGB]
+        } else {
+            0.0
+        };
         let round = |v: f32| (v + 0.5).clamp(0.0, 255.0) as u8;
-        self.pixels.extend(value[..RGB].iter().map(|v| round(v * weight)));
+        self.pixels
+            .extend(value[..RGB].iter().map(|v| round(v * weight)));
         if self.has_alpha() {
             self.pixels.push(round(value[RGB]));
         }
@@ -151,7 +172,9 @@ pub(super) fn dimensions(path: &Path) -> Result<(usize, usize), DatasetError> {
     let reader = ImageReader::open(path)
         .and_then(ImageReader::with_guessed_format)
         .map_err(DatasetError::io(path))?;
-    let (width, height) = reader.into_dimensions().map_err(|e| DatasetError::image(path, e))?;
+    let (width, height) = reader
+        .into_dimensions()
+        .map_err(|e| DatasetError::image(path, e))?;
     Ok((width as usize, height as usize))
 }
 
@@ -161,7 +184,12 @@ pub(super) fn decode(path: &Path) -> Result<ImageData, DatasetError> {
     let (width, height) = (decoded.width() as usize, decoded.height() as usize);
     Ok(if decoded.color().has_alpha() {
         let pixels = decoded.into_rgba8().into_raw();
-        ImageData { width, height, channels: RGBA, pixels }
+        ImageData {
+            width,
+            height,
+            channels: RGBA,
+            pixels,
+        }
     } else {
         ImageData::from_rgb(width, height, decoded.into_rgb8().into_raw())
     })
@@ -185,7 +213,11 @@ pub(super) fn decode_mask(
         ));
     }
     let mask = ImageData::from_rgb(found.0, found.1, decoded.into_raw()).resized(width, height);
-    Ok(mask.pixels.chunks_exact(RGB).map(|p| if p[0] > 127 { 255 } else { 0 }).collect())
+    Ok(mask
+        .pixels
+        .chunks_exact(RGB)
+        .map(|p| if p[0] > 127 { 255 } else { 0 })
+        .collect())
 }
 
 fn decode_any(path: &Path) -> Result<DynamicImage, DatasetError> {
@@ -194,7 +226,10 @@ fn decode_any(path: &Path) -> Result<DynamicImage, DatasetError> {
         .with_guessed_format()
         .map_err(DatasetError::io(path))?;
     if reader.format() == Some(ImageFormat::Jpeg) && !jpeg_is_complete(&bytes) {
-        return Err(DatasetError::image(path, "the file ends before the image does (truncated)"));
+        return Err(DatasetError::image(
+            path,
+            "the file ends before the image does (truncated)",
+        ));
     }
     let mut limits = Limits::default();
     limits.max_image_width = Some(MAX_IMAGE_SIDE);
@@ -229,7 +264,9 @@ fn jpeg_is_complete(bytes: &[u8]) -> bool {
 /// The position of the next 0xFF that is followed by a marker code.
 fn next_marker(bytes: &[u8], from: usize) -> Option<usize> {
     let rest = bytes.get(from..)?;
-    let found = rest.windows(2).position(|w| w[0] == 0xFF && !matches!(w[1], 0x00 | 0xFF))?;
+    let found = rest
+        .windows(2)
+        .position(|w| w[0] == 0xFF && !matches!(w[1], 0x00 | 0xFF))?;
     Some(from + found)
 }
 
@@ -242,7 +279,9 @@ mod tests {
             image::Rgb([(x * 6) as u8, (y * 10) as u8, (x * y % 251) as u8])
         });
         let mut bytes = Vec::new();
-        image.write_to(&mut Cursor::new(&mut bytes), format).expect("encodes");
+        image
+            .write_to(&mut Cursor::new(&mut bytes), format)
+            .expect("encodes");
         bytes
     }
 
@@ -263,13 +302,26 @@ mod tests {
             }
         }
         // 3 -> 2: (1 * a + 0.5 * b) / 1.5.
-        let image = ImageData::from_rgb(3, 1, vec![30; 3].into_iter().chain([90; 3]).chain([0; 3]).collect());
+        let image = ImageData::from_rgb(
+            3,
+            1,
+            vec![30; 3]
+                .into_iter()
+                .chain([90; 3])
+                .chain([0; 3])
+                .collect(),
+        );
         assert_eq!(image.resized(2, 1).pixels, [50, 50, 50, 30, 30, 30]);
     }
 
     #[test]
     fn transparent_pixels_do_not_bleed() {
-        let image = ImageData { width: 2, height: 1, channels: 4, pixels: vec![200, 100, 50, 255, 9, 9, 9, 0] };
+        let image = ImageData {
+            width: 2,
+            height: 1,
+            channels: 4,
+            pixels: vec![200, 100, 50, 255, 9, 9, 9, 0],
+        };
         assert_eq!(image.rgb([1.0, 0.0, 0.5])[3..], [1.0, 0.0, 0.5]);
         let half = image.resized(1, 1);
         assert_eq!(half.pixels, [200, 100, 50, 128]);
@@ -285,7 +337,11 @@ mod tests {
             fs::write(&path, &bytes).expect("writes");
             assert_eq!(decode(&path).expect("whole").width, 40);
             // The PNG's last 12 bytes are its empty end chunk.
-            let end_of_pixels = if format == ImageFormat::Png { bytes.len() - 12 } else { bytes.len() };
+            let end_of_pixels = if format == ImageFormat::Png {
+                bytes.len() - 12
+            } else {
+                bytes.len()
+            };
             for end in 0..end_of_pixels {
                 fs::write(&path, &bytes[..end]).expect("writes");
                 let error = decode(&path).expect_err("truncated").to_string();
@@ -309,9 +365,14 @@ mod tests {
     fn masks_are_thresholded_at_half_coverage_and_checked_for_size() {
         let folder = tempfile::tempdir().expect("temporary folder");
         let path = folder.path().join("m.png");
-        let mask = image::GrayImage::from_fn(4, 2, |x, _| image::Luma([if x == 0 || x > 1 { 255 } else { 0 }]));
+        let mask = image::GrayImage::from_fn(4, 2, |x, _| {
+            image::Luma([if x == 0 || x > 1 { 255 } else { 0 }])
+        });
         mask.save(&path).expect("writes");
-        assert_eq!(decode_mask(&path, (4, 2), 4, 2).expect("reads")[..4], [255, 0, 255, 255]);
+        assert_eq!(
+            decode_mask(&path, (4, 2), 4, 2).expect("reads")[..4],
+            [255, 0, 255, 255]
+        );
         assert_eq!(decode_mask(&path, (4, 2), 2, 1).expect("reads"), [255, 255]);
         assert_eq!(decode_mask(&path, (4, 2), 1, 1).expect("reads"), [255]);
         assert!(decode_mask(&path, (8, 4), 4, 2).is_err());

@@ -135,7 +135,10 @@ impl Layout {
         let names = files::list(root)?;
         if names.iter().any(|name| name == n3dv::POSES_FILE) {
             Ok(Self::N3dv)
-        } else if names.iter().any(|name| blender::FILES.contains(&name.as_str())) {
+        } else if names
+            .iter()
+            .any(|name| blender::FILES.contains(&name.as_str()))
+        {
             Ok(Self::Blender)
         } else if colmap::model_folder(root).is_some() {
             Ok(Self::Colmap)
@@ -193,10 +196,18 @@ impl Default for LoadOptions {
 impl LoadOptions {
     fn validate(&self) -> Result<(), DatasetError> {
         let refuse = |option, expected: &str, found: String| {
-            Err(DatasetError::Option { option, expected: expected.into(), found })
+            Err(DatasetError::Option {
+                option,
+                expected: expected.into(),
+                found,
+            })
         };
         if !(self.downscale >= 1.0 && self.downscale.is_finite()) {
-            return refuse("--downscale", "a number of at least 1", self.downscale.to_string());
+            return refuse(
+                "--downscale",
+                "a number of at least 1",
+                self.downscale.to_string(),
+            );
         }
         if self.frame_stride == 0 {
             return refuse("frame stride", "at least 1", "0".into());
@@ -213,7 +224,9 @@ impl LoadOptions {
     /// Whether the `index`-th frame of the capture is wanted.
     fn keeps_frame(&self, index: usize) -> bool {
         index.is_multiple_of(self.frame_stride)
-            && self.max_frames.is_none_or(|max| index / self.frame_stride < max)
+            && self
+                .max_frames
+                .is_none_or(|max| index / self.frame_stride < max)
     }
 
     /// For each camera whether it is held out: those asked for, else those the layout suggests.
@@ -223,11 +236,13 @@ impl LoadOptions {
         };
         let mut held_out = vec![false; suggested.len()];
         for &camera in test_cameras {
-            *held_out.get_mut(camera).ok_or_else(|| DatasetError::Option {
-                option: "--test-cameras",
-                expected: format!("camera indices from 0 to {}", suggested.len() - 1),
-                found: camera.to_string(),
-            })? = true;
+            *held_out
+                .get_mut(camera)
+                .ok_or_else(|| DatasetError::Option {
+                    option: "--test-cameras",
+                    expected: format!("camera indices from 0 to {}", suggested.len() - 1),
+                    found: camera.to_string(),
+                })? = true;
         }
         Ok(held_out)
     }
@@ -275,13 +290,20 @@ pub fn load(path: &Path, options: &LoadOptions) -> Result<Dataset, DatasetError>
         return Err(DatasetError::invalid(
             path,
             "at least one camera to train on",
-            format!("{} camera(s), all of them held out for testing", parts.n_cameras),
+            format!(
+                "{} camera(s), all of them held out for testing",
+                parts.n_cameras
+            ),
             "add cameras, or hold out others (or none) with --test-cameras",
         ));
     }
     let name = path.canonicalize().map_err(DatasetError::io(path))?;
     Ok(Dataset {
-        name: name.file_name().unwrap_or_default().to_string_lossy().into_owned(),
+        name: name
+            .file_name()
+            .unwrap_or_default()
+            .to_string_lossy()
+            .into_owned(),
         root: path.to_path_buf(),
         layout,
         views: parts.views,
@@ -294,8 +316,14 @@ pub fn load(path: &Path, options: &LoadOptions) -> Result<Dataset, DatasetError>
 
 /// The initial points of a dataset: the file its poses name, one of [`POINT_FILES`], or COLMAP's.
 fn find_points(root: &Path, named: Option<&Path>) -> Result<Option<PointCloud>, DatasetError> {
-    let known = POINT_FILES.iter().map(|name| root.join(name)).find(|path| path.is_file());
-    let points = match (named.map(Path::to_path_buf).or(known), colmap::model_folder(root)) {
+    let known = POINT_FILES
+        .iter()
+        .map(|name| root.join(name))
+        .find(|path| path.is_file());
+    let points = match (
+        named.map(Path::to_path_buf).or(known),
+        colmap::model_folder(root),
+    ) {
         (Some(file), _) => Some(read_points(&file)?),
         (None, Some(model)) => colmap::read_model_points(&model)?,
         (None, None) => None,
@@ -305,10 +333,16 @@ fn find_points(root: &Path, named: Option<&Path>) -> Result<Option<PointCloud>, 
 
 /// A time in [0, 1] for each of `n` evenly spaced frames; 0 for a single one.
 fn frame_time(frame: usize, n: usize) -> f32 {
-    if n > 1 { (frame as f64 / (n - 1) as f64) as f32 } else { 0.0 }
+    if n > 1 {
+        (frame as f64 / (n - 1) as f64) as f32
+    } else {
+        0.0
+    }
 }
 
 /// Every [`HOLD_OUT_EVERY`]-th of `n` views, unless there is only one.
 fn every_eighth(n: usize) -> Vec<bool> {
-    (0..n).map(|index| n > 1 && index.is_multiple_of(HOLD_OUT_EVERY)).collect()
+    (0..n)
+        .map(|index| n > 1 && index.is_multiple_of(HOLD_OUT_EVERY))
+        .collect()
 }

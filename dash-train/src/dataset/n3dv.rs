@@ -40,13 +40,19 @@ pub(super) fn read(context: &Context) -> Result<Parts, DatasetError> {
         let names: Vec<&str> = sources.iter().map(|source| source.name.as_str()).collect();
         return Err(DatasetError::invalid(
             context.root,
-            format!("one camera per row of {POSES_FILE}, {} of them", cameras.len()),
+            format!(
+                "one camera per row of {POSES_FILE}, {} of them",
+                cameras.len()
+            ),
             format!("{} ({})", sources.len(), names.join(", ")),
             "remove the poses or the cameras that have no counterpart",
         ));
     }
     let n_cameras = cameras.len();
-    let held_out = context.options.held_out((0..n_cameras).map(|index| index == 0).collect())?;
+    let held_out = context
+        .options
+        .held_out((0..n_cameras).map(|index| index == 0).collect())?;
+    let points = find_points(context.root, None)?;
     let (views, n_frames) = match image_lists(&sources) {
         Some(lists) => {
             check_frames(context.root, &sources, &lists)?;
@@ -56,8 +62,12 @@ pub(super) fn read(context: &Context) -> Result<Parts, DatasetError> {
         }
         None => decode_videos(context, &cameras, &sources, &held_out)?,
     };
-    let points = find_points(context.root, None)?;
-    Ok(Parts { views, points, n_frames, n_cameras })
+    Ok(Parts {
+        views,
+        points,
+        n_frames,
+        n_cameras,
+    })
 }
 
 /// The camera of one LLFF row: 3x5 of the axes down, right, backwards, the position and
@@ -78,11 +88,19 @@ fn camera(path: &Path, index: usize, row: &[f64; ROW]) -> Result<Camera, Dataset
     let [height, width, focal] = column(4);
     let side = |v: f64| v >= 1.0 && v <= f64::from(MAX_IMAGE_SIDE);
     if !(side(height) && side(width) && focal > 0.0) {
-        return Err(malformed(format!("height {height}, width {width}, focal length {focal}")));
+        return Err(malformed(format!(
+            "height {height}, width {width}, focal length {focal}"
+        )));
     }
     let (width, height) = (width.round(), height.round());
-    let intrinsics =
-        Camera::new(focal, focal, width / 2.0, height / 2.0, width as usize, height as usize);
+    let intrinsics = Camera::new(
+        focal,
+        focal,
+        width / 2.0,
+        height / 2.0,
+        width as usize,
+        height as usize,
+    );
     let axes = [column(1), column(0), column(2).map(|v| -v)];
     pose::place(intrinsics, axes, column(3)).map_err(malformed)
 }
@@ -90,18 +108,25 @@ fn camera(path: &Path, index: usize, row: &[f64; ROW]) -> Result<Camera, Dataset
 /// The camera folders that hold images, else the camera videos, in natural order.
 fn sources(root: &Path) -> Result<Vec<Source>, DatasetError> {
     let is_camera = |name: &str| {
-        name.get(..3).is_some_and(|start| start.eq_ignore_ascii_case("cam"))
+        name.get(..3)
+            .is_some_and(|start| start.eq_ignore_ascii_case("cam"))
     };
     let names = files::list(root)?;
     let mut folders = Vec::new();
-    for name in names.iter().filter(|name| is_camera(name) && ends_in_digit(name)) {
+    for name in names
+        .iter()
+        .filter(|name| is_camera(name) && ends_in_digit(name))
+    {
         let folder = root.join(name);
         if !folder.is_dir() {
             continue;
         }
         let inner = folder.join("images");
         let images = files::list_images(if inner.is_dir() { &inner } else { &folder })?;
-        folders.push(Source { name: name.clone(), frames: Frames::Images(images) });
+        folders.push(Source {
+            name: name.clone(),
+            frames: Frames::Images(images),
+        });
     }
     let has_images = |source: &Source| matches!(&source.frames, Frames::Images(i) if !i.is_empty());
     if folders.iter().any(has_images) {
@@ -137,32 +162,56 @@ fn ends_in_digit(name: &str) -> bool {
 }
 
 fn image_lists(sources: &[Source]) -> Option<Vec<&[PathBuf]>> {
-    sources.iter().map(|source| match &source.frames {
-        Frames::Images(images) => Some(images.as_slice()),
-        Frames::Video(_) => None,
-    }).collect()
+    sources
+        .iter()
+        .map(|source| match &source.frames {
+            Frames::Images(images) => Some(images.as_slice()),
+            Frames::Video(_) => None,
+        })
+        .collect()
 }
 
 /// Every camera must have the same frames, or times would be mixed up between cameras.
 fn check_frames(root: &Path, sources: &[Source], lists: &[&[PathBuf]]) -> Result<(), DatasetError> {
-    let stems: Vec<Vec<String>> =
-        lists.iter().map(|list| list.iter().map(|path| files::stem(path)).collect()).collect();
+    let stems: Vec<Vec<String>> = lists
+        .iter()
+        .map(|list| list.iter().map(|path| files::stem(path)).collect())
+        .collect();
     for (index, source) in sources.iter().enumerate() {
-        let numbers: Vec<_> = stems[index].iter().map(|stem| files::frame_number(stem)).collect();
-        if let Some(at) = numbers.windows(2).position(|pair| pair[0].is_some() && pair[0] == pair[1]) {
+        let numbers: Vec<_> = stems[index]
+            .iter()
+            .map(|stem| files::frame_number(stem))
+            .collect();
+        if let Some(at) = numbers
+            .windows(2)
+            .position(|pair| pair[0].is_some() && pair[0] == pair[1])
+        {
             return Err(DatasetError::invalid(
                 &root.join(&source.name),
                 "one image per frame",
-                format!("{} twice (as {} too)", lists[index][at].display(), stems[index][at + 1]),
+                format!(
+                    "{} twice (as {} too)",
+                    lists[index][at].display(),
+                    stems[index][at + 1]
+                ),
                 "remove the duplicate",
             ));
         }
-        same_count(root, &sources[0].name, stems[0].len(), &source.name, stems[index].len())?;
+        same_count(
+            root,
+            &sources[0].name,
+            stems[0].len(),
+            &source.name,
+            stems[index].len(),
+        )?;
         let differs = |at: &usize| files::frame_number(&stems[0][*at]) != numbers[*at];
         if let Some(at) = (0..numbers.len()).find(differs) {
             return Err(DatasetError::invalid(
                 &root.join(&source.name),
-                format!("the frames of {}, the next being {}", sources[0].name, stems[0][at]),
+                format!(
+                    "the frames of {}, the next being {}",
+                    sources[0].name, stems[0][at]
+                ),
                 stems[index][at].clone(),
                 "give every camera the same frame numbers",
             ));
@@ -232,7 +281,10 @@ fn at_size(
     if (height as f64 - expected_height).abs() > 1.0 + ASPECT_TOLERANCE * expected_height {
         return Err(DatasetError::invalid(
             path,
-            format!("frames shaped like the {}x{} of {POSES_FILE}", camera.width, camera.height),
+            format!(
+                "frames shaped like the {}x{} of {POSES_FILE}",
+                camera.width, camera.height
+            ),
             format!("{width}x{height}"),
             "use uncropped frames, or correct height, width and focal length in the poses",
         ));
@@ -248,7 +300,9 @@ fn decode_videos(
 ) -> Result<(Vec<View>, usize), DatasetError> {
     let options = context.options;
     let last_needed = options.max_frames.map(|max| {
-        (max - 1).saturating_mul(options.frame_stride).saturating_add(1)
+        (max - 1)
+            .saturating_mul(options.frame_stride)
+            .saturating_add(1)
     });
     let decode = |(camera_index, source): (usize, &Source)| -> Result<Vec<View>, DatasetError> {
         let Frames::Video(path) = &source.frames else {
@@ -283,7 +337,13 @@ fn decode_videos(
         .collect::<Result<Vec<Vec<View>>, DatasetError>>()?;
     let n_frames = per_camera[0].len();
     for (source, views) in sources.iter().zip(&per_camera) {
-        same_count(context.root, &sources[0].name, n_frames, &source.name, views.len())?;
+        same_count(
+            context.root,
+            &sources[0].name,
+            n_frames,
+            &source.name,
+            views.len(),
+        )?;
     }
     let mut views: Vec<View> = per_camera.into_iter().flatten().collect();
     for view in &mut views {

@@ -57,7 +57,8 @@ pub(super) fn parse_rows(path: &Path, bytes: &[u8]) -> Result<Vec<[f64; ROW]>, D
     }
     let npy = NpyFile::with_header(header, rest);
     let values: Vec<f64> = if item_bytes == 4 {
-        npy.into_vec::<f32>().map(|v| v.into_iter().map(f64::from).collect())
+        npy.into_vec::<f32>()
+            .map(|v| v.into_iter().map(f64::from).collect())
     } else {
         npy.into_vec::<f64>()
     }
@@ -78,15 +79,29 @@ fn check_header(bytes: &[u8]) -> Result<(), String> {
         [0x93, b'N', b'U', b'M', b'P', b'Y', 1, _, a, b, text @ ..] => {
             (usize::from(u16::from_le_bytes([*a, *b])), text)
         }
-        [0x93, b'N', b'U', b'M', b'P', b'Y', 2 | 3, _, a, b, c, d, text @ ..] => {
-            (u32::from_le_bytes([*a, *b, *c, *d]) as usize, text)
-        }
+        [
+            0x93,
+            b'N',
+            b'U',
+            b'M',
+            b'P',
+            b'Y',
+            2 | 3,
+            _,
+            a,
+            b,
+            c,
+            d,
+            text @ ..,
+        ] => (u32::from_le_bytes([*a, *b, *c, *d]) as usize, text),
         _ => return Err("no NumPy header".into()),
     };
     if length > MAX_HEADER_BYTES {
         return Err(format!("a header of {length} bytes"));
     }
-    let text = text.get(..length).ok_or("an incomplete header (truncated?)")?;
+    let text = text
+        .get(..length)
+        .ok_or("an incomplete header (truncated?)")?;
     let count = |wanted: fn(&u8) -> bool| text.iter().filter(|c| wanted(c)).count();
     if count(|c| !c.is_ascii() || *c == b'\\') > 0
         || count(u8::is_ascii_digit) > MAX_HEADER_DIGITS
@@ -112,9 +127,15 @@ pub(super) mod tests {
     }
 
     pub(crate) fn npy_f64(rows: &[[f64; ROW]]) -> Vec<u8> {
-        let header =
-            format!("{{'descr': '<f8', 'fortran_order': False, 'shape': ({}, 17), }}\n", rows.len());
-        let values: Vec<u8> = rows.iter().flatten().flat_map(|v| v.to_le_bytes()).collect();
+        let header = format!(
+            "{{'descr': '<f8', 'fortran_order': False, 'shape': ({}, 17), }}\n",
+            rows.len()
+        );
+        let values: Vec<u8> = rows
+            .iter()
+            .flatten()
+            .flat_map(|v| v.to_le_bytes())
+            .collect();
         npy(&header, &values)
     }
 
@@ -123,7 +144,9 @@ pub(super) mod tests {
     }
 
     fn rows() -> Vec<[f64; ROW]> {
-        (0..3).map(|r| std::array::from_fn(|c| f64::from(r) + c as f64 / 32.0)).collect()
+        (0..3)
+            .map(|r| std::array::from_fn(|c| f64::from(r) + c as f64 / 32.0))
+            .collect()
     }
 
     #[test]
@@ -150,7 +173,11 @@ pub(super) mod tests {
 
     #[test]
     fn wrong_shapes_types_and_hostile_headers() {
-        let nested = format!("{{'descr': '<f8', 'shape': {}1{}, }}", "(".repeat(3000), ")".repeat(3000));
+        let nested = format!(
+            "{{'descr': '<f8', 'shape': {}1{}, }}",
+            "(".repeat(3000),
+            ")".repeat(3000)
+        );
         let zeros = [0u8; 8 * 17];
         for header in [
             "{'descr': '<f8', 'fortran_order': False, 'shape': (17,), }",

@@ -17,7 +17,11 @@ pub(super) fn place(
     [right, down, forward]: [[f64; 3]; 3],
     position: [f64; 3],
 ) -> Result<Camera, String> {
-    if ![right, down, forward, position].iter().flatten().all(|v| v.is_finite()) {
+    if ![right, down, forward, position]
+        .iter()
+        .flatten()
+        .all(|v| v.is_finite())
+    {
         return Err("a pose with NaN or infinity".into());
     }
     let unit = |axis: [f64; 3]| {
@@ -31,7 +35,9 @@ pub(super) fn place(
         .into_iter()
         .fold(0.0, |worst: f64, cosine| worst.max(cosine.abs()));
     if skew > SKEW_TOLERANCE {
-        return Err(format!("a rotation whose axes are not perpendicular (cosine {skew:.3})"));
+        return Err(format!(
+            "a rotation whose axes are not perpendicular (cosine {skew:.3})"
+        ));
     }
     let cross = [
         right[1] * down[2] - right[2] * down[1],
@@ -49,7 +55,11 @@ pub(super) fn place(
 pub(super) fn same_pose(a: &Camera, b: &Camera) -> bool {
     let close = |(x, y): (&f64, &f64)| (x - y).abs() <= SAME_POSE;
     a.translation.iter().zip(&b.translation).all(close)
-        && a.rotation.iter().flatten().zip(b.rotation.iter().flatten()).all(close)
+        && a.rotation
+            .iter()
+            .flatten()
+            .zip(b.rotation.iter().flatten())
+            .all(close)
 }
 
 fn dot(a: [f64; 3], b: [f64; 3]) -> f64 {
@@ -64,7 +74,10 @@ mod tests {
     fn broken_poses_are_told_apart() {
         let camera = || Camera::new(1.0, 1.0, 0.5, 0.5, 1, 1);
         let (x, y, z) = ([1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]);
-        assert_eq!(place(camera(), [x, [0.0, 3.0, 0.0], z], [0.0; 3]), Ok(camera()));
+        assert_eq!(
+            place(camera(), [x, [0.0, 3.0, 0.0], z], [0.0; 3]),
+            Ok(camera())
+        );
         for (axes, position, word) in [
             ([x, y, [0.0, 0.0, f64::NAN]], [0.0; 3], "NaN"),
             ([x, y, z], [f64::INFINITY, 0.0, 0.0], "infinity"),

@@ -63,7 +63,12 @@ pub(super) fn parse(path: &Path) -> Result<Transforms, DatasetError> {
         )
     })?;
     if transforms.frames.is_empty() {
-        return Err(DatasetError::invalid(path, "at least one frame", "none", "add frames"));
+        return Err(DatasetError::invalid(
+            path,
+            "at least one frame",
+            "none",
+            "add frames",
+        ));
     }
     Ok(transforms)
 }
@@ -91,20 +96,27 @@ impl Transforms {
             (Some(w), Some(h)) => {
                 let side = |v: f64| v.fract() == 0.0 && v >= 1.0 && v <= f64::from(MAX_IMAGE_SIDE);
                 if !(side(w) && side(h)) {
-                    return Err(malformed("whole numbers `w` and `h`", format!("{w} and {h}")));
+                    return Err(malformed(
+                        "whole numbers `w` and `h`",
+                        format!("{w} and {h}"),
+                    ));
                 }
                 (w as usize, h as usize)
             }
             _ => image_size()?,
         };
         let (w, h) = (width as f64, height as f64);
-        let from_angle = |angle: Option<f64>, side: f64| angle.map(|a| 0.5 * side / (0.5 * a).tan());
+        let from_angle =
+            |angle: Option<f64>, side: f64| angle.map(|a| 0.5 * side / (0.5 * a).tan());
         let focal = |i: &Intrinsics| i.fl_x.or(from_angle(i.camera_angle_x, w));
         let Some(fx) = focal(own).or(focal(shared)) else {
             return Err(malformed("`fl_x` or `camera_angle_x`", "neither".into()));
         };
         let focal_y = |i: &Intrinsics| {
-            i.fl_y.or(i.fl_x).or(from_angle(i.camera_angle_y, h)).or(from_angle(i.camera_angle_x, w))
+            i.fl_y
+                .or(i.fl_x)
+                .or(from_angle(i.camera_angle_y, h))
+                .or(from_angle(i.camera_angle_x, w))
         };
         let fy = focal_y(own).or(focal_y(shared)).unwrap_or(fx);
         let cx = own.cx.or(shared.cx).unwrap_or(w / 2.0);
@@ -122,7 +134,10 @@ impl Transforms {
                 coefficient(own.k3, shared.k3),
                 coefficient(own.k4, shared.k4),
             ],
-            p: [coefficient(own.p1, shared.p1), coefficient(own.p2, shared.p2)],
+            p: [
+                coefficient(own.p1, shared.p1),
+                coefficient(own.p2, shared.p2),
+            ],
         };
         let intrinsics = Camera::new(fx, fy, cx, cy, width, height);
         let camera = place(intrinsics, &frame.transform_matrix)
@@ -143,14 +158,26 @@ fn place(intrinsics: Camera, matrix: &[Vec<f64>]) -> Result<Camera, String> {
 }
 
 fn check_model(own: &Intrinsics, shared: &Intrinsics) -> Result<(), String> {
-    const PERSPECTIVE: [&str; 6] =
-        ["OPENCV", "PINHOLE", "SIMPLE_PINHOLE", "SIMPLE_RADIAL", "RADIAL", "PERSPECTIVE"];
+    const PERSPECTIVE: [&str; 6] = [
+        "OPENCV",
+        "PINHOLE",
+        "SIMPLE_PINHOLE",
+        "SIMPLE_RADIAL",
+        "RADIAL",
+        "PERSPECTIVE",
+    ];
     if own.is_fisheye.or(shared.is_fisheye) == Some(true) {
         return Err("`is_fisheye`: a fisheye lens, which is not supported".into());
     }
     match own.camera_model.as_ref().or(shared.camera_model.as_ref()) {
-        Some(model) if !PERSPECTIVE.iter().any(|known| known.eq_ignore_ascii_case(model)) => {
-            Err(format!("`{model}`, which is not supported (undistort the images first)"))
+        Some(model)
+            if !PERSPECTIVE
+                .iter()
+                .any(|known| known.eq_ignore_ascii_case(model)) =>
+        {
+            Err(format!(
+                "`{model}`, which is not supported (undistort the images first)"
+            ))
         }
         _ => Ok(()),
     }
@@ -166,12 +193,15 @@ pub(super) fn find_image(file: PathBuf, listed_in: &Path) -> Result<PathBuf, Dat
         name.push(format!(".{extension}"));
         PathBuf::from(name)
     });
-    completed.into_iter().find(|path| path.is_file()).ok_or_else(|| {
-        DatasetError::invalid(
-            listed_in,
-            format!("the image {} (or with .png, .jpg, .jpeg)", file.display()),
-            "no such file",
-            "put the image there or remove its frame",
-        )
-    })
+    completed
+        .into_iter()
+        .find(|path| path.is_file())
+        .ok_or_else(|| {
+            DatasetError::invalid(
+                listed_in,
+                format!("the image {} (or with .png, .jpg, .jpeg)", file.display()),
+                "no such file",
+                "put the image there or remove its frame",
+            )
+        })
 }

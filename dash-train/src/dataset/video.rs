@@ -21,10 +21,19 @@ const PASSTHROUGH: [&str; 2] = ["-fps_mode", "-vsync"];
 pub(super) fn decode_frames(
     path: &Path,
     max_frames: Option<usize>,
+    on_frame: impl FnMut(usize, ImageData) -> Result<(), DatasetError>,
+) -> Result<usize, DatasetError> {
+    decode_frames_with("ffmpeg", path, max_frames, on_frame)
+}
+
+fn decode_frames_with(
+    program: &str,
+    path: &Path,
+    max_frames: Option<usize>,
     mut on_frame: impl FnMut(usize, ImageData) -> Result<(), DatasetError>,
 ) -> Result<usize, DatasetError> {
     for option in PASSTHROUGH {
-        let (n_frames, complaint) = run(path, option, max_frames, &mut on_frame)?;
+        let (n_frames, complaint) = run(program, path, option, max_frames, &mut on_frame)?;
         match complaint {
             Some(complaint) if n_frames == 0 && complaint.contains(&option[1..]) => {}
             Some(reason) => return Err(failed(path, reason)),
@@ -32,15 +41,22 @@ pub(super) fn decode_frames(
             None => return Ok(n_frames),
         }
     }
-    Err(failed(path, "this ffmpeg knows neither -fps_mode nor -vsync; install a newer one".into()))
+    Err(failed(
+        path,
+        "this ffmpeg knows neither -fps_mode nor -vsync; install a newer one".into(),
+    ))
 }
 
 fn failed(path: &Path, reason: String) -> DatasetError {
-    DatasetError::Video { path: path.to_path_buf(), reason }
+    DatasetError::Video {
+        path: path.to_path_buf(),
+        reason,
+    }
 }
 
 /// One run of `ffmpeg`: the number of frames and, when it failed, what it said.
 fn run(
+    program: &str,
     path: &Path,
     passthrough: &str,
     max_frames: Option<usize>,
@@ -49,7 +65,7 @@ fn run(
     // `file:` keeps names with a colon or a leading dash from being taken for protocols or options.
     let mut input = OsString::from("file:");
     input.push(path);
-    let mut command = Command::new("ffmpeg");
+    let mut command = Command::new(program);
     command
         .args(["-nostdin", "-hide_banner", "-loglevel", "error", "-xerror"])
         .args(["-protocol_whitelist", "file", "-threads", "2", "-i"])
@@ -60,21 +76,35 @@ fn run(
     }
     // PPM is raw rgb24 behind a header with the size, so that no second program has to be asked.
     command
-        .args(["-f", "image2pipe", "-c:v", "ppm", "-pix_fmt", "rgb24", "pipe:1"])
+        .args([
+            "-f",
+            "image2pipe",
+            "-c:v",
+            "ppm",
+            "-pix_fmt",
+            "rgb24",
+            "pipe:1",
+        ])
         .stdin(Stdio::null())
         .stdout(Stdio::piped())
         .stderr(Stdio::piped());
     let child = command.spawn().map_err(|e| match e.kind() {
-        io::ErrorKind::NotFound => DatasetError::FfmpegMissing { path: path.to_path_buf() },
+        io::ErrorKind::NotFound => DatasetError::FfmpegMissing {
+            path: path.to_path_buf(),
+        },
         _ => failed(path, e.to_string()),
     })?;
     let mut process = Process(child);
-    let (Some(stdout), Some(mut stderr)) = (process.0.stdout.take(), process.0.stderr.take()) else {
+    let (Some(stdout), Some(mut stderr)) = (process.0.stdout.take(), process.0.stderr.take())
+    else {
         return Err(failed(path, "its output could not be opened".into()));
     };
     let complaints = thread::spawn(move || {
         let mut kept = Vec::new();
-        let _ = stderr.by_ref().take(MAX_COMPLAINT_BYTES).read_to_end(&mut kept);
+        let _ = stderr
+            .by_ref()
+            .take(MAX_COMPLAINT_BYTES)
+            .read_to_end(&mut kept);
         // Drained, so that a talkative ffmpeg never waits for a reader.
         let _ = io::copy(&mut stderr, &mut io::sink());
         String::from_utf8_lossy(&kept).trim().to_string()
@@ -129,11 +159,33 @@ fn read_ppm(stream: &mut BufReader<ChildStdout>) -> io::Result<Option<ImageData>
     let ["P6", width, height, "255"] = fields[..] else {
         return Err(bad("not an 8-bit PPM"));
     };
-    let side = |text: &str| text.parse().ok().filter(|v| (1..=MAX_IMAGE_SIDE as usize).contains(v));
+    let side = |text: &str| {
+        text.parse()
+            .ok()
+            .filter(|v| (1..=MAX_IMAGE_SIDE as usize).contains(v))
+    };
     let (Some(width), Some(height)) = (side(width), side(height)) else {
         return Err(bad("frames larger than 16384 pixels"));
     };
     let mut pixels = vec![0; width * height * 3];
     stream.read_exact(&mut pixels)?;
     Ok(Some(ImageData::from_rgb(width, height, pixels)))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_missing_ffmpeg_is_one_error_that_says_how_to_install_it() {
+        let path = Path::new("cam00.mp4");
+        let error = decode_frames_with("ffmpeg-that-does-not-exist", path, None, |_, _| Ok(()))
+            .expect_err("no such program");
+        assert!(matches!(error, DatasetError::FfmpegMissing { .. }));
+        let message = error.to_string();
+        assert!(
+            message.contains("cam00.mp4") && message.contains("apt install ffmpeg"),
+            "{message}"
+        );
+    }
 }

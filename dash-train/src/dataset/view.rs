@@ -64,6 +64,31 @@ pub struct View {
 }
 
 impl View {
+    /// A training view of camera 0 and frame 0 from 8-bit pixels `[H * W * 3]`, for data that does
+    /// not come from a folder; the public fields say the rest.
+    ///
+    /// # Panics
+    /// When there are not as many pixels as the camera has.
+    pub fn from_rgb8(name: &str, camera: Camera, time: f32, pixels: Vec<u8>) -> Self {
+        let (width, height) = (camera.width, camera.height);
+        assert_eq!(
+            pixels.len(),
+            width * height * 3,
+            "`pixels` must be [H * W * 3]"
+        );
+        Self {
+            camera_name: name.to_string(),
+            camera_index: 0,
+            frame: 0,
+            time,
+            camera,
+            split: Split::Train,
+            name: name.to_string(),
+            image: Arc::new(ImageData::from_rgb(width, height, pixels)),
+            mask: None,
+        }
+    }
+
     /// The image over `background`.
     ///
     /// # Shapes
@@ -127,7 +152,10 @@ impl Lens {
             return Ok(None);
         }
         let pinhole = distortion.pinhole(camera, path)?;
-        Ok(Some(Self { distortion, pinhole }))
+        Ok(Some(Self {
+            distortion,
+            pinhole,
+        }))
     }
 }
 
@@ -140,7 +168,11 @@ pub(super) struct Context<'a> {
 
 impl<'a> Context<'a> {
     pub(super) fn new(root: &'a Path, options: &'a LoadOptions) -> Self {
-        Self { root, options, loaded_bytes: AtomicU64::new(0) }
+        Self {
+            root,
+            options,
+            loaded_bytes: AtomicU64::new(0),
+        }
     }
 
     /// Decodes the images of all planned views in parallel, keeping their order.
@@ -160,7 +192,10 @@ impl<'a> Context<'a> {
         if full_size != (view.camera.width, view.camera.height) {
             return Err(DatasetError::invalid(
                 &view.file,
-                format!("an image of {}x{} pixels", view.camera.width, view.camera.height),
+                format!(
+                    "an image of {}x{} pixels",
+                    view.camera.width, view.camera.height
+                ),
                 format!("{}x{}", image.width, image.height),
                 "use the images the poses were made for (--downscale makes them smaller on loading)",
             ));
@@ -170,14 +205,24 @@ impl<'a> Context<'a> {
             Some(lens) => {
                 let flat = undistort(&image, &view.camera, &lens.distortion, &lens.pinhole);
                 let (fx, fy) = (lens.pinhole.fx, lens.pinhole.fy);
-                (flat, Camera { fx, fy, ..view.camera })
+                (
+                    flat,
+                    Camera {
+                        fx,
+                        fy,
+                        ..view.camera
+                    },
+                )
             }
         };
         let shrink = |side: usize| (side as f64 / self.options.downscale).round().max(1.0) as usize;
         let (width, height) = (shrink(image.width), shrink(image.height));
         let image = image.resized(width, height);
         self.charge(image.pixels.len() as u64)?;
-        let mask_file = self.root.join(MASK_FOLDER).join(format!("{}.png", view.name));
+        let mask_file = self
+            .root
+            .join(MASK_FOLDER)
+            .join(format!("{}.png", view.name));
         let mask = (view.split == Split::Test && mask_file.is_file())
             .then(|| decode_mask(&mask_file, full_size, width, height))
             .transpose()?;
@@ -201,7 +246,10 @@ impl<'a> Context<'a> {
         }
         Err(DatasetError::invalid(
             self.root,
-            format!("images that fit {} bytes of memory", self.options.max_image_bytes),
+            format!(
+                "images that fit {} bytes of memory",
+                self.options.max_image_bytes
+            ),
             format!("at least {total} bytes"),
             "load smaller images (--downscale) or fewer frames",
         ))

@@ -92,6 +92,10 @@ pub struct LossConfig {
     pub static_motion: f32,
     /// Weight of the field's smoothness, `lambda_r`.
     pub smoothness: f32,
+    /// Weight of the mean opacity of dynamic Gaussians: one that no picture needs, such as one that
+    /// strayed behind a wall, fades and is removed, and what the static set can show it shows. Ours;
+    /// 0 in the paper.
+    pub dynamic_opacity: f32,
     /// Half-widths of the random step of Eq. 11 in the unit cube, space then time (released code).
     pub smoothness_step: [f32; 2],
 }
@@ -246,6 +250,7 @@ impl TrainConfig {
                 dssim: 0.2,
                 static_motion: 0.01,
                 smoothness: 0.01,
+                dynamic_opacity: 0.01,
                 smoothness_step: [5e-3, 1e-4],
             },
             learning_rates: LearningRates {
@@ -338,6 +343,7 @@ impl TrainConfig {
 
     fn as_in_the_paper(&mut self) {
         self.iterations = 30_000;
+        self.loss.dynamic_opacity = 0.0;
         self.stages = StageConfig { warmup: 0.04, decomposition: 0.08, window: TimeWindow::All };
         self.decomposition.measure = MotionMeasure::World;
         self.decomposition.quantile = 0.8;
@@ -378,6 +384,7 @@ impl TrainConfig {
             dssim: 0.0,
             static_motion: 0.1,
             smoothness: 1.0,
+            dynamic_opacity: 0.0,
             smoothness_step: [5e-3, 1e-4],
         };
         self.learning_rates = LearningRates {

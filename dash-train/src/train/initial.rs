@@ -1,10 +1,10 @@
 //! What the first Gaussians are made of.
 
+use dash_kernels::Camera;
 use dash_model::SpaceBox;
 use rand::Rng;
 use rand_pcg::Pcg64;
 
-use crate::cameras::focus_point;
 use crate::dataset::{Dataset, View};
 
 /// Points drawn where the dataset brings none.
@@ -72,7 +72,7 @@ fn random_points(views: &[&View], background: [f32; 3], n: usize, rng: &mut Pcg6
         let world: [f64; 3] = std::array::from_fn(|axis| {
             position[axis] + (0..3).map(|row| camera.rotation[row][axis] * local[row]).sum::<f64>()
         });
-        let sees = |camera: &dash_kernels::Camera| {
+        let sees = |camera: &Camera| {
             camera.project(world).is_some_and(|([u, v], _)| {
                 (0.0..camera.width as f64).contains(&u) && (0.0..camera.height as f64).contains(&v)
             })
@@ -97,4 +97,25 @@ pub(crate) fn scene_extent(dataset: &Dataset, points: &[[f32; 3]]) -> f32 {
         return (0..3).map(|a| (focus[a] - first[a]).powi(2)).sum::<f64>().sqrt() as f32;
     }
     0.5 * SpaceBox::around(points, EXTENT_TAIL, 0.0).diagonal()
+}
+
+/// The point nearest to all cameras' axes, in the least-squares sense; one unit ahead of the first
+/// camera when the axes are parallel.
+fn focus_point(cameras: &[Camera]) -> [f64; 3] {
+    let mut normal = glam::DMat3::ZERO;
+    let mut right = glam::DVec3::ZERO;
+    for camera in cameras {
+        let axis = glam::DVec3::from(camera.forward());
+        let across = glam::DMat3::IDENTITY
+            - glam::DMat3::from_cols(axis * axis.x, axis * axis.y, axis * axis.z);
+        normal += across;
+        right += across * glam::DVec3::from(camera.position());
+    }
+    let ahead = |camera: &Camera| {
+        (glam::DVec3::from(camera.position()) + glam::DVec3::from(camera.forward())).to_array()
+    };
+    if normal.determinant().abs() < 1e-9 * (cameras.len() as f64).powi(3) {
+        return cameras.first().map_or([0.0; 3], ahead);
+    }
+    (normal.inverse() * right).to_array()
 }

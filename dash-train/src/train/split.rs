@@ -49,6 +49,27 @@ pub(crate) fn split(trainer: &mut Trainer) -> Result<(), TrainError> {
     let coefficients = to_host(motion.coefficients(trainer.scene.static_set.means.val())?);
     trainer.optimizer.forget("motion.");
     let (moving, still): (Vec<usize>, Vec<usize>) = (0..rows.len()).partition(|&row| mask[row]);
+    if std::env::var("DEBUGSPLIT").is_ok() {
+        let values = trainer.motion_statistics.means();
+        let (mut a, mut b) = (vec![], vec![]);
+        if let Some(view) = trainer.dataset.views.iter().find(|v| v.mask().is_some() && v.frame == 0) {
+            let m = view.mask().unwrap();
+            for (i, p) in rows.means.iter().enumerate() {
+                if dash_model::logit(0.1) > rows.opacity_logits[i] { continue; }
+                if let Some(([u, v], _)) = view.camera.project(p.map(f64::from)) {
+                    if u >= 0.0 && v >= 0.0 && (u as usize) < view.camera.width && (v as usize) < view.camera.height {
+                        if m[v as usize * view.camera.width + u as usize] > 127 { a.push(values[i]) } else { b.push(values[i]) }
+                    }
+                }
+            }
+        }
+        for (name, mut v) in [("moving", a), ("still", b)] {
+            v.sort_by(f32::total_cmp);
+            if v.is_empty() { continue; }
+            let q = |f: f32| v[(f * (v.len() - 1) as f32) as usize];
+            eprintln!("{name} n {} q.01 {:.5} .05 {:.5} .1 {:.5} .25 {:.5} .5 {:.5} .75 {:.5} .9 {:.5} .95 {:.5} .99 {:.5}", v.len(), q(0.01), q(0.05), q(0.1), q(0.25), q(0.5), q(0.75), q(0.9), q(0.95), q(0.99));
+        }
+    }
     if moving.is_empty() {
         return Ok(());
     }

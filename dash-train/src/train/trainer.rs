@@ -2,6 +2,7 @@
 
 use std::sync::Arc;
 
+use burn::tensor::activation::sigmoid;
 use burn::tensor::{Device, Gradients, Tensor, TensorData};
 use dash_kernels::splats::{DEPTH, RADIUS_X, N_COLUMNS};
 use dash_model::decomposition::{MotionStatistics, select_dynamic};
@@ -70,6 +71,7 @@ pub struct Trainer {
     pub(crate) density_dynamic: DensityStatistics,
     pub(crate) motion_statistics: MotionStatistics,
     pub(crate) held_still: Vec<bool>,
+    phases: [f64; 6],
 }
 
 /// What a forward pass leaves for the backward pass and the statistics.
@@ -142,6 +144,7 @@ impl Trainer {
             density_dynamic: DensityStatistics::new(0),
             motion_statistics: MotionStatistics::default(),
             held_still: Vec::new(),
+            phases: [0.0; 6],
         })
     }
 
@@ -190,19 +193,29 @@ impl Trainer {
 
         let dataset = self.dataset.clone();
         let view = &dataset.views[self.next_view()];
+        let t0 = std::time::Instant::now();
         let forward = self.forward(view)?;
+        self.phases[0] += t0.elapsed().as_secs_f64();
         let loss = to_host(forward.loss.clone())[0];
         if !loss.is_finite() {
             return Err(TrainError::NotFinite { step: self.step, view: view.name.clone() });
         }
         let mse = to_host((forward.image.clone() - forward.target.clone()).powi_scalar(2).mean())[0];
+        let t0 = std::time::Instant::now();
         let mut gradients = forward.loss.backward();
+        self.phases[1] += t0.elapsed().as_secs_f64();
+        let t0 = std::time::Instant::now();
         self.gather_statistics(&forward, view, &mut gradients);
         drop(forward);
+        self.phases[2] += t0.elapsed().as_secs_f64();
+        let t0 = std::time::Instant::now();
         self.update(&mut gradients);
+        self.phases[3] += t0.elapsed().as_secs_f64();
+        let t0 = std::time::Instant::now();
         self.step += 1;
         self.control_density();
         self.review()?;
+        self.phases[4] += t0.elapsed().as_secs_f64();
 
         let (n_static, n_dynamic) = self.scene.counts();
         Ok(StepReport {
@@ -310,6 +323,12 @@ impl Trainer {
             let term = smoothness(&dynamic.field, means, time, step, &mut self.rng)?;
             regularisers.push(term * self.config.loss.smoothness);
         }
+        if self.config.loss.dynamic_opacity > 0.0
+            && let Some(dynamic) = self.scene.dynamic.as_ref().filter(|d| !d.gaussians.is_empty())
+        {
+            let opacities = sigmoid(dynamic.gaussians.opacity_logits.val());
+            regularisers.push(opacities.mean() * self.config.loss.dynamic_opacity);
+        }
         for term in regularisers {
             loss = loss + term;
         }
@@ -402,7 +421,15 @@ impl Trainer {
         };
         self.scene = self.optimizer.step("scene", self.scene.clone(), gradients, &rate);
         if let Some(motion) = self.motion.take() {
-            self.motion = Some(self.optimizer.step("motion", motion, gradients, &rate));
+            // The coarse field comes to rest by the end of its stage: Adam's steps do not get
+            // smaller by themselves, and what still jitters would pass for motion.
+            let stages = &self.config.stages;
+            let (warmup, end) =
+                (self.config.step_at(stages.warmup), self.config.step_at(stages.decomposition));
+            let left = (end - self.step) as f32 / (end - warmup).max(1) as f32;
+            let settle = (left / (1.0 - GROWN)).min(1.0);
+            self.motion =
+                Some(self.optimizer.step("motion", motion, gradients, |name| rate(name) * settle));
         }
     }
 
@@ -468,6 +495,9 @@ impl Trainer {
         }
         Ok(())
     }
+
+    #[doc(hidden)]
+    pub fn phases(&self) -> String { format!("{:?}", self.phases) }
 
     /// Indices of the views that are trained on.
     pub fn train_views(&self) -> &[usize] {

@@ -1,0 +1,389 @@
+use std::process::Command;
+
+use dash_kernels::Camera;
+
+use super::super::npy::tests::{npy, npy_f64};
+use super::super::{Layout, LoadOptions, Split};
+use super::{Fixture, H, W, assert_cameras_equal, axis, camera, negated};
+use crate::ply::{PointCloud, write_points};
+
+/// The LLFF row of a camera: columns down, right, backwards, position, (height, width, focal).
+fn row(camera: &Camera) -> [f64; 17] {
+    let columns = [
+        axis(camera, 1),
+        axis(camera, 0),
+        negated(axis(camera, 2)),
+        camera.position(),
+        [camera.height as f64, camera.width as f64, camera.fx],
+    ];
+    let mut row = [0.5; 17];
+    for (c, column) in columns.iter().enumerate() {
+        for (r, value) in column.iter().enumerate() {
+            row[5 * r + c] = *value;
+        }
+    }
+    row
+}
+
+fn rows(n: usize) -> Vec<[f64; 17]> {
+    (0..n).map(|index| row(&camera(index))).collect()
+}
+
+/// Shade of a frame, so that mixed-up images are noticed.
+fn shade(camera: usize, frame: usize) -> [u8; 3] {
+    [10 + camera as u8, 100 + frame as u8, 7]
+}
+
+fn rig(n_cameras: usize, n_frames: usize) -> Fixture {
+    let fixture = Fixture::new();
+    fixture.write("poses_bounds.npy", npy_f64(&rows(n_cameras)));
+    for camera in 0..n_cameras {
+        for frame in 0..n_frames {
+            // Ten cameras or more: the order is of numbers, cam2 before cam10.
+            fixture.image(
+                &format!("cam{camera}/images/{frame:04}.png"),
+                W,
+                H,
+                shade(camera, frame),
+            );
+        }
+    }
+    fixture
+}
+
+fn point() -> PointCloud {
+    PointCloud {
+        positions: vec![[1.0, 2.0, 3.0]],
+        colors: vec![[4, 5, 6]],
+    }
+}
+
+#[test]
+fn cameras_times_and_images_are_exact() {
+    let fixture = rig(11, 3);
+    write_points(&fixture.path("points3D_downsample2.ply"), &point()).expect("writes");
+    let dataset = fixture.load().expect("loads");
+    assert_eq!(dataset.layout, Layout::N3dv);
+    assert_eq!(
+        (dataset.n_cameras, dataset.n_frames, dataset.views.len()),
+        (11, 3, 33)
+    );
+    assert_eq!((dataset.background, dataset.points), (None, Some(point())));
+    for (index, view) in dataset.views.iter().enumerate() {
+        let (camera_index, frame) = (index / 3, index % 3);
+        assert_cameras_equal(&view.camera, &camera(camera_index));
+        assert_eq!((view.camera_index, view.frame), (camera_index, frame));
+        assert_eq!(view.time, [0.0, 0.5, 1.0][frame]);
+        assert_eq!(view.camera_name, format!("cam{camera_index}"));
+        assert_eq!(view.name, format!("cam{camera_index}/{frame:04}"));
+        assert_eq!(
+            view.split,
+            if camera_index == 0 {
+                Split::Test
+            } else {
+                Split::Train
+            }
+        );
+        let rgb = view.rgb([0.0; 3]);
+        assert_eq!(rgb.len(), W * H * 3);
+        assert_eq!(
+            rgb[..3],
+            shade(camera_index, frame).map(|v| f32::from(v) / 255.0)
+        );
+    }
+}
+
+#[test]
+fn frames_may_lie_in_the_camera_folder_itself_and_a_single_one_is_static() {
+    let fixture = Fixture::new();
+    fixture.write("poses_bounds.npy", npy_f64(&rows(2)));
+    for camera in 0..2 {
+        fixture.image(&format!("cam0{camera}/0007.jpg"), W, H, shade(camera, 0));
+    }
+    let dataset = fixture.load().expect("loads");
+    assert_eq!(
+        (
+            dataset.n_frames,
+            dataset.views.len(),
+            dataset.points.is_none()
+        ),
+        (1, 2, true)
+    );
+    assert!(dataset.is_static() && dataset.views.iter().all(|view| view.time == 0.0));
+}
+
+#[test]
+fn frames_of_another_size_scale_the_intrinsics_but_not_another_shape() {
+    let fixture = Fixture::new();
+    let large: Vec<_> = (0..2)
+        .map(|i| row(&camera(i).resized(4 * W, 4 * H)))
+        .collect();
+    fixture.write("poses_bounds.npy", npy_f64(&large));
+    for index in 0..2 {
+        fixture.image(&format!("cam{index}/0.png"), W, H, [0; 3]);
+    }
+    assert_cameras_equal(&fixture.load().expect("loads").views[1].camera, &camera(1));
+
+    fixture.image("cam1/0.png", H, W, [0; 3]);
+    fixture.refuses(&["cam1", "0.png", "32x24", "6x8"]);
+}
+
+#[test]
+fn options_choose_size_frames_and_test_cameras() {
+    let fixture = rig(3, 7);
+    let options = LoadOptions {
+        downscale: 1.6,
+        frame_stride: 2,
+        max_frames: Some(3),
+        test_cameras: Some(vec![2, 1]),
+        threads: Some(1),
+        ..LoadOptions::default()
+    };
+    let dataset = fixture.load_with(&options).expect("loads");
+    assert_eq!((dataset.n_frames, dataset.views.len()), (3, 9));
+    let names: Vec<_> = dataset.views[..3]
+        .iter()
+        .map(|v| (v.name.as_str(), v.frame, v.time))
+        .collect();
+    assert_eq!(
+        names,
+        [
+            ("cam0/0000", 0, 0.0),
+            ("cam0/0002", 1, 0.5),
+            ("cam0/0004", 2, 1.0)
+        ]
+    );
+    assert_eq!(dataset.split(Split::Train).count(), 3);
+    assert_cameras_equal(&dataset.views[3].camera, &camera(1).resized(5, 4));
+    assert_eq!(dataset.views[3].rgb([0.0; 3]).len(), 5 * 4 * 3);
+    assert_eq!(dataset.image_bytes(), 9 * 5 * 4 * 3);
+
+    let out_of_range = LoadOptions {
+        test_cameras: Some(vec![3]),
+        ..LoadOptions::default()
+    };
+    let message = fixture
+        .load_with(&out_of_range)
+        .expect_err("no camera 3")
+        .to_string();
+    assert!(
+        message.contains("--test-cameras") && message.contains("0 to 2"),
+        "{message}"
+    );
+    let all = LoadOptions {
+        test_cameras: Some(vec![0, 1, 2]),
+        ..LoadOptions::default()
+    };
+    let message = fixture
+        .load_with(&all)
+        .expect_err("nothing to train on")
+        .to_string();
+    assert!(message.contains("train"), "{message}");
+    let small = LoadOptions {
+        max_image_bytes: 1000,
+        ..LoadOptions::default()
+    };
+    let message = fixture
+        .load_with(&small)
+        .expect_err("over budget")
+        .to_string();
+    assert!(
+        message.contains("1000 bytes") && message.contains("--downscale"),
+        "{message}"
+    );
+}
+
+#[test]
+fn a_single_camera_needs_to_be_trained_on() {
+    let fixture = rig(1, 2);
+    fixture.refuses(&["train", "1 camera", "--test-cameras"]);
+    let none = LoadOptions {
+        test_cameras: Some(vec![]),
+        ..LoadOptions::default()
+    };
+    assert_eq!(
+        fixture
+            .load_with(&none)
+            .expect("loads")
+            .split(Split::Train)
+            .count(),
+        2
+    );
+}
+
+#[test]
+fn inconsistent_rigs_name_the_camera_and_both_counts() {
+    let fixture = rig(3, 4);
+    fixture.write("poses_bounds.npy", npy_f64(&rows(4)));
+    fixture.refuses(&["poses_bounds.npy, 4", "found 3 (cam0, cam1, cam2)"]);
+    fixture.write("poses_bounds.npy", npy_f64(&rows(3)));
+
+    fixture.remove("cam1/images/0002.png");
+    fixture.refuses(&["cam1", "4 frames", "found 3", "cam0"]);
+    fixture.image("cam1/images/0009.png", W, H, [0; 3]);
+    fixture.refuses(&["cam1", "0002", "0003"]);
+    fixture.remove("cam1/images/0009.png");
+    fixture.image("cam1/images/0003.jpg", W, H, [0; 3]);
+    fixture.refuses(&["cam1", "0003", "duplicate"]);
+    fixture.remove("cam1/images/0003.jpg");
+    fixture.image("cam1/images/0002.png", W, H + 1, [0; 3]);
+    fixture.refuses(&["cam1", "0002.png", "8x6", "8x7"]);
+    fixture.image("cam1/images/0002.png", W, H, [0; 3]);
+    fixture.load().expect("mended");
+}
+
+#[test]
+fn camera_folders_without_images_are_an_error() {
+    let fixture = Fixture::new();
+    fixture.write("poses_bounds.npy", npy_f64(&rows(1)));
+    fixture.refuses(&["cam00.mp4", "none of these"]);
+    fixture.write("cam00/images/readme.txt", "no image");
+    fixture.refuses(&["1 camera folders without images"]);
+}
+
+#[test]
+fn broken_poses_name_the_file_and_the_row() {
+    let fixture = rig(3, 1);
+    for (column, value, word) in [
+        (0, f64::NAN, "NaN"),
+        (8, f64::INFINITY, "infinity"),
+        (16, f64::NAN, "NaN"),
+        (4, 0.0, "height 0"),
+        (9, -8.0, "width -8"),
+        (14, 0.0, "focal length 0"),
+        (9, 1e12, "width"),
+    ] {
+        let mut broken = rows(3);
+        broken[1][column] = value;
+        fixture.write("poses_bounds.npy", npy_f64(&broken));
+        fixture.refuses(&["poses_bounds.npy", "row 1", word]);
+    }
+    let mut zero = rows(3);
+    zero[2][..15].iter_mut().step_by(5).for_each(|v| *v = 0.0);
+    fixture.write("poses_bounds.npy", npy_f64(&zero));
+    fixture.refuses(&["row 2", "zeros"]);
+    fixture.write(
+        "poses_bounds.npy",
+        npy(
+            "{'descr': '<f8', 'fortran_order': False, 'shape': (1, 16), }",
+            &[0; 128],
+        ),
+    );
+    fixture.refuses(&["poses_bounds.npy", "[1, 16]", "17"]);
+}
+
+#[test]
+fn truncated_files_are_errors() {
+    let fixture = rig(2, 1);
+    write_points(&fixture.path("points3D_downsample2.ply"), &point()).expect("writes");
+    fixture.survives_truncation("poses_bounds.npy", 7);
+    fixture.survives_truncation("points3D_downsample2.ply", 1);
+    fixture.survives_truncation("cam1/images/0000.png", 1);
+}
+
+#[test]
+fn masks_come_with_test_views_only() {
+    let fixture = rig(2, 2);
+    for camera in 0..2 {
+        let mask = image::GrayImage::from_fn(W as u32, H as u32, |x, _| {
+            image::Luma([if x < 4 { 255 } else { 0 }])
+        });
+        mask.save(fixture.path(&format!("masks/cam{camera}/0001.png")))
+            .expect("writes");
+    }
+    let views = fixture.load().expect("loads").views;
+    let has_mask: Vec<bool> = views.iter().map(|view| view.mask().is_some()).collect();
+    assert_eq!(has_mask, [false, true, false, false]);
+    assert_eq!(views[1].mask().expect("a mask")[2..6], [255, 255, 0, 0]);
+}
+
+/// Writes a short video of frames with rising brightness; `false` when there is no ffmpeg to try.
+fn write_video(fixture: &Fixture, name: &str, n_frames: usize, base: usize) -> bool {
+    let folder = format!("frames_of_{name}");
+    for frame in 0..n_frames {
+        let image_name = format!("{folder}/{frame:04}.png");
+        fixture.image(&image_name, 64, 48, [(base + 30 * frame) as u8; 3]);
+    }
+    let result = Command::new("ffmpeg")
+        .args(["-nostdin", "-loglevel", "error", "-y", "-i"])
+        .arg(fixture.root().join(&folder).join("%04d.png"))
+        .args(["-c:v", "mpeg4", "-q:v", "1", "-movflags", "+faststart"])
+        .arg(fixture.path(name))
+        .status();
+    match result {
+        Ok(status) => status.success(),
+        Err(_) => {
+            eprintln!("ffmpeg is not installed: videos are not tried");
+            false
+        }
+    }
+}
+
+#[test]
+fn videos_are_decoded_frame_by_frame() {
+    let fixture = Fixture::new();
+    let large: Vec<_> = (0..2).map(|i| row(&camera(i).resized(64, 48))).collect();
+    fixture.write("poses_bounds.npy", npy_f64(&large));
+    if !write_video(&fixture, "cam01.mp4", 5, 20) || !write_video(&fixture, "cam00.mp4", 5, 60) {
+        return;
+    }
+    let options = LoadOptions {
+        downscale: 8.0,
+        ..LoadOptions::default()
+    };
+    let dataset = fixture.load_with(&options).expect("loads");
+    assert_eq!(
+        (dataset.n_cameras, dataset.n_frames, dataset.views.len()),
+        (2, 5, 10)
+    );
+    for (index, view) in dataset.views.iter().enumerate() {
+        let (camera_index, frame) = (index / 5, index % 5);
+        assert_eq!(view.name, format!("cam0{camera_index}/{frame:04}"));
+        assert_eq!(view.time, frame as f32 / 4.0);
+        assert_cameras_equal(&view.camera, &camera(camera_index));
+        let expected = ([60, 20][camera_index] + 30 * frame) as f32 / 255.0;
+        for got in view.rgb([0.0; 3]) {
+            assert!(
+                (got - expected).abs() < 6.0 / 255.0,
+                "view {index}: got {got}, expected {expected}"
+            );
+        }
+    }
+    let some = LoadOptions {
+        frame_stride: 2,
+        max_frames: Some(2),
+        ..options.clone()
+    };
+    let names: Vec<String> = fixture
+        .load_with(&some)
+        .expect("loads")
+        .views
+        .into_iter()
+        .map(|v| v.name)
+        .collect();
+    assert_eq!(
+        names,
+        ["cam00/0000", "cam00/0002", "cam01/0000", "cam01/0002"]
+    );
+    let small = LoadOptions {
+        max_image_bytes: 500,
+        ..options
+    };
+    assert!(
+        fixture
+            .load_with(&small)
+            .expect_err("over budget")
+            .to_string()
+            .contains("500 bytes")
+    );
+
+    let whole = std::fs::read(fixture.path("cam01.mp4")).expect("written above");
+    for end in [0, 10, 300, whole.len() / 2, whole.len() - 40] {
+        fixture.write("cam01.mp4", &whole[..end]);
+        fixture.refuses(&["cam01"]);
+    }
+    assert!(write_video(&fixture, "cam01.mp4", 4, 20));
+    std::fs::remove_file(fixture.path("frames_of_cam01.mp4/0004.png")).expect("from before");
+    assert!(write_video(&fixture, "cam01.mp4", 4, 20));
+    fixture.refuses(&["cam01", "5 frames", "cam00", "found 4"]);
+}
