@@ -10,6 +10,9 @@ use serde::{Deserialize, Serialize};
 use crate::mlp::{Mlp, linear};
 use crate::{HashEncoder, HashEncoderConfig, ModelError, SpaceBox};
 
+/// World units per unit of the position head, as a share of the diagonal (see `motion.rs`).
+const OUTPUT_SCALE: f32 = 0.1;
+
 /// Start of the heads' weights: nothing is deformed at first.
 const INITIAL_HEAD: f32 = 1e-3;
 
@@ -118,7 +121,7 @@ impl DeformationField {
     pub fn decode(&self, features: Tensor<2>) -> Offsets {
         let hidden = relu(self.decoder.forward(features));
         Offsets {
-            means: self.head_means.forward(hidden.clone()) * self.space.diagonal(),
+            means: self.head_means.forward(hidden.clone()) * (OUTPUT_SCALE * self.space.diagonal()),
             quats: self.head_quats.forward(hidden.clone()),
             scales: self.head_scales.forward(hidden),
         }

@@ -12,6 +12,10 @@ use crate::{HashEncoder, HashEncoderConfig, ModelError, SpaceBox, TrajectoryBasi
 /// Guards the square root of [`MotionField::extent`]: its gradient at rest is 0, not NaN.
 const EXTENT_EPSILON: f32 = 1e-12;
 
+/// World units per unit of the head, as a share of the diagonal: one step of Adam changes every
+/// weight by its rate, and a coarse unit would make it jump.
+const OUTPUT_SCALE: f32 = 0.1;
+
 /// Start of the motion head's weights: nothing moves at first.
 const INITIAL_HEAD: f32 = 1e-3;
 
@@ -63,7 +67,7 @@ impl MotionField {
     pub fn coefficients(&self, means: Tensor<2>) -> Result<Tensor<2>, ModelError> {
         let features = self.encoder.forward(self.space.normalize(means.detach()))?;
         let hidden = relu(self.trunk.forward(features));
-        Ok(self.head.forward(hidden) * self.space.diagonal())
+        Ok(self.head.forward(hidden) * (OUTPUT_SCALE * self.space.diagonal()))
     }
 
     /// How far each point moves, `|dp|` of the paper.

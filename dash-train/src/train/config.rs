@@ -92,7 +92,7 @@ pub struct LossConfig {
     pub static_motion: f32,
     /// Weight of the field's smoothness, `lambda_r`.
     pub smoothness: f32,
-    /// Weight of the mean opacity of dynamic Gaussians: one that no picture needs, such as one that
+    /// Weight of the opacity of dynamic Gaussians, as a share of all Gaussians: one that no picture needs, such as one that
     /// strayed behind a wall, fades and is removed, and what the static set can show it shows. Ours;
     /// 0 in the paper.
     pub dynamic_opacity: f32,
@@ -250,7 +250,7 @@ impl TrainConfig {
                 dssim: 0.2,
                 static_motion: 0.01,
                 smoothness: 0.01,
-                dynamic_opacity: 0.01,
+                dynamic_opacity: 0.03,
                 smoothness_step: [5e-3, 1e-4],
             },
             learning_rates: LearningRates {
@@ -271,7 +271,7 @@ impl TrainConfig {
                 enabled: true,
                 measure: MotionMeasure::Screen,
                 quantile: 0.0,
-                floor: 0.01,
+                floor: 0.015,
                 keep_trajectories: true,
                 basis: TrajectoryBasis::Cosine,
                 encoder: HashEncoderConfig {
@@ -336,8 +336,9 @@ impl TrainConfig {
         self.learning_rates.means_final = 1.6e-5;
         for density in [&mut self.density_static, &mut self.density_dynamic] {
             density.opacity_reset_interval = 1_500;
-            density.max_gaussians = 20_000;
         }
+        self.density_static.max_gaussians = 8_000;
+        self.density_dynamic.max_gaussians = 4_000;
         self.decomposition.review_interval = 250;
     }
 

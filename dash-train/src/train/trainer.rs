@@ -326,8 +326,11 @@ impl Trainer {
         if self.config.loss.dynamic_opacity > 0.0
             && let Some(dynamic) = self.scene.dynamic.as_ref().filter(|d| !d.gaussians.is_empty())
         {
+            // Per Gaussian of the whole scene, so that few dynamic ones are not pressed harder.
+            let (n_static, n_dynamic) = self.scene.counts();
+            let weight = self.config.loss.dynamic_opacity / (n_static + n_dynamic) as f32;
             let opacities = sigmoid(dynamic.gaussians.opacity_logits.val());
-            regularisers.push(opacities.mean() * self.config.loss.dynamic_opacity);
+            regularisers.push(opacities.sum() * weight);
         }
         for term in regularisers {
             loss = loss + term;
