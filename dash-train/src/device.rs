@@ -40,7 +40,12 @@ impl DeviceChoice {
     /// # Errors
     /// [`TrainError::Device`] when this build has no backend for it.
     pub fn device(self) -> Result<Device, TrainError> {
-        let refuse = |found: &str| Err(TrainError::Device { device: self, found: found.into() });
+        let refuse = |found: &str| {
+            Err(TrainError::Device {
+                device: self,
+                found: found.into(),
+            })
+        };
         match self.resolved() {
             #[cfg(feature = "flex")]
             Self::Flex => Ok(Device::flex()),
@@ -56,7 +61,10 @@ impl DeviceChoice {
 }
 
 #[cfg(feature = "ndarray")]
-#[expect(deprecated, reason = "burn-ndarray gives way to burn-flex; users still ask for it")]
+#[expect(
+    deprecated,
+    reason = "burn-ndarray gives way to burn-flex; users still ask for it"
+)]
 fn ndarray() -> Device {
     Device::ndarray()
 }
@@ -110,9 +118,14 @@ mod tests {
 
     #[test]
     fn a_gpu_is_refused_with_a_way_out() {
-        let refused = DeviceChoice::Wgpu.device().expect_err("no GPU backend in this build");
+        let refused = DeviceChoice::Wgpu
+            .device()
+            .expect_err("no GPU backend in this build");
         let message = refused.to_string();
-        assert!(message.contains("wgpu") && message.contains("--device auto"), "{message}");
+        assert!(
+            message.contains("wgpu") && message.contains("--device auto"),
+            "{message}"
+        );
         assert!(DeviceChoice::Auto.device().is_ok());
     }
 }

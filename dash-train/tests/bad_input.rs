@@ -25,10 +25,26 @@ fn missing_files() {
     bench.fails(&["info", "nowhere.ply"], "nowhere.ply");
     bench.fails(&["eval", "nowhere"], "nowhere");
     bench.fails(&["render", "nowhere", "--out", "out"], "nowhere");
-    bench.fails(&["render", "nowhere.ply", "--cameras", "c.json", "--out", "out"], "nowhere.ply");
-    bench.fails(&["export", "nowhere", "--time", "0", "--out", "a.ply"], "nowhere");
+    bench.fails(
+        &[
+            "render",
+            "nowhere.ply",
+            "--cameras",
+            "c.json",
+            "--out",
+            "out",
+        ],
+        "nowhere.ply",
+    );
+    bench.fails(
+        &["export", "nowhere", "--time", "0", "--out", "a.ply"],
+        "nowhere",
+    );
     bench.fails(&["train", "nowhere", "--out", "run", "--resume"], "run");
-    bench.fails(&["train", "nowhere", "--out", "run", "--config", "c.toml"], "c.toml");
+    bench.fails(
+        &["train", "nowhere", "--out", "run", "--config", "c.toml"],
+        "c.toml",
+    );
     bench.write("empty/readme.txt", "nothing here");
     bench.fails(&["train", "empty", "--out", "run"], "empty");
 }
@@ -54,7 +70,12 @@ fn damaged_poses_of_n3dv() {
         bench.write("room/poses_bounds.npy", npy("(4, 17)", &broken));
         bench.fails(&TRAIN, "poses_bounds.npy");
     }
-    for (shape, n) in [("(4, 16)", 64), ("(68,)", 68), ("(3, 17)", 51), ("(0, 17)", 0)] {
+    for (shape, n) in [
+        ("(4, 16)", 64),
+        ("(68,)", 68),
+        ("(3, 17)", 51),
+        ("(0, 17)", 0),
+    ] {
         bench.write("room/poses_bounds.npy", npy(shape, &poses[..n]));
         bench.fails(&TRAIN, "room");
     }
@@ -71,7 +92,9 @@ fn damaged_pictures_and_points() {
     bench.fails(&TRAIN, "0001.png");
     bench.write(picture, "not a picture");
     bench.fails(&TRAIN, "0001.png");
-    image::RgbImage::new(31, 24).save(bench.path(picture)).expect("saved");
+    image::RgbImage::new(31, 24)
+        .save(bench.path(picture))
+        .expect("saved");
     bench.fails(&TRAIN, "0001.png");
     bench.write(picture, whole);
     bench.ok(&["info", "room"]);
@@ -79,7 +102,10 @@ fn damaged_pictures_and_points() {
         let points = bench.read("room/points3D_downsample2.ply");
         bench.truncate("room/points3D_downsample2.ply", share);
         bench.fails(&TRAIN, "points3D_downsample2.ply");
-        bench.fails(&["info", "room/points3D_downsample2.ply"], "points3D_downsample2.ply");
+        bench.fails(
+            &["info", "room/points3D_downsample2.ply"],
+            "points3D_downsample2.ply",
+        );
         bench.write("room/points3D_downsample2.ply", points);
     }
 }
@@ -204,7 +230,11 @@ fn colmap_model() -> [(&'static str, Vec<u8>); 3] {
         points.extend(0.5_f64.to_le_bytes());
         points.extend(0_u64.to_le_bytes());
     }
-    [("cameras.bin", cameras), ("images.bin", images), ("points3D.bin", points)]
+    [
+        ("cameras.bin", cameras),
+        ("images.bin", images),
+        ("points3D.bin", points),
+    ]
 }
 
 #[test]
@@ -216,8 +246,28 @@ fn folders_that_cannot_be_written() {
         bench.fails(&["synth", place], folder);
         bench.fails(&["train", "room", "--out", place], place);
         bench.fails(&["render", "done", "--out", place], place);
-        bench.fails(&["render", "done", "--frames", "2", "--out", &format!("{place}.mp4")], place);
-        bench.fails(&["export", "done", "--time", "0", "--out", &format!("{place}.ply")], place);
+        bench.fails(
+            &[
+                "render",
+                "done",
+                "--frames",
+                "2",
+                "--out",
+                &format!("{place}.mp4"),
+            ],
+            place,
+        );
+        bench.fails(
+            &[
+                "export",
+                "done",
+                "--time",
+                "0",
+                "--out",
+                &format!("{place}.ply"),
+            ],
+            place,
+        );
     }
     bench.fails(&["train", "room", "--out", "done"], "done");
     bench.fails(&["train", "room", "--out", "file"], "file");
@@ -252,12 +302,18 @@ fn damaged_runs() {
     let whole = bench.read("run/config.toml");
     bench.truncate("run/config.toml", 0.5);
     bench.fails(&["eval", "run"], "config.toml");
-    bench.fails(&["train", "room", "--out", "run", "--resume"], "config.toml");
+    bench.fails(
+        &["train", "room", "--out", "run", "--resume"],
+        "config.toml",
+    );
     bench.write("run/config.toml", whole);
 
     std::fs::remove_dir_all(bench.path("run/checkpoints/000030")).expect("removed");
     bench.truncate("run/checkpoints/000020/optimizer.safetensors", 0.5);
-    bench.fails(&["train", "room", "--out", "run", "--resume"], "optimizer.safetensors");
+    bench.fails(
+        &["train", "room", "--out", "run", "--resume"],
+        "optimizer.safetensors",
+    );
     bench.truncate("run/checkpoints/000020/state.json", 0.5);
     bench.fails(&["train", "room", "--out", "run", "--resume"], "state.json");
 
@@ -313,7 +369,10 @@ fn ffmpeg_is_missing() {
         command
     };
     bench.fails_as(without(&["synth", "clip", "--video"]), "ffmpeg");
-    bench.fails_as(without(&["render", "run", "--frames", "2", "--out", "clip.mp4"]), "ffmpeg");
+    bench.fails_as(
+        without(&["render", "run", "--frames", "2", "--out", "clip.mp4"]),
+        "ffmpeg",
+    );
     for camera in 0..4 {
         std::fs::remove_dir_all(bench.path(&format!("room/cam{camera:02}"))).expect("removed");
         bench.write(&format!("room/cam{camera:02}.mp4"), "no video either");
@@ -324,8 +383,14 @@ fn ffmpeg_is_missing() {
 #[test]
 fn options_that_do_not_fit_the_data() {
     let bench = Bench::with_room("n3dv");
-    bench.fails(&[&TRAIN[..], &["--test-cameras", "9"]].concat(), "--test-cameras");
-    bench.fails(&[&TRAIN[..], &["--test-cameras", "0,1,2,3"]].concat(), "room");
+    bench.fails(
+        &[&TRAIN[..], &["--test-cameras", "9"]].concat(),
+        "--test-cameras",
+    );
+    bench.fails(
+        &[&TRAIN[..], &["--test-cameras", "0,1,2,3"]].concat(),
+        "room",
+    );
     bench.fails(&[&TRAIN[..], &["--memory", "1kB"]].concat(), "room");
     bench.fails(&[&TRAIN[..], &["--layout", "colmap"]].concat(), "room");
     bench.fails(&[&TRAIN[..], &["--device", "wgpu"]].concat(), "wgpu");
@@ -333,7 +398,16 @@ fn options_that_do_not_fit_the_data() {
     bench.fails(&[&TRAIN[..], &["--config", "c.toml"]].concat(), "c.toml");
     bench.write("c.toml", "[loss\n");
     bench.fails(&[&TRAIN[..], &["--config", "c.toml"]].concat(), "c.toml");
-    let args = ["train", "room", "--out", "run", "--test-cameras", "none", "--iterations", "5"];
+    let args = [
+        "train",
+        "room",
+        "--out",
+        "run",
+        "--test-cameras",
+        "none",
+        "--iterations",
+        "5",
+    ];
     bench.ok(&[&args[..], &TINY[..]].concat());
     bench.fails(&["eval", "run"], "test");
     bench.fails(&["render", "run", "--out", "out"], "test views");

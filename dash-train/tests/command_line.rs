@@ -42,7 +42,12 @@ fn a_run_holds_what_the_design_says_and_eval_finds_it_again() {
         assert!(about.contains(part), "{part} in {about}");
     }
     bench.train("run");
-    for file in ["config.toml", "log.jsonl", "scene/scene.json", "scene/scene.safetensors"] {
+    for file in [
+        "config.toml",
+        "log.jsonl",
+        "scene/scene.json",
+        "scene/scene.safetensors",
+    ] {
         assert!(bench.path("run").join(file).is_file(), "{file}");
     }
     assert!(bench.path("run/checkpoints/000030/state.json").is_file());
@@ -52,22 +57,39 @@ fn a_run_holds_what_the_design_says_and_eval_finds_it_again() {
     }
     assert_eq!(trained["split"], "test");
     assert_eq!(trained["preset"], "quick");
-    assert!(trained["n_dynamic"].as_u64() > Some(0), "the 4D stage is part of this test");
+    assert!(
+        trained["n_dynamic"].as_u64() > Some(0),
+        "the 4D stage is part of this test"
+    );
     assert_eq!(trained["lpips_vgg"], Value::Null);
     assert_eq!(trained["per_view"].as_array().map(Vec::len), Some(3));
     assert_eq!(trained["per_view"][1]["camera"], "cam00");
     let psnr = trained["psnr"].as_f64().expect("a number");
     assert!((5.0..60.0).contains(&psnr), "{psnr}");
-    assert!(trained["train_seconds"].as_f64().is_some_and(|secs| secs > 0.0));
+    assert!(
+        trained["train_seconds"]
+            .as_f64()
+            .is_some_and(|secs| secs > 0.0)
+    );
     assert!(trained["decomposition"]["recall"].as_f64().is_some());
 
     bench.ok(&["eval", "run"]);
     let evaluated = results(&bench, "run");
-    for key in ["psnr", "psnr_dynamic", "ssim", "peak_memory_bytes", "storage_bytes", "per_view"] {
+    for key in [
+        "psnr",
+        "psnr_dynamic",
+        "ssim",
+        "peak_memory_bytes",
+        "storage_bytes",
+        "per_view",
+    ] {
         assert_eq!(evaluated[key], trained[key], "{key}");
     }
     bench.ok(&["eval", "run", "--split", "train"]);
-    assert_eq!(results(&bench, "run")["per_view"].as_array().map(Vec::len), Some(9));
+    assert_eq!(
+        results(&bench, "run")["per_view"].as_array().map(Vec::len),
+        Some(9)
+    );
     let about = bench.ok(&["info", "run"]);
     for part in ["quick", "30 of 30 steps", "warm-up to step 3", "PSNR"] {
         assert!(about.contains(part), "{part} in {about}");
@@ -79,7 +101,14 @@ fn every_layer_is_rendered_and_an_exported_instant_looks_the_same() {
     let bench = Bench::with_room("n3dv");
     bench.train("run");
     bench.ok(&[
-        "render", "run", "--cameras", "test", "--layers", "full,static,dynamic,depth,alpha", "--out", "out",
+        "render",
+        "run",
+        "--cameras",
+        "test",
+        "--layers",
+        "full,static,dynamic,depth,alpha",
+        "--out",
+        "out",
     ]);
     for layer in ["full", "static", "dynamic", "depth", "alpha"] {
         for frame in 0..3 {
@@ -88,23 +117,56 @@ fn every_layer_is_rendered_and_an_exported_instant_looks_the_same() {
             assert_eq!(size, (32, 24), "{}", path.display());
         }
     }
-    bench.ok(&["render", "run", "--format", "exr", "--layers", "full,depth", "--out", "exr"]);
-    let depth = image::open(bench.path("exr/depth/0000_cam00.exr")).expect("a picture").to_rgb32f();
+    bench.ok(&[
+        "render",
+        "run",
+        "--format",
+        "exr",
+        "--layers",
+        "full,depth",
+        "--out",
+        "exr",
+    ]);
+    let depth = image::open(bench.path("exr/depth/0000_cam00.exr"))
+        .expect("a picture")
+        .to_rgb32f();
     assert!(depth.pixels().any(|p| p[0] > 1.0), "metres, not shares");
     bench.ok(&["render", "run", "--cameras", "spiral", "--frames", "2"]);
-    assert_eq!(std::fs::read_dir(bench.path("run/renders/full")).expect("listed").count(), 2);
+    assert_eq!(
+        std::fs::read_dir(bench.path("run/renders/full"))
+            .expect("listed")
+            .count(),
+        2
+    );
 
     bench.write("cameras.json", cameras_json());
-    let shot = ["--cameras", "cameras.json", "--time", "0.5", "--background", "0.2,0.4,0.6"];
+    let shot = [
+        "--cameras",
+        "cameras.json",
+        "--time",
+        "0.5",
+        "--background",
+        "0.2,0.4,0.6",
+    ];
     bench.ok(&[&["render", "run", "--out", "from_run"], &shot[..]].concat());
     bench.ok(&["export", "run", "--time", "0.5", "--out", "half.ply"]);
     bench.ok(&[&["render", "half.ply", "--out", "from_ply"], &shot[..]].concat());
     let open = |path: &str| image::open(bench.path(path)).expect("a picture").to_rgb8();
-    let (run, ply) = (open("from_run/full/0000_front.png"), open("from_ply/full/0000_front.png"));
+    let (run, ply) = (
+        open("from_run/full/0000_front.png"),
+        open("from_ply/full/0000_front.png"),
+    );
     assert_eq!(run.dimensions(), (40, 30));
-    let worst = run.iter().zip(ply.iter()).map(|(a, b)| a.abs_diff(*b)).max();
+    let worst = run
+        .iter()
+        .zip(ply.iter())
+        .map(|(a, b)| a.abs_diff(*b))
+        .max();
     assert!(worst <= Some(1), "{worst:?} of 255");
-    assert!(run.pixels().any(|p| p[0].abs_diff(51) > 20), "more than background");
+    assert!(
+        run.pixels().any(|p| p[0].abs_diff(51) > 20),
+        "more than background"
+    );
     let about = bench.ok(&["info", "half.ply"]);
     assert!(about.contains("Gaussians"), "{about}");
 }
@@ -118,12 +180,25 @@ fn cameras_json() -> String {
 
 #[test]
 fn videos_are_written_where_ffmpeg_is_there() {
-    if std::process::Command::new("ffmpeg").arg("-version").output().is_err() {
+    if std::process::Command::new("ffmpeg")
+        .arg("-version")
+        .output()
+        .is_err()
+    {
         return;
     }
     let bench = Bench::with_room("blender");
     bench.train("run");
-    bench.ok(&["render", "run", "--cameras", "spiral", "--frames", "3", "--out", "clip.mp4"]);
+    bench.ok(&[
+        "render",
+        "run",
+        "--cameras",
+        "spiral",
+        "--frames",
+        "3",
+        "--out",
+        "clip.mp4",
+    ]);
     assert!(bench.read("clip.mp4").len() > 500);
 }
 
@@ -132,17 +207,43 @@ fn the_same_configuration_gives_the_same_scene_and_so_does_a_resumed_run() {
     let bench = Bench::with_room("n3dv");
     bench.train("run");
     let scene = bench.read("run/scene/scene.safetensors");
-    bench.ok(&["train", "room", "--out", "again", "--config", "run/config.toml"]);
-    assert!(bench.read("again/scene/scene.safetensors") == scene, "the same configuration");
+    bench.ok(&[
+        "train",
+        "room",
+        "--out",
+        "again",
+        "--config",
+        "run/config.toml",
+    ]);
+    assert!(
+        bench.read("again/scene/scene.safetensors") == scene,
+        "the same configuration"
+    );
 
     let run = bench.path("again");
     std::fs::remove_dir_all(run.join("checkpoints/000030")).expect("removed");
     std::fs::remove_dir_all(run.join("scene")).expect("removed");
-    bench.ok(&["train", "room", "--out", "again", "--resume", "--iterations", "30"]);
-    assert!(bench.read("again/scene/scene.safetensors") == scene, "resumed from step 20");
+    bench.ok(&[
+        "train",
+        "room",
+        "--out",
+        "again",
+        "--resume",
+        "--iterations",
+        "30",
+    ]);
+    assert!(
+        bench.read("again/scene/scene.safetensors") == scene,
+        "resumed from step 20"
+    );
 
     let wrong = ["train", "room", "--out", "again", "--resume"];
-    for other in [["--iterations", "31"], ["--seed", "1"], ["--preset", "paper"], ["--downscale", "2"]] {
+    for other in [
+        ["--iterations", "31"],
+        ["--seed", "1"],
+        ["--preset", "paper"],
+        ["--downscale", "2"],
+    ] {
         let said = bench.is_wrong_usage(&[&wrong[..], &other[..]].concat());
         assert!(said.contains("--resume"), "{said}");
     }
@@ -152,15 +253,33 @@ fn the_same_configuration_gives_the_same_scene_and_so_does_a_resumed_run() {
 fn progress_is_a_few_plain_lines_and_quiet_says_none() {
     let bench = Bench::with_room("n3dv");
     let train = |out: &str, extra: &[&str]| {
-        let args = ["train", "room", "--out", out, "--iterations", "20", "--preset", "quick"];
-        let output = bench.command(&[&args[..], &TINY[..], extra].concat()).output().expect("starts");
+        let args = [
+            "train",
+            "room",
+            "--out",
+            out,
+            "--iterations",
+            "20",
+            "--preset",
+            "quick",
+        ];
+        let output = bench
+            .command(&[&args[..], &TINY[..], extra].concat())
+            .output()
+            .expect("starts");
         assert!(output.status.success(), "{}", text(&output.stderr));
         (text(&output.stdout), text(&output.stderr))
     };
     let (summary, progress) = train("loud", &[]);
-    assert!(summary.contains("PSNR") && summary.contains("written to loud"), "{summary}");
+    assert!(
+        summary.contains("PSNR") && summary.contains("written to loud"),
+        "{summary}"
+    );
     assert!((8..=12).contains(&progress.lines().count()), "{progress}");
-    assert!(progress.contains("20/20 loss") && !progress.contains(['\r', '\u{1b}']), "{progress}");
+    assert!(
+        progress.contains("20/20 loss") && !progress.contains(['\r', '\u{1b}']),
+        "{progress}"
+    );
     let (_, silence) = train("silent", &["-q", "--threads", "1"]);
     assert_eq!(silence, "");
     let scene = "scene/scene.safetensors";
@@ -174,7 +293,16 @@ fn progress_is_a_few_plain_lines_and_quiet_says_none() {
 fn both_cpu_backends_train() {
     let bench = Bench::with_room("blender");
     for device in ["ndarray", "flex"] {
-        let args = ["train", "room", "--out", device, "--iterations", "12", "--device", device];
+        let args = [
+            "train",
+            "room",
+            "--out",
+            device,
+            "--iterations",
+            "12",
+            "--device",
+            device,
+        ];
         bench.ok(&[&args[..], &TINY[..]].concat());
         assert_eq!(results(&bench, device)["device"], device);
     }
@@ -185,7 +313,10 @@ fn help_shows_examples_and_wrong_usage_exits_with_two() {
     let bench = Bench::new();
     for command in ["synth", "train", "eval", "render", "export", "info"] {
         let help = bench.ok(&[command, "--help"]);
-        assert!(help.contains("Example") && help.contains(&format!("dash {command} ")), "{help}");
+        assert!(
+            help.contains("Example") && help.contains(&format!("dash {command} ")),
+            "{help}"
+        );
     }
     assert!(bench.ok(&["--version"]).contains("dash 0."));
     for wrong in [

@@ -121,7 +121,9 @@ pub fn evaluate(
     let Some(first) = views.first() else {
         return Err(TrainError::run(
             &dataset.root,
-            format!("expected views of the {split} split, found none; choose --split or --test-cameras"),
+            format!(
+                "expected views of the {split} split, found none; choose --split or --test-cameras"
+            ),
         ));
     };
     let background = scene.settings.background;
@@ -205,7 +207,9 @@ fn settings(background: [f32; 3], downscale: f64, width: usize, height: usize) -
     let resize = if downscale == 1.0 {
         "none: the images' own size".into()
     } else {
-        format!("images made smaller by {downscale} on loading, averaging over the area of each new pixel")
+        format!(
+            "images made smaller by {downscale} on loading, averaging over the area of each new pixel"
+        )
     };
     MetricSettings {
         resize,
@@ -218,9 +222,10 @@ fn settings(background: [f32; 3], downscale: f64, width: usize, height: usize) -
         ms_ssim_scales: ms_ssim_scales(width, height),
         decomposition: SPLIT_RULE.into(),
         lpips: "not measured: no weights".into(),
-        render_fps: "each of the split's views once at its own size, after one unmeasured rendering, \
+        render_fps:
+            "each of the split's views once at its own size, after one unmeasured rendering, \
                      device synchronised before the clock stops, copying to the host excluded"
-            .into(),
+                .into(),
         peak_memory: "not recorded".into(),
     }
 }
@@ -244,7 +249,12 @@ fn mean_of_some(scores: impl Iterator<Item = f64>) -> Option<f64> {
 
 #[cfg(test)]
 mod tests {
+    use burn::tensor::Device;
+    use dash_model::{Gaussians, OffsetPlacement, SceneSettings, TrajectoryBasis};
+
     use super::*;
+    use crate::dataset;
+    use crate::synth::{self, SynthConfig};
 
     #[test]
     fn means_leave_out_nothing_that_is_broken() {
@@ -253,6 +263,51 @@ mod tests {
         assert_eq!(mean_of_all([].into_iter()), None);
         assert_eq!(mean_of_some([4.0].into_iter()), Some(4.0));
         assert_eq!(mean_of_some([].into_iter()), None);
+    }
+
+    #[test]
+    fn an_empty_scene_scores_its_background() {
+        let folder = tempfile::tempdir().expect("a scratch folder");
+        let room = folder.path().join("room");
+        let clip = SynthConfig {
+            cameras: 2,
+            frames: 3,
+            width: 24,
+            height: 18,
+            ..Default::default()
+        };
+        synth::write(&room, &clip).expect("written");
+        let dataset = dataset::load(&room, &Default::default()).expect("loaded");
+        let scene = DynamicScene {
+            static_set: Gaussians::from_rows(&Default::default(), &Device::flex()),
+            dynamic: None,
+            settings: SceneSettings {
+                background: [0.5; 3],
+                sh_degree: 0,
+                trajectory_basis: TrajectoryBasis::Cosine,
+                offsets: OffsetPlacement::BeforeActivation,
+            },
+        };
+        let scores = evaluate(&scene, &dataset, Split::Test, 1.0).expect("scored");
+        assert_eq!((scores.n_static, scores.n_dynamic), (0, 0));
+        assert_eq!(scores.per_view.len(), 3);
+        let shown = 128.0 / 255.0;
+        let mut sum = 0.0;
+        for (view, got) in dataset.split(Split::Test).zip(&scores.per_view) {
+            let truth = view.rgb([0.0; 3]);
+            let errors = truth.iter().map(|v| f64::from(v - shown).powi(2));
+            let expected = -10.0 * (errors.sum::<f64>() / truth.len() as f64).log10();
+            let got = got.psnr.expect("defined");
+            assert!(
+                (got - expected).abs() < 1e-4,
+                "got {got}, expected {expected}"
+            );
+            sum += got;
+        }
+        assert!((scores.psnr.expect("defined") - sum / 3.0).abs() < 1e-9);
+        assert!(scores.psnr_dynamic.is_some(), "the ball moves");
+        let split = scores.decomposition.expect("the room has true masks");
+        assert_eq!(split.recall, 0.0);
     }
 
     #[test]

@@ -47,8 +47,7 @@ pub enum Process {
 }
 
 const TRAINING_MEMORY: &str = "most resident memory of the process that trained, dataset included";
-const EVALUATION_MEMORY: &str =
-    "most resident memory of the process that evaluated, dataset included; that of training is not known";
+const EVALUATION_MEMORY: &str = "most resident memory of the process that evaluated, dataset included; that of training is not known";
 
 /// Scores a finished run over a split and writes its `results.json`.
 ///
@@ -85,7 +84,8 @@ pub fn evaluate_run(
         peak_memory_bytes: peak,
         evaluation,
     };
-    let json = serde_json::to_vec_pretty(&results).map_err(|e| TrainError::Config(e.to_string()))?;
+    let json =
+        serde_json::to_vec_pretty(&results).map_err(|e| TrainError::Config(e.to_string()))?;
     write_atomically(&run.results_path(), |mut file| file.write_all(&json))?;
     Ok(results)
 }
@@ -102,7 +102,10 @@ pub fn read_results(run: &RunFolder) -> Result<Option<Results>, TrainError> {
         Err(e) => return Err(TrainError::io(&path, "read", e)),
     };
     serde_json::from_slice(&text).map(Some).map_err(|e| {
-        TrainError::run(&path, format!("expected a run's results, found {e}; write them again with `dash eval`"))
+        TrainError::run(
+            &path,
+            format!("expected a run's results, found {e}; write them again with `dash eval`"),
+        )
     })
 }
 
@@ -124,7 +127,11 @@ pub fn storage_bytes(folder: &Path) -> Result<u64, TrainError> {
     for entry in fs::read_dir(folder).map_err(io)? {
         let entry = entry.map_err(io)?;
         let metadata = entry.metadata().map_err(io)?;
-        bytes += if metadata.is_dir() { storage_bytes(&entry.path())? } else { metadata.len() };
+        bytes += if metadata.is_dir() {
+            storage_bytes(&entry.path())?
+        } else {
+            metadata.len()
+        };
     }
     Ok(bytes)
 }
@@ -132,7 +139,9 @@ pub fn storage_bytes(folder: &Path) -> Result<u64, TrainError> {
 /// The most resident memory that this process has had; `None` where the system does not say.
 pub fn peak_memory_bytes() -> Option<u64> {
     let status = fs::read_to_string("/proc/self/status").ok()?;
-    let line = status.lines().find_map(|line| line.strip_prefix("VmHWM:"))?;
+    let line = status
+        .lines()
+        .find_map(|line| line.strip_prefix("VmHWM:"))?;
     let kibibytes: u64 = line.trim().strip_suffix("kB")?.trim().parse().ok()?;
     Some(kibibytes * 1024)
 }

@@ -8,6 +8,6 @@ mod picture;
 mod shots;
 
 pub use output::{PictureFormat, RenderJob, write_pictures, write_video};
-pub use picture::{NO_SURFACE_ALPHA, Picture, PictureLayer, render};
 pub(crate) use picture::render_timed;
+pub use picture::{NO_SURFACE_ALPHA, Picture, PictureLayer, render};
 pub use shots::{Shot, at_times, file_shots, spiral_shots, test_shots};

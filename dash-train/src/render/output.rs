@@ -63,10 +63,17 @@ pub fn write_pictures(
         fs::create_dir(&folder).map_err(|e| TrainError::io(&folder, "create", e))?;
     }
     for (index, shot) in job.shots.iter().enumerate() {
-        let name = format!("{index:04}_{}.{}", file_name(&shot.camera_name), format.extension());
+        let name = format!(
+            "{index:04}_{}.{}",
+            file_name(&shot.camera_name),
+            format.extension()
+        );
         for drawn_from in [Layer::Full, Layer::Static, Layer::Dynamic] {
-            let shown: Vec<PictureLayer> =
-                layers.iter().copied().filter(|layer| layer.drawn_from() == drawn_from).collect();
+            let shown: Vec<PictureLayer> = layers
+                .iter()
+                .copied()
+                .filter(|layer| layer.drawn_from() == drawn_from)
+                .collect();
             if shown.is_empty() {
                 continue;
             }
@@ -80,7 +87,10 @@ pub fn write_pictures(
     }
     fs::create_dir_all(out).map_err(|e| TrainError::io(out, "create", e))?;
     for layer in layers {
-        let (from, to) = (scratch.path().join(layer.to_string()), out.join(layer.to_string()));
+        let (from, to) = (
+            scratch.path().join(layer.to_string()),
+            out.join(layer.to_string()),
+        );
         if to.exists() {
             // Not every system renames over an empty folder.
             fs::remove_dir(&to).map_err(|e| TrainError::io(&to, "replace", e))?;
@@ -98,7 +108,10 @@ pub fn write_pictures(
 /// its input.
 pub fn write_video(job: RenderJob<'_>, layer: PictureLayer, out: &Path) -> Result<(), TrainError> {
     let Some(first) = job.shots.first() else {
-        return Err(TrainError::run(out, "expected at least one frame to write, found none"));
+        return Err(TrainError::run(
+            out,
+            "expected at least one frame to write, found none",
+        ));
     };
     let size = (first.camera.width, first.camera.height);
     let same = |shot: &Shot| (shot.camera.width, shot.camera.height) == size;
@@ -128,16 +141,17 @@ fn write_picture(
     format: PictureFormat,
 ) -> Result<(), TrainError> {
     let (width, height) = (picture.width, picture.height);
-    Ok(match (format, layer) {
-        (PictureFormat::Png, _) => write_png(path, width, height, &shown(picture, layer))?,
+    let written = match (format, layer) {
+        (PictureFormat::Png, _) => write_png(path, width, height, &shown(picture, layer)),
         (PictureFormat::Exr, PictureLayer::Alpha) => {
-            write_exr_plane(path, width, height, &picture.alpha)?;
+            write_exr_plane(path, width, height, &picture.alpha)
         }
         (PictureFormat::Exr, PictureLayer::Depth) => {
-            write_exr_plane(path, width, height, &picture.depth)?;
+            write_exr_plane(path, width, height, &picture.depth)
         }
-        (PictureFormat::Exr, _) => write_exr_rgb(path, width, height, &picture.rgb)?,
-    })
+        (PictureFormat::Exr, _) => write_exr_rgb(path, width, height, &picture.rgb),
+    };
+    Ok(written?)
 }
 
 /// What a layer looks like, `[H, W, 3]` in 8 bits.
@@ -157,7 +171,16 @@ fn nearness(depth: &[f32]) -> Vec<f32> {
     let far = surfaces().fold(0.0, f32::max);
     // A flat wall is all near.
     let range = if far > near { far - near } else { 1.0 };
-    depth.iter().map(|&d| if d > 0.0 { 1.0 - (d - near) / range } else { 0.0 }).collect()
+    depth
+        .iter()
+        .map(|&d| {
+            if d > 0.0 {
+                1.0 - (d - near) / range
+            } else {
+                0.0
+            }
+        })
+        .collect()
 }
 
 /// A scratch folder on the file system of `out`, gone when dropped.
@@ -178,7 +201,10 @@ fn existing_ancestor(out: &Path) -> Result<PathBuf, TrainError> {
             Ok(_) => {
                 return Err(TrainError::run(
                     out,
-                    format!("expected a folder to write to, found the file {}; choose another --out", place.display()),
+                    format!(
+                        "expected a folder to write to, found the file {}; choose another --out",
+                        place.display()
+                    ),
                 ));
             }
             Err(_) => match place.parent() {
@@ -207,7 +233,13 @@ fn refuse_occupied(folder: &Path) -> Result<(), TrainError> {
 
 /// A camera's name with what file systems refuse replaced.
 fn file_name(camera: &str) -> String {
-    let safe = |c: char| if c.is_alphanumeric() || "-_.".contains(c) { c } else { '_' };
+    let safe = |c: char| {
+        if c.is_alphanumeric() || "-_.".contains(c) {
+            c
+        } else {
+            '_'
+        }
+    };
     camera.chars().map(safe).collect()
 }
 

@@ -4,8 +4,8 @@ use std::fmt;
 use std::time::Instant;
 
 use burn::tensor::Tensor;
-use dash_model::{DynamicScene, Layer, Rendering};
 use dash_kernels::Camera;
+use dash_model::{DynamicScene, Layer, Rendering};
 
 use crate::TrainError;
 
@@ -89,7 +89,9 @@ pub(crate) fn render_timed(
     let start = Instant::now();
     let rendering = scene.render_layer(camera, time, layer)?;
     let device = rendering.image.device();
-    device.sync().map_err(|e| TrainError::DeviceFault(e.to_string()))?;
+    device
+        .sync()
+        .map_err(|e| TrainError::DeviceFault(e.to_string()))?;
     let secs = start.elapsed().as_secs_f64();
     Ok((to_picture(rendering, camera), secs))
 }
@@ -100,10 +102,22 @@ fn to_picture(rendering: Rendering, camera: &Camera) -> Picture {
     let depth = alpha
         .iter()
         .zip(weighted)
-        .map(|(&alpha, depth)| if alpha < NO_SURFACE_ALPHA { 0.0 } else { depth / alpha })
+        .map(|(&alpha, depth)| {
+            if alpha < NO_SURFACE_ALPHA {
+                0.0
+            } else {
+                depth / alpha
+            }
+        })
         .collect();
     let rgb = to_host(rendering.rgb());
-    Picture { width: camera.width, height: camera.height, rgb, alpha, depth }
+    Picture {
+        width: camera.width,
+        height: camera.height,
+        rgb,
+        alpha,
+        depth,
+    }
 }
 
 fn to_host(tensor: Tensor<3>) -> Vec<f32> {

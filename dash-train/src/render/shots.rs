@@ -47,7 +47,11 @@ pub fn file_shots(path: &Path) -> Result<Vec<Shot>, TrainError> {
                     format!("camera `{name}`: expected a time in [0, 1], found {time}; mend it"),
                 ));
             }
-            Ok(Shot { camera_name: entry.img_name, camera: entry.camera, time: time as f32 })
+            Ok(Shot {
+                camera_name: entry.img_name,
+                camera: entry.camera,
+                time: time as f32,
+            })
         })
         .collect()
 }
@@ -76,22 +80,30 @@ pub fn spiral_shots(dataset: &Dataset, n: usize) -> Vec<Shot> {
 pub fn at_times(shots: &[Shot], n: usize) -> Vec<Shot> {
     let mut cameras: Vec<&Shot> = Vec::new();
     for shot in shots {
-        let known = |other: &&Shot| {
-            other.camera_name == shot.camera_name && other.camera == shot.camera
-        };
+        let known =
+            |other: &&Shot| other.camera_name == shot.camera_name && other.camera == shot.camera;
         if !cameras.iter().any(known) {
             cameras.push(shot);
         }
     }
     cameras
         .into_iter()
-        .flat_map(|shot| (0..n).map(move |frame| Shot { time: even_time(frame, n), ..shot.clone() }))
+        .flat_map(|shot| {
+            (0..n).map(move |frame| Shot {
+                time: even_time(frame, n),
+                ..shot.clone()
+            })
+        })
         .collect()
 }
 
 /// The time of one of `n` even steps from 0 to 1.
 fn even_time(step: usize, n: usize) -> f32 {
-    if n > 1 { (step as f64 / (n - 1) as f64) as f32 } else { 0.0 }
+    if n > 1 {
+        (step as f64 / (n - 1) as f64) as f32
+    } else {
+        0.0
+    }
 }
 
 #[cfg(test)]
@@ -102,12 +114,22 @@ mod tests {
     fn every_camera_sees_every_time_once() {
         let shot = |name: &str, x: f64, time| Shot {
             camera_name: name.into(),
-            camera: Camera { translation: [x, 0.0, 0.0], ..Camera::new(9.0, 9.0, 4.0, 3.0, 8, 6) },
+            camera: Camera {
+                translation: [x, 0.0, 0.0],
+                ..Camera::new(9.0, 9.0, 4.0, 3.0, 8, 6)
+            },
             time,
         };
-        let shots = [shot("a", 0.0, 0.0), shot("a", 0.0, 0.4), shot("b", 1.0, 0.0)];
+        let shots = [
+            shot("a", 0.0, 0.0),
+            shot("a", 0.0, 0.4),
+            shot("b", 1.0, 0.0),
+        ];
         let names = |shots: &[Shot]| {
-            shots.iter().map(|s| (s.camera_name.clone(), s.time)).collect::<Vec<_>>()
+            shots
+                .iter()
+                .map(|s| (s.camera_name.clone(), s.time))
+                .collect::<Vec<_>>()
         };
         let a = |time| ("a".to_string(), time);
         let b = |time| ("b".to_string(), time);

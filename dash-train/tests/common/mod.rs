@@ -1,5 +1,5 @@
 //! Runs the binary in a folder of its own.
-#![allow(dead_code, reason = "each test file uses its part")]
+#![expect(dead_code, reason = "each test file uses its part")]
 
 use std::collections::BTreeSet;
 use std::fs;
@@ -35,21 +35,41 @@ pub struct Bench {
 
 impl Bench {
     pub fn new() -> Self {
-        Self { folder: tempfile::tempdir().expect("a scratch folder") }
+        Self {
+            folder: tempfile::tempdir().expect("a scratch folder"),
+        }
     }
 
     /// A folder that holds the dataset `room`: 4 cameras, 3 frames, 32x24 pixels.
     pub fn with_room(layout: &str) -> Self {
         let bench = Self::new();
         bench.ok(&[
-            "synth", "room", "--layout", layout, "--cameras", "4", "--frames", "3", "--size", "32x24",
+            "synth",
+            "room",
+            "--layout",
+            layout,
+            "--cameras",
+            "4",
+            "--frames",
+            "3",
+            "--size",
+            "32x24",
         ]);
         bench
     }
 
     /// Trains `run` on `room` for 30 steps.
     pub fn train(&self, run: &str) {
-        let mut args = vec!["train", "room", "--out", run, "--iterations", "30", "--preset", "quick"];
+        let mut args = vec![
+            "train",
+            "room",
+            "--out",
+            run,
+            "--iterations",
+            "30",
+            "--preset",
+            "quick",
+        ];
         args.extend(TINY);
         self.ok(&args);
     }
@@ -77,14 +97,21 @@ impl Bench {
 
     pub fn command(&self, args: &[&str]) -> Command {
         let mut command = Command::new(env!("CARGO_BIN_EXE_dash"));
-        command.args(args).current_dir(self.folder.path()).env("RAYON_NUM_THREADS", "2");
+        command
+            .args(args)
+            .current_dir(self.folder.path())
+            .env("RAYON_NUM_THREADS", "2");
         command
     }
 
     /// Runs a command that must succeed; its output.
     pub fn ok(&self, args: &[&str]) -> String {
         let output = self.command(args).output().expect("the binary starts");
-        assert!(output.status.success(), "dash {args:?}: {}", text(&output.stderr));
+        assert!(
+            output.status.success(),
+            "dash {args:?}: {}",
+            text(&output.stderr)
+        );
         text(&output.stdout)
     }
 

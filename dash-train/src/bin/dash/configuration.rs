@@ -55,13 +55,23 @@ pub struct DataSection {
 impl ConfigFile {
     /// Reads a configuration file; without a path, one that says nothing.
     pub fn read(path: Option<&Path>) -> Result<Self, Failure> {
-        let Some(path) = path else { return Ok(Self::default()) };
+        let Some(path) = path else {
+            return Ok(Self::default());
+        };
         let refuse = |what: String| Failure::new(format!("{}: {what}", path.display()));
-        let text = fs::read_to_string(path)
-            .map_err(|e| refuse(format!("cannot read the configuration: {e}; check the path")))?;
+        let text = fs::read_to_string(path).map_err(|e| {
+            refuse(format!(
+                "cannot read the configuration: {e}; check the path"
+            ))
+        })?;
         let mut table: Table = text.parse().map_err(|e: toml::de::Error| {
-            let line = e.span().map_or(1, |span| text[..span.start].matches('\n').count() + 1);
-            refuse(format!("expected TOML, found at line {line}: {}", e.message()))
+            let line = e
+                .span()
+                .map_or(1, |span| text[..span.start].matches('\n').count() + 1);
+            refuse(format!(
+                "expected TOML, found at line {line}: {}",
+                e.message()
+            ))
         })?;
         let data = match table.remove("data") {
             None => DataSection::default(),
@@ -83,18 +93,26 @@ impl ConfigFile {
 
     fn preset(&self) -> Option<Result<Preset, String>> {
         let value = self.train.get("preset")?;
-        Some(value.as_str().map_or(Err(value.to_string()), |name| Preset::from_str(name, false)))
+        Some(
+            value
+                .as_str()
+                .map_or(Err(value.to_string()), |name| Preset::from_str(name, false)),
+        )
     }
 }
 
 impl Overrides<'_> {
     /// The configuration of a new run.
     pub fn resolve(&self, file: &ConfigFile) -> Result<TrainConfig, Failure> {
-        let path = self.file.map(|path| path.display().to_string()).unwrap_or_default();
-        let in_file = file
-            .preset()
-            .transpose()
-            .map_err(|e| Failure::new(format!("{path}: preset: expected a preset's name, found {e}")))?;
+        let path = self
+            .file
+            .map(|path| path.display().to_string())
+            .unwrap_or_default();
+        let in_file = file.preset().transpose().map_err(|e| {
+            Failure::new(format!(
+                "{path}: preset: expected a preset's name, found {e}"
+            ))
+        })?;
         let preset = match (self.preset, in_file) {
             (Some(asked), Some(found)) if asked != found => {
                 return Err(Failure::usage(format!(
@@ -117,26 +135,33 @@ impl Overrides<'_> {
                 let mut table = Table::try_from(&config)
                     .map_err(|e| refuse(format!("cannot be merged with the preset: {e}")))?;
                 merge(&mut table, &file.train);
-                let config: TrainConfig = table
-                    .try_into()
-                    .map_err(|e: toml::de::Error| refuse(format!("{e}; check the key's name and value")))?;
+                let config: TrainConfig = table.try_into().map_err(|e: toml::de::Error| {
+                    refuse(format!("{e}; check the key's name and value"))
+                })?;
                 config.validate().map_err(|e| refuse(e.to_string()))?;
                 config
             }
         };
         for assignment in self.assignments {
-            config.set(assignment).map_err(|e| Failure::usage(e.to_string()))?;
+            config
+                .set(assignment)
+                .map_err(|e| Failure::usage(e.to_string()))?;
         }
         config.iterations = self.iterations.unwrap_or(config.iterations);
         config.seed = self.seed.unwrap_or(config.seed);
-        config.validate().map_err(|e| Failure::usage(e.to_string()))?;
+        config
+            .validate()
+            .map_err(|e| Failure::usage(e.to_string()))?;
         Ok(config)
     }
 }
 
 /// A preset's name on the command line.
 pub fn name(preset: Preset) -> String {
-    preset.to_possible_value().map(|value| value.get_name().to_string()).unwrap_or_default()
+    preset
+        .to_possible_value()
+        .map(|value| value.get_name().to_string())
+        .unwrap_or_default()
 }
 
 /// Replaces values of `base` by those of `over`, section by section.
@@ -163,21 +188,38 @@ mod tests {
     }
 
     fn overrides<'a>(file: Option<&'a Path>, assignments: &'a [String]) -> Overrides<'a> {
-        Overrides { preset: None, file, assignments, iterations: None, seed: None }
+        Overrides {
+            preset: None,
+            file,
+            assignments,
+            iterations: None,
+            seed: None,
+        }
     }
 
     #[test]
     fn the_command_line_wins_over_the_file_and_the_file_over_the_preset() {
-        let (_folder, path) = file("preset = \"quick\"\niterations = 70\nseed = 5\n[loss]\ndssim = 1\n");
+        let (_folder, path) =
+            file("preset = \"quick\"\niterations = 70\nseed = 5\n[loss]\ndssim = 1\n");
         let assignments = ["seed=6".to_string()];
         let over = overrides(Some(&path), &assignments);
-        let config = over.resolve(&ConfigFile::read(over.file).expect("read")).expect("valid");
+        let config = over
+            .resolve(&ConfigFile::read(over.file).expect("read"))
+            .expect("valid");
         let quick = TrainConfig::preset(Preset::Quick);
-        assert_eq!((config.iterations, config.seed, config.loss.dssim), (70, 6, 1.0));
+        assert_eq!(
+            (config.iterations, config.seed, config.loss.dssim),
+            (70, 6, 1.0)
+        );
         assert_eq!(config.sh_degree, quick.sh_degree);
         assert_eq!(config.loss.smoothness, quick.loss.smoothness);
-        let over = Overrides { seed: Some(9), ..over };
-        let config = over.resolve(&ConfigFile::read(over.file).expect("read")).expect("valid");
+        let over = Overrides {
+            seed: Some(9),
+            ..over
+        };
+        let config = over
+            .resolve(&ConfigFile::read(over.file).expect("read"))
+            .expect("valid");
         assert_eq!(config.seed, 9);
     }
 
@@ -195,7 +237,10 @@ mod tests {
         let (_folder, path) = file(&text);
         let read = ConfigFile::read(Some(&path)).expect("read");
         assert_eq!(read.data.downscale, Some(2.0));
-        assert_eq!(overrides(Some(&path), &[]).resolve(&read).expect("valid"), train);
+        assert_eq!(
+            overrides(Some(&path), &[]).resolve(&read).expect("valid"),
+            train
+        );
     }
 
     #[test]

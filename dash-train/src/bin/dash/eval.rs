@@ -48,5 +48,9 @@ pub fn run(args: &EvalArgs, shared: &Shared) -> Result<String, Failure> {
     };
     let name = choice.to_string();
     let results = evaluate_run(&run, &dataset, split, (&device, &name), Process::Evaluates)?;
-    Ok(format!("{}\nwritten to {}", summary::results(&results), run.results_path().display()))
+    Ok(format!(
+        "{}\nwritten to {}",
+        summary::results(&results),
+        run.results_path().display()
+    ))
 }

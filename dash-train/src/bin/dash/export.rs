@@ -25,7 +25,11 @@ pub struct ExportArgs {
 }
 
 pub fn run(args: &ExportArgs, shared: &Shared) -> Result<String, Failure> {
-    if args.out.extension().is_none_or(|extension| extension != "ply") {
+    if args
+        .out
+        .extension()
+        .is_none_or(|extension| extension != "ply")
+    {
         return Err(Failure::usage(format!(
             "--out {}: expected a name that ends in .ply",
             args.out.display()

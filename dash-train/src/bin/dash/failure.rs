@@ -22,12 +22,18 @@ pub struct Failure {
 impl Failure {
     /// Work that failed.
     pub fn new(message: impl Into<String>) -> Self {
-        Self { message: message.into(), exit_code: FAILED }
+        Self {
+            message: message.into(),
+            exit_code: FAILED,
+        }
     }
 
     /// Arguments that can't be right.
     pub fn usage(message: impl Into<String>) -> Self {
-        Self { message: message.into(), exit_code: WRONG_USAGE }
+        Self {
+            message: message.into(),
+            exit_code: WRONG_USAGE,
+        }
     }
 
     /// The message without line breaks.
@@ -58,7 +64,11 @@ impl Failure {
 
 /// Text with every run of white space that has a line break in it made one space.
 pub fn on_one_line(text: &str) -> String {
-    text.lines().map(str::trim).filter(|line| !line.is_empty()).collect::<Vec<_>>().join(" ")
+    text.lines()
+        .map(str::trim)
+        .filter(|line| !line.is_empty())
+        .collect::<Vec<_>>()
+        .join(" ")
 }
 
 impl From<TrainError> for Failure {

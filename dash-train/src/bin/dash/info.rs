@@ -17,7 +17,9 @@ use crate::summary::{Table, add_scores, bytes, duration};
 
 /// Say what a run, a dataset or a PLY file holds
 #[derive(Args)]
-#[command(after_help = "Examples:\n  dash info runs/room\n  dash info out/room\n  dash info room_at_half.ply")]
+#[command(
+    after_help = "Examples:\n  dash info runs/room\n  dash info out/room\n  dash info room_at_half.ply"
+)]
 pub struct InfoArgs {
     /// A run's folder, a dataset's folder, or a PLY file of Gaussians or points
     path: PathBuf,
@@ -31,9 +33,15 @@ pub fn run(args: &InfoArgs, shared: &Shared) -> Result<String, Failure> {
     let table = if path.extension().is_some_and(|extension| extension == "ply") {
         ply(path)?
     } else if path.join("config.toml").is_file() {
-        finished_or_not(&RunFolder::open(path)?, &shared.device.unwrap_or_default().device()?)?
+        finished_or_not(
+            &RunFolder::open(path)?,
+            &shared.device.unwrap_or_default().device()?,
+        )?
     } else {
-        let options = LoadOptions { layout: args.layout, ..Default::default() };
+        let options = LoadOptions {
+            layout: args.layout,
+            ..Default::default()
+        };
         dataset(&load(path, &options)?)
     };
     Ok(table.text())
@@ -67,13 +75,22 @@ fn finished_or_not(run: &RunFolder, device: &Device) -> Result<Table, Failure> {
         }
     }
     if !run.scene_path().join("scene.json").is_file() {
-        table.row("scene", "not finished; continue with `dash train DATASET --out RUN --resume`");
+        table.row(
+            "scene",
+            "not finished; continue with `dash train DATASET --out RUN --resume`",
+        );
         return Ok(table);
     }
     let scene = run.scene(device)?;
     let (n_static, n_dynamic) = scene.counts();
-    table.row("scene", format!("{n_static} static and {n_dynamic} dynamic Gaussians, SH degree {}, {}",
-        scene.settings.sh_degree, bytes(storage_bytes(&run.scene_path())?)));
+    table.row(
+        "scene",
+        format!(
+            "{n_static} static and {n_dynamic} dynamic Gaussians, SH degree {}, {}",
+            scene.settings.sh_degree,
+            bytes(storage_bytes(&run.scene_path())?)
+        ),
+    );
     if let Some(results) = read_results(run)? {
         add_scores(&mut table, &results);
     }
@@ -81,10 +98,15 @@ fn finished_or_not(run: &RunFolder, device: &Device) -> Result<Table, Failure> {
 }
 
 fn settings(table: &mut Table, config: &TrainConfig) {
-    let (warmup, split) =
-        (config.step_at(config.stages.warmup), config.step_at(config.stages.decomposition));
+    let (warmup, split) = (
+        config.step_at(config.stages.warmup),
+        config.step_at(config.stages.decomposition),
+    );
     let stages = if config.decomposition.enabled {
-        format!("warm-up to step {warmup}, decomposition to {split}, 4D to {}", config.iterations)
+        format!(
+            "warm-up to step {warmup}, decomposition to {split}, 4D to {}",
+            config.iterations
+        )
     } else {
         format!("static 3DGS to step {}", config.iterations)
     };
@@ -93,31 +115,60 @@ fn settings(table: &mut Table, config: &TrainConfig) {
 
 fn dataset(dataset: &Dataset) -> Table {
     let mut table = Table::default();
-    let sizes: std::collections::BTreeSet<(usize, usize)> =
-        dataset.views.iter().map(|view| (view.camera.width, view.camera.height)).collect();
+    let sizes: std::collections::BTreeSet<(usize, usize)> = dataset
+        .views
+        .iter()
+        .map(|view| (view.camera.width, view.camera.height))
+        .collect();
     let sizes: Vec<String> = sizes.iter().map(|(w, h)| format!("{w}x{h}")).collect();
-    let times = dataset.views.iter().map(|view| view.time).fold([1.0_f32, 0.0], |[low, high], time| {
-        [low.min(time), high.max(time)]
-    });
-    let held_out: std::collections::BTreeSet<&str> =
-        dataset.split(Split::Test).map(|view| view.camera_name.as_str()).collect();
+    let times = dataset
+        .views
+        .iter()
+        .map(|view| view.time)
+        .fold([1.0_f32, 0.0], |[low, high], time| {
+            [low.min(time), high.max(time)]
+        });
+    let held_out: std::collections::BTreeSet<&str> = dataset
+        .split(Split::Test)
+        .map(|view| view.camera_name.as_str())
+        .collect();
     let held_out: Vec<&str> = held_out.into_iter().collect();
     table
         .row("dataset", &dataset.name)
         .row("layout", dataset.layout)
         .row("cameras", dataset.n_cameras)
-        .row("frames", if dataset.is_static() { "1 (static)".into() } else { dataset.n_frames.to_string() })
+        .row(
+            "frames",
+            if dataset.is_static() {
+                "1 (static)".into()
+            } else {
+                dataset.n_frames.to_string()
+            },
+        )
         .row("times", format!("{} to {}", times[0], times[1]))
         .row(
             "views",
-            format!("{} to train on, {} to test", dataset.split(Split::Train).count(), dataset.split(Split::Test).count()),
+            format!(
+                "{} to train on, {} to test",
+                dataset.split(Split::Train).count(),
+                dataset.split(Split::Test).count()
+            ),
         )
         .row("test cameras", listed(&held_out))
         .row("size", listed(&sizes))
         .row("images in memory", bytes(dataset.image_bytes()))
-        .row("points", dataset.points.as_ref().map_or("none".into(), |points| points.len().to_string()));
+        .row(
+            "points",
+            dataset
+                .points
+                .as_ref()
+                .map_or("none".into(), |points| points.len().to_string()),
+        );
     if let Some(background) = dataset.background {
-        table.row("background", format!("{background:?} behind transparent pixels"));
+        table.row(
+            "background",
+            format!("{background:?} behind transparent pixels"),
+        );
     }
     table
 }
@@ -128,7 +179,12 @@ fn listed<T: AsRef<str>>(names: &[T]) -> String {
     if names.is_empty() {
         return "none".into();
     }
-    let mut text = names.iter().take(SHOWN).map(AsRef::as_ref).collect::<Vec<_>>().join(", ");
+    let mut text = names
+        .iter()
+        .take(SHOWN)
+        .map(AsRef::as_ref)
+        .collect::<Vec<_>>()
+        .join(", ");
     if names.len() > SHOWN {
         text += &format!(", .. ({} in all)", names.len());
     }
@@ -165,7 +221,14 @@ fn add_box(table: &mut Table, positions: &[[f32; 3]]) {
         return;
     }
     let extreme = |pick: fn(f32, f32) -> f32| -> [f32; 3] {
-        std::array::from_fn(|axis| positions.iter().map(|p| p[axis]).fold(positions[0][axis], pick))
+        std::array::from_fn(|axis| {
+            positions
+                .iter()
+                .map(|p| p[axis])
+                .fold(positions[0][axis], pick)
+        })
     };
-    table.row("from", format!("{:?}", extreme(f32::min))).row("to", format!("{:?}", extreme(f32::max)));
+    table
+        .row("from", format!("{:?}", extreme(f32::min)))
+        .row("to", format!("{:?}", extreme(f32::max)));
 }

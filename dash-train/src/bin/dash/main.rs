@@ -94,9 +94,14 @@ fn run(cli: &Cli) -> Result<String, Failure> {
     let shared = &cli.shared;
     start_log(shared);
     if let Some(threads) = shared.threads {
-        rayon::ThreadPoolBuilder::new().num_threads(threads.get()).build_global().map_err(|e| {
-            Failure::new(format!("--threads {threads}: the system cannot start them: {e}; ask for fewer"))
-        })?;
+        rayon::ThreadPoolBuilder::new()
+            .num_threads(threads.get())
+            .build_global()
+            .map_err(|e| {
+                Failure::new(format!(
+                    "--threads {threads}: the system cannot start them: {e}; ask for fewer"
+                ))
+            })?;
     }
     match &cli.command {
         Command::Synth(args) => synth::run(args),
@@ -127,7 +132,10 @@ fn start_log(shared: &Shared) {
 fn report_faults_on_one_line() {
     std::panic::set_hook(Box::new(|fault| {
         let what = fault.payload_as_str().unwrap_or("no message");
-        let place = fault.location().map(ToString::to_string).unwrap_or_default();
+        let place = fault
+            .location()
+            .map(ToString::to_string)
+            .unwrap_or_default();
         let line = failure::on_one_line(what);
         let _ = writeln!(
             std::io::stderr(),
@@ -147,9 +155,19 @@ mod tests {
         let mut command = Cli::command();
         command.build();
         command.clone().debug_assert();
-        for sub in command.get_subcommands().filter(|sub| sub.get_name() != "help") {
-            let example = sub.get_after_help().map(ToString::to_string).unwrap_or_default();
-            assert!(example.contains(&format!("dash {}", sub.get_name())), "{}", sub.get_name());
+        for sub in command
+            .get_subcommands()
+            .filter(|sub| sub.get_name() != "help")
+        {
+            let example = sub
+                .get_after_help()
+                .map(ToString::to_string)
+                .unwrap_or_default();
+            assert!(
+                example.contains(&format!("dash {}", sub.get_name())),
+                "{}",
+                sub.get_name()
+            );
         }
     }
 }

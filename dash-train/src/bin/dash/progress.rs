@@ -25,18 +25,22 @@ impl Progress {
     pub fn new(total: usize, shared: &Shared) -> Self {
         let bar = (std::io::stderr().is_terminal() && !shared.quiet).then(|| {
             // Without the style the bar would still show, only plainer.
-            let style = ProgressStyle::with_template("{bar:32} {pos}/{len} {msg}, {eta} left")
+            let style = ProgressStyle::with_template("{bar:16} {pos}/{len} {msg}, {eta} left")
                 .unwrap_or_else(|_| ProgressStyle::default_bar());
             ProgressBar::new(total as u64).with_style(style)
         });
-        Self { bar, total, lines: 0 }
+        Self {
+            bar,
+            total,
+            lines: 0,
+        }
     }
 
     /// `done` steps are done; `text` says how they went.
     pub fn at(&mut self, done: usize, text: impl FnOnce() -> String) {
         if let Some(bar) = &self.bar {
-            bar.set_position(done as u64);
             bar.set_message(text());
+            bar.set_position(done as u64);
         } else if done * LINES / self.total.max(1) > self.lines {
             self.lines = done * LINES / self.total.max(1);
             tracing::info!("{done}/{} {}", self.total, text());
@@ -64,7 +68,12 @@ impl TrainProgress {
     /// A report on a run of `iterations` steps.
     pub fn new(iterations: usize, shared: &Shared) -> Self {
         let progress = Progress::new(iterations, shared);
-        Self { progress, smoothed: None, start: None, iterations }
+        Self {
+            progress,
+            smoothed: None,
+            start: None,
+            iterations,
+        }
     }
 
     /// One step is done; `secs` of training so far.
@@ -87,7 +96,11 @@ impl TrainProgress {
                 report.n_static, report.n_dynamic
             );
             // The bar shows the time left itself.
-            if on_terminal { text } else { format!("{text}, {} left", duration(left)) }
+            if on_terminal {
+                text
+            } else {
+                format!("{text}, {} left", duration(left))
+            }
         });
     }
 

@@ -68,7 +68,11 @@ enum Source {
 }
 
 pub fn run(args: &RenderArgs, shared: &Shared) -> Result<String, Failure> {
-    let source = if args.scene.extension().is_some_and(|extension| extension == "ply") {
+    let source = if args
+        .scene
+        .extension()
+        .is_some_and(|extension| extension == "ply")
+    {
         Source::Ply(args.scene.clone())
     } else {
         Source::Run(RunFolder::open(&args.scene)?)
@@ -77,11 +81,18 @@ pub fn run(args: &RenderArgs, shared: &Shared) -> Result<String, Failure> {
         (Some(out), _) => out.clone(),
         (None, Source::Run(run)) => run.root().join("renders"),
         (None, Source::Ply(_)) => {
-            return Err(Failure::usage("a PLY file has no folder for renders: give --out DIR"));
+            return Err(Failure::usage(
+                "a PLY file has no folder for renders: give --out DIR",
+            ));
         }
     };
-    let layers: Vec<PictureLayer> =
-        args.layers.iter().copied().collect::<BTreeSet<_>>().into_iter().collect();
+    let layers: Vec<PictureLayer> = args
+        .layers
+        .iter()
+        .copied()
+        .collect::<BTreeSet<_>>()
+        .into_iter()
+        .collect();
     let video = out.extension().is_some_and(|extension| extension == "mp4");
     if video && layers.len() != 1 {
         return Err(Failure::usage(format!(
@@ -111,7 +122,11 @@ pub fn run(args: &RenderArgs, shared: &Shared) -> Result<String, Failure> {
     };
     progress.finish();
     written?;
-    Ok(format!("{}: {} pictures", out.display(), shots.len() * layers.len()))
+    Ok(format!(
+        "{}: {} pictures",
+        out.display(),
+        shots.len() * layers.len()
+    ))
 }
 
 /// The Gaussians of a PLY file as a scene in which nothing moves.
@@ -125,7 +140,11 @@ fn ply_scene(path: &Path, device: &burn::tensor::Device) -> Result<DynamicScene,
         trajectory_basis: TrajectoryBasis::Cosine,
         offsets: OffsetPlacement::BeforeActivation,
     };
-    Ok(DynamicScene { static_set, dynamic: None, settings })
+    Ok(DynamicScene {
+        static_set,
+        dynamic: None,
+        settings,
+    })
 }
 
 fn shots(args: &RenderArgs, source: &Source) -> Result<Vec<Shot>, Failure> {

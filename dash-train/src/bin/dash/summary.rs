@@ -17,8 +17,16 @@ impl Table {
 
     /// The rows as text, one line each.
     pub fn text(&self) -> String {
-        let width = self.rows.iter().map(|(name, _)| name.len()).max().unwrap_or(0);
-        self.rows.iter().map(|(name, value)| format!("{name:width$}  {value}\n")).collect()
+        let width = self
+            .rows
+            .iter()
+            .map(|(name, _)| name.len())
+            .max()
+            .unwrap_or(0);
+        self.rows
+            .iter()
+            .map(|(name, value)| format!("{name:width$}  {value}\n"))
+            .collect()
     }
 }
 
@@ -28,7 +36,10 @@ pub fn results(results: &Results) -> String {
     let mut table = Table::default();
     table
         .row("dataset", &results.dataset)
-        .row("Gaussians", format!("{} static, {} dynamic", scores.n_static, scores.n_dynamic))
+        .row(
+            "Gaussians",
+            format!("{} static, {} dynamic", scores.n_static, scores.n_dynamic),
+        )
         .row("scene on disk", bytes(results.storage_bytes));
     if let Some(secs) = results.train_seconds {
         table.row("training", duration(secs));
@@ -41,7 +52,10 @@ pub fn results(results: &Results) -> String {
 pub fn add_scores(table: &mut Table, results: &Results) {
     let scores = &results.evaluation;
     table
-        .row("scored on", format!("{} {} views", scores.per_view.len(), scores.split))
+        .row(
+            "scored on",
+            format!("{} {} views", scores.per_view.len(), scores.split),
+        )
         .row("PSNR", decibels(scores.psnr))
         .row("PSNR, moving pixels", decibels(scores.psnr_dynamic))
         .row("SSIM", share(scores.ssim))
@@ -54,7 +68,10 @@ pub fn add_scores(table: &mut Table, results: &Results) {
         table.row("what moves", text);
     }
     if let Some(fps) = scores.render_fps {
-        table.row("rendering", format!("{fps:.1} pictures/s on {}", results.device));
+        table.row(
+            "rendering",
+            format!("{fps:.1} pictures/s on {}", results.device),
+        );
     }
     if let Some(peak) = results.peak_memory_bytes {
         table.row("peak memory", bytes(peak));

@@ -10,7 +10,9 @@ use crate::values::Size;
 
 /// Render a synthetic multi-view clip with exact cameras and truth, as a dataset
 #[derive(Args)]
-#[command(after_help = "Example:\n  dash synth out/room --scene bounce --cameras 12 --frames 24 --size 160x120")]
+#[command(
+    after_help = "Example:\n  dash synth out/room --scene bounce --cameras 12 --frames 24 --size 160x120"
+)]
 pub struct SynthArgs {
     /// Folder to make; must not exist, or be empty
     out: PathBuf,
@@ -39,7 +41,10 @@ pub struct SynthArgs {
 
 pub fn run(args: &SynthArgs) -> Result<String, Failure> {
     let base = SynthConfig::default();
-    let size = args.size.unwrap_or(Size { width: base.width, height: base.height });
+    let size = args.size.unwrap_or(Size {
+        width: base.width,
+        height: base.height,
+    });
     let config = SynthConfig {
         scene: args.scene,
         layout: args.layout,

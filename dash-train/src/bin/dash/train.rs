@@ -101,7 +101,13 @@ pub fn run(args: &TrainArgs, shared: &Shared) -> Result<String, Failure> {
     progress.finish();
     let (trainer, secs) = trained?;
     drop(trainer);
-    finish(&run, &config, &dataset, (&device, &config.data.device), secs)
+    finish(
+        &run,
+        &config,
+        &dataset,
+        (&device, &config.data.device),
+        secs,
+    )
 }
 
 /// Checks everything that can be checked, and only then makes the run's folder.
@@ -146,8 +152,12 @@ fn test_cameras(args: &TrainArgs) -> Option<Vec<usize>> {
 }
 
 fn absolute(path: &Path) -> Result<PathBuf, Failure> {
-    path.canonicalize()
-        .map_err(|e| Failure::new(format!("{}: cannot be found: {e}; check the path", path.display())))
+    path.canonicalize().map_err(|e| {
+        Failure::new(format!(
+            "{}: cannot be found: {e}; check the path",
+            path.display()
+        ))
+    })
 }
 
 /// A resumed run is the one that was begun: options may repeat its values, not change them.
@@ -169,25 +179,44 @@ fn check_same(
     if absolute(&args.dataset)? != data.dataset {
         return refuse("DATASET", data.dataset.display().to_string());
     }
-    if args.preset.is_some_and(|preset| preset != config.train.preset) {
+    if args
+        .preset
+        .is_some_and(|preset| preset != config.train.preset)
+    {
         return refuse("--preset", name(config.train.preset));
     }
-    if args.downscale.is_some_and(|downscale| downscale != data.downscale) {
+    if args
+        .downscale
+        .is_some_and(|downscale| downscale != data.downscale)
+    {
         return refuse("--downscale", data.downscale.to_string());
     }
     if args.layout.is_some() && args.layout != data.layout {
-        return refuse("--layout", data.layout.map_or("none".into(), |layout| layout.to_string()));
+        return refuse(
+            "--layout",
+            data.layout
+                .map_or("none".into(), |layout| layout.to_string()),
+        );
     }
     if args.test_cameras.is_some() && test_cameras(args) != data.test_cameras {
-        let found = data.test_cameras.as_ref().map_or("the layout's own".into(), |c| format!("{c:?}"));
+        let found = data
+            .test_cameras
+            .as_ref()
+            .map_or("the layout's own".into(), |c| format!("{c:?}"));
         return refuse("--test-cameras", found);
     }
-    if shared.device.is_some_and(|device| device.resolved().to_string() != data.device) {
+    if shared
+        .device
+        .is_some_and(|device| device.resolved().to_string() != data.device)
+    {
         return refuse("--device", data.device.clone());
     }
     let again: TrainConfig = overrides.apply(config.train.clone(), file)?;
     if again != config.train {
-        return refuse("--config, --set, --iterations or --seed", "other values in config.toml".into());
+        return refuse(
+            "--config, --set, --iterations or --seed",
+            "other values in config.toml".into(),
+        );
     }
     Ok(())
 }
@@ -205,9 +234,18 @@ fn finish(
         let (n_static, n_dynamic) = run.scene(device.0)?.counts();
         let mut table = Table::default();
         table
-            .row("dataset", format!("{}, no test views to score", dataset.name))
-            .row("Gaussians", format!("{n_static} static, {n_dynamic} dynamic"))
-            .row("training", format!("{} steps, {}", config.train.iterations, duration(secs)));
+            .row(
+                "dataset",
+                format!("{}, no test views to score", dataset.name),
+            )
+            .row(
+                "Gaussians",
+                format!("{n_static} static, {n_dynamic} dynamic"),
+            )
+            .row(
+                "training",
+                format!("{} steps, {}", config.train.iterations, duration(secs)),
+            );
         return Ok(format!("{}\nwritten to {root}", table.text()));
     }
     let results = evaluate_run(run, dataset, Split::Test, device, Process::Trained)?;

@@ -18,7 +18,10 @@ impl FromStr for Size {
         let wrong = || format!("expected WIDTHxHEIGHT in pixels, such as 160x120, found `{text}`");
         let (width, height) = text.split_once('x').ok_or_else(wrong)?;
         let side = |text: &str| text.parse().map_err(|_| wrong());
-        Ok(Self { width: side(width)?, height: side(height)? })
+        Ok(Self {
+            width: side(width)?,
+            height: side(height)?,
+        })
     }
 }
 
@@ -34,7 +37,9 @@ impl FromStr for CameraList {
             return Ok(Self(Vec::new()));
         }
         let wrong = || format!("expected camera indices such as 0,7, or none, found `{text}`");
-        let indices = text.split(',').map(|index| index.trim().parse().map_err(|_| wrong()));
+        let indices = text
+            .split(',')
+            .map(|index| index.trim().parse().map_err(|_| wrong()));
         indices.collect::<Result<_, _>>().map(Self)
     }
 }
@@ -63,7 +68,9 @@ impl FromStr for Color {
 pub fn time(text: &str) -> Result<f32, String> {
     match text.parse() {
         Ok(time) if (0.0..=1.0).contains(&time) => Ok(time),
-        _ => Err(format!("expected a time from 0 (the clip's start) to 1 (its end), found `{text}`")),
+        _ => Err(format!(
+            "expected a time from 0 (the clip's start) to 1 (its end), found `{text}`"
+        )),
     }
 }
 
@@ -118,7 +125,13 @@ mod tests {
 
     #[test]
     fn sizes_colours_times_and_lists() {
-        assert_eq!("32x24".parse(), Ok(Size { width: 32, height: 24 }));
+        assert_eq!(
+            "32x24".parse(),
+            Ok(Size {
+                width: 32,
+                height: 24
+            })
+        );
         assert_eq!("1, 0,0.5".parse(), Ok(Color([1.0, 0.0, 0.5])));
         assert_eq!("0,7".parse(), Ok(CameraList(vec![0, 7])));
         assert_eq!("none".parse(), Ok(CameraList(vec![])));
