@@ -124,6 +124,7 @@ fn the_environment_names_the_program() {
     let available = |variable: &str, value: &str, expected: &str| {
         let status = Command::new(std::env::current_exe().expect("the test's program"))
             .args(["the_environment_names_the_program"])
+            .env_remove(FFMPEG_VARIABLE)
             .env(variable, value)
             .env(PROBE, expected)
             .stdout(Stdio::null())
