@@ -54,9 +54,11 @@ pub fn spiral(cameras: &[Camera], n: usize, focus_depth: Option<f64>) -> Vec<Cam
     let mean_axis = |row: usize| {
         let sum: DVec3 = cameras.iter().map(|c| DVec3::from(c.rotation[row])).sum();
         // Cancelled axes say nothing: then the nearest camera's.
-        (sum.length() > 1e-3 * cameras.len() as f64)
-            .then(|| sum.normalize())
-            .unwrap_or(DVec3::from(template.rotation[row]))
+        if sum.length() > 1e-3 * cameras.len() as f64 {
+            sum.normalize()
+        } else {
+            DVec3::from(template.rotation[row])
+        }
     };
     let up = -mean_axis(1);
     let met = meeting_point(cameras, &positions, centre, spread);

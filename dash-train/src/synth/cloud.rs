@@ -63,7 +63,10 @@ pub fn cloud(scene: &Scene, cameras: &[Camera], count: usize, seed: u64) -> Vec<
             continue;
         };
         let point = ray.at(seen.distance);
-        let seen_by = cameras.iter().filter(|camera| sees(&instant, camera, point, &seen)).count();
+        let seen_by = cameras
+            .iter()
+            .filter(|camera| sees(&instant, camera, point, &seen))
+            .count();
         if seen_by < needed {
             continue;
         }
@@ -97,9 +100,11 @@ fn sees(instant: &Instant<'_>, camera: &Camera, point: DVec3, seen: &Seen) -> bo
     };
     (0.0..camera.width as f64).contains(&u)
         && (0.0..camera.height as f64).contains(&v)
-        && instant.trace(&pixel_ray(camera, u, v)).is_some_and(|other| {
-            other.object == seen.object && (other.distance - depth).abs() < SAME_POINT_M
-        })
+        && instant
+            .trace(&pixel_ray(camera, u, v))
+            .is_some_and(|other| {
+                other.object == seen.object && (other.distance - depth).abs() < SAME_POINT_M
+            })
 }
 
 /// A standard normal number (Box-Muller).

@@ -11,9 +11,7 @@ pub const MIN_SIDE: usize = 16;
 pub const MAX_SIDE: usize = 8192;
 
 /// Which scene to render.
-#[derive(
-    Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, clap::ValueEnum,
-)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, clap::ValueEnum)]
 #[serde(rename_all = "lowercase")]
 pub enum SceneKind {
     /// A textured room with clutter, a bouncing ball and a turning box.
@@ -28,9 +26,7 @@ pub enum SceneKind {
 }
 
 /// How the files are laid out.
-#[derive(
-    Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, clap::ValueEnum,
-)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, clap::ValueEnum)]
 #[serde(rename_all = "lowercase")]
 pub enum SynthLayout {
     /// Neural 3D Video: `camNN/images/%04d.png` or `camNN.mp4`, and `poses_bounds.npy`.
@@ -70,7 +66,7 @@ named!(SceneKind, "--scene", "bounce, static, tiny or flow",
 named!(SynthLayout, "--layout", "n3dv or blender (others are not supported yet)",
     N3dv => "n3dv", Blender => "blender");
 
-/// Settings of [`write`](super::write).
+/// Settings of [`write`](fn@super::write).
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct SynthConfig {

@@ -48,7 +48,9 @@ pub enum SynthError {
         source: image::ImageError,
     },
     /// ffmpeg is needed for videos and could not be started.
-    #[error("{program}: could not start it to write videos: {source}; install ffmpeg and put it on the PATH, or leave out --video to get PNG frames")]
+    #[error(
+        "{program}: could not start it to write videos: {source}; install ffmpeg and put it on the PATH, or leave out --video to get PNG frames"
+    )]
     FfmpegMissing {
         /// The program that was tried.
         program: String,

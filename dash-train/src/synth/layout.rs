@@ -1,9 +1,9 @@
 //! Where each layout keeps its files, and the files that hold its cameras.
 
+use super::SynthError;
 use super::config::{SynthConfig, SynthLayout};
 use super::files;
 use super::truth::ViewStats;
-use super::SynthError;
 use dash_kernels::Camera;
 use serde_json::{Value, json};
 use std::path::Path;

@@ -1,6 +1,6 @@
 //! Ray-traced multi-view videos with exact cameras and exact truth about what moves.
 //!
-//! [`write`] renders a [`SceneKind`] and writes it as a dataset in one of the field's layouts.
+//! [`write()`] renders a [`SceneKind`] and writes it as a dataset in one of the field's layouts.
 //! [`render`] renders one view of a [`Scene`].
 //!
 //! # World
@@ -24,13 +24,15 @@
 //! - both: `truth.json`, see [`Truth`].
 //!
 //! # Modules
-//! `shape` (rays and solids), `texture`, `motion`, `scene` (objects and light), `room` (the scenes),
-//! `rig` (cameras), `render`, `cloud` (points), `layout` and `files` (formats), `truth`, `write`.
+//! `shape` (rays and solids), `texture`, `motion`, `scene` (objects and light), `room` and
+//! `furniture` (the scenes), `rig` (cameras), `render`, `cloud` (points), `layout` and `files`
+//! (formats), `truth`, `write`.
 
 mod cloud;
 mod config;
 mod error;
 mod files;
+mod furniture;
 mod layout;
 mod motion;
 mod render;

@@ -51,9 +51,8 @@ pub struct Drift {
 impl Drift {
     fn pose(&self, time: f64) -> Pose {
         // Relative to the start, so that time 0 is the room as built.
-        let swing = |cycles: f64| {
-            (TAU * (cycles * time + self.phase)).sin() - (TAU * self.phase).sin()
-        };
+        let swing =
+            |cycles: f64| (TAU * (cycles * time + self.phase)).sin() - (TAU * self.phase).sin();
         let rotation = DMat3::from_rotation_y(self.turn_radians * swing(0.7));
         let offset = self.reach * DVec3::new(swing(0.8), swing(1.1), swing(0.6));
         Pose {
@@ -152,13 +151,18 @@ mod tests {
     fn the_ball_starts_at_its_apex_touches_the_floor_and_stays_above_it() {
         assert!((bounce_path(0.26, 0.0).y - 1.26).abs() < 1e-12);
         assert!((bounce_path(0.26, 1.0).y - 0.26).abs() < 1e-9);
-        let heights: Vec<f64> = (0..=1000).map(|i| bounce_path(0.26, f64::from(i) / 1e3).y).collect();
+        let heights: Vec<f64> = (0..=1000)
+            .map(|i| bounce_path(0.26, f64::from(i) / 1e3).y)
+            .collect();
         assert!(heights.iter().all(|y| *y >= 0.26));
         let landings = (1..1000)
             .filter(|&i| heights[i] < heights[i - 1] && heights[i] <= heights[i + 1])
             .count();
         assert_eq!(landings, 2);
-        assert!(heights.windows(2).all(|w| (w[0] - w[1]).abs() < 0.01), "a jump");
+        assert!(
+            heights.windows(2).all(|w| (w[0] - w[1]).abs() < 0.01),
+            "a jump"
+        );
     }
 
     #[test]
@@ -176,7 +180,10 @@ mod tests {
             phase: 0.3,
         };
         let start = Motion::Drift(drift).pose(&a, 0.0);
-        assert!((start.position - a.position).length() < 1e-12, "starts at its place");
+        assert!(
+            (start.position - a.position).length() < 1e-12,
+            "starts at its place"
+        );
         assert!((Motion::Drift(drift).pose(&a, 0.5).position - a.position).length() > 0.02);
     }
 }

@@ -181,27 +181,38 @@ impl<'a> Tracer<'a> {
             self.trace(views, u, v)
         });
         let shade = |seen: &Option<Seen>| {
-            seen.as_ref().map_or(DVec3::ZERO, |seen| self.instant.shade(seen))
+            seen.as_ref()
+                .map_or(DVec3::ZERO, |seen| self.instant.shade(seen))
         };
         let color = if one_face(&seen) {
-            SHADED_INSIDE.iter().map(|&i| shade(&seen[i])).sum::<DVec3>()
+            SHADED_INSIDE
+                .iter()
+                .map(|&i| shade(&seen[i]))
+                .sum::<DVec3>()
                 / SHADED_INSIDE.len() as f64
         } else {
             seen.iter().map(shade).sum::<DVec3>() / SAMPLES as f64
         };
-        let moving =
-            seen.iter().flatten().filter(|seen| self.instant.posed[seen.object].moving).count();
+        let moving = seen
+            .iter()
+            .flatten()
+            .filter(|seen| self.instant.posed[seen.object].moving)
+            .count();
         out.rgb.extend(color.to_array().map(linear_to_srgb8));
         out.moving.push(2 * moving >= SAMPLES);
         out.touched.push(moving > 0);
         let centre = self.trace(views, x as f64 + 0.5, y as f64 + 0.5);
-        out.depth.push(centre.map_or(f32::INFINITY, |seen| seen.distance as f32));
+        out.depth
+            .push(centre.map_or(f32::INFINITY, |seen| seen.distance as f32));
     }
 
     fn trace(&self, views: &[&View], u: f64, v: f64) -> Option<Seen> {
         let camera = self.camera;
-        let direction =
-            DVec3::new((u - camera.cx) / camera.fx, (v - camera.cy) / camera.fy, 1.0);
+        let direction = DVec3::new(
+            (u - camera.cx) / camera.fx,
+            (v - camera.cy) / camera.fy,
+            1.0,
+        );
         let mut nearest = None;
         for view in views {
             let local = Ray {
@@ -268,7 +279,8 @@ impl Rendered {
     }
 
     fn push_from(&mut self, other: &Self, pixel: usize) {
-        self.rgb.extend_from_slice(&other.rgb[3 * pixel..3 * pixel + 3]);
+        self.rgb
+            .extend_from_slice(&other.rgb[3 * pixel..3 * pixel + 3]);
         self.moving.push(other.moving[pixel]);
         self.touched.push(other.touched[pixel]);
         self.depth.push(other.depth[pixel]);

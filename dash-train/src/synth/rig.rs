@@ -48,8 +48,15 @@ pub fn rig(cameras: usize, width: usize, height: usize) -> Vec<Camera> {
     }
     for i in 0..others {
         // A single other camera stands on the right end.
-        let along = if others == 1 { 1.0 } else { i as f64 / (others - 1) as f64 };
-        views.push(place(HALF_SPAN_RADIANS * (2.0 * along - 1.0), HEIGHTS_M[i % 2]));
+        let along = if others == 1 {
+            1.0
+        } else {
+            i as f64 / (others - 1) as f64
+        };
+        views.push(place(
+            HALF_SPAN_RADIANS * (2.0 * along - 1.0),
+            HEIGHTS_M[i % 2],
+        ));
     }
     views
 }

@@ -1,8 +1,8 @@
-//! The room, its clutter and what moves in it.
+//! The four scenes: the room and what moves in it; `furniture` holds the rest.
 
 use super::SceneKind;
-use super::rig::focal_px;
 use super::motion::{Drift, Motion, Pose};
+use super::rig::focal_px;
 use super::scene::{Object, ROOM_BACK_M, ROOM_HALF_WIDTH_M, Role, Scene};
 use super::shape::Shape;
 use super::texture::{Pattern, Texture, rgb};
@@ -45,7 +45,7 @@ impl Scene {
                 "tiny",
                 Shape::Sphere { radius },
                 Pattern::Plain,
-                &[0xff3b30],
+                &[0xc2188f],
                 DVec3::new(0.0, 1.45, 0.35),
                 0.0,
                 Role::Free,
@@ -72,7 +72,8 @@ impl Scene {
     }
 }
 
-struct Builder {
+/// Collects a scene's objects; every colour and place varies a little with the seed.
+pub(super) struct Builder {
     rng: Pcg64,
     flow: bool,
     objects: Vec<Object>,
@@ -82,11 +83,12 @@ struct Builder {
 }
 
 impl Builder {
+    /// Adds an object that moves as the current group does.
     #[expect(
         clippy::too_many_arguments,
         reason = "one call is one line of the furniture list below"
     )]
-    fn add(
+    pub(super) fn add(
         &mut self,
         name: &str,
         shape: Shape,
@@ -110,7 +112,11 @@ impl Builder {
             texture: Texture {
                 pattern,
                 colors,
-                mottle: if matches!(pattern, Pattern::Marble { .. }) { 0.04 } else { 0.10 },
+                mottle: if matches!(pattern, Pattern::Marble { .. }) {
+                    0.04
+                } else {
+                    0.10
+                },
                 seed: self.next_seed,
             },
             base: Pose::new(position, yaw_radians),
@@ -124,7 +130,7 @@ impl Builder {
     }
 
     /// Starts a group with its own swing (in `flow`) about `place`, within `reach` metres.
-    fn group(&mut self, place: DVec2, reach: DVec3) {
+    pub(super) fn group(&mut self, place: DVec2, reach: DVec3) {
         let phase = self.rng.random_range(0.0..1.0);
         let turn_radians = self.rng.random_range(0.15..0.4);
         if self.flow {
@@ -139,33 +145,42 @@ impl Builder {
     }
 
     /// A place on the floor near (x, z), a little different for each seed.
-    fn spot(&mut self, x: f64, z: f64) -> DVec2 {
+    pub(super) fn spot(&mut self, x: f64, z: f64) -> DVec2 {
         let mut jitter = || self.rng.random_range(-0.05..0.05);
         DVec2::new(x + jitter(), z + jitter())
     }
 
     fn walls(&mut self) {
         let thick = 0.05;
-        let (front, top) = (1.7, 3.2);
+        let wide = ROOM_HALF_WIDTH_M;
+        // Side walls that came further would stand in the outer cameras' way when the room sways.
+        let (front, top) = (1.2, 3.2);
         let depth = 0.5 * (front - ROOM_BACK_M);
         let middle = 0.5 * (front + ROOM_BACK_M);
-        let wide = ROOM_HALF_WIDTH_M;
+        // Further out than the walls, where it fills the lower corners of the pictures.
+        let (floor_half, floor_front) = (wide + 0.5, 2.2);
         let slab = |x, y, z| Shape::Box {
             half: DVec3::new(x, y, z),
         };
         self.add(
             "floor",
-            slab(wide, thick, depth),
-            Pattern::Planks { width: 0.30, length: 1.3 },
+            slab(floor_half, thick, 0.5 * (floor_front - ROOM_BACK_M)),
+            Pattern::Planks {
+                width: 0.30,
+                length: 1.3,
+            },
             &[0xb98552, 0xa06f42, 0xc9976a, 0x93633a],
-            DVec3::new(0.0, -thick, middle),
+            DVec3::new(0.0, -thick, 0.5 * (floor_front + ROOM_BACK_M)),
             0.0,
             Role::Room,
         );
         self.add(
             "back wall",
             slab(wide, 0.5 * top, thick),
-            Pattern::Diamonds { width: 0.44, height: 0.62 },
+            Pattern::Diamonds {
+                width: 0.44,
+                height: 0.62,
+            },
             &[0x86b4b1, 0xc6dcd5],
             DVec3::new(0.0, 0.5 * top, ROOM_BACK_M - thick),
             0.0,
@@ -174,7 +189,10 @@ impl Builder {
         self.add(
             "left wall",
             slab(thick, 0.5 * top, depth),
-            Pattern::Bricks { width: 0.72, height: 0.34 },
+            Pattern::Bricks {
+                width: 0.72,
+                height: 0.34,
+            },
             &[0xb5573c, 0xcf7a55, 0xe3d5c3],
             DVec3::new(-wide - thick, 0.5 * top, middle),
             0.0,
@@ -183,7 +201,10 @@ impl Builder {
         self.add(
             "right wall",
             slab(thick, 0.5 * top, depth),
-            Pattern::Stripes { axis: 2, period: 0.8 },
+            Pattern::Stripes {
+                axis: 2,
+                period: 0.8,
+            },
             &[0xe9c46a, 0xf3e3b5],
             DVec3::new(wide + thick, 0.5 * top, middle),
             0.0,
@@ -191,9 +212,24 @@ impl Builder {
         );
         let board = 0.07;
         for (name, shape, x, z) in [
-            ("back skirting", slab(wide, board, 0.02), 0.0, ROOM_BACK_M + 0.02),
-            ("left skirting", slab(0.02, board, depth), -wide + 0.02, middle),
-            ("right skirting", slab(0.02, board, depth), wide - 0.02, middle),
+            (
+                "back skirting",
+                slab(wide, board, 0.02),
+                0.0,
+                ROOM_BACK_M + 0.02,
+            ),
+            (
+                "left skirting",
+                slab(0.02, board, depth),
+                -wide + 0.02,
+                middle,
+            ),
+            (
+                "right skirting",
+                slab(0.02, board, depth),
+                wide - 0.02,
+                middle,
+            ),
         ] {
             self.add(
                 name,
@@ -207,193 +243,35 @@ impl Builder {
         }
     }
 
-    fn decoration(&mut self) {
-        let on_wall = DVec3::new(0.12, 0.06, 0.0);
-        let z = ROOM_BACK_M;
-        self.group(DVec2::new(0.0, z), DVec3::new(0.1, 0.0, 0.1));
-        self.add(
-            "rug",
-            Shape::Cylinder { radius: 0.99, half_height: 0.008 },
-            Pattern::Rings { width: 0.18 },
-            &[0xe9d8bd, 0x2f8f86, 0xe9d8bd, 0xd9694d],
-            DVec3::new(0.0, 0.008, 0.35),
-            0.0,
-            Role::Room,
-        );
-        self.group(DVec2::new(-0.55, z), on_wall);
-        self.add(
-            "picture frame",
-            Shape::Box { half: DVec3::new(0.70, 0.50, 0.025) },
-            Pattern::Plain,
-            &[0x5b3a24],
-            DVec3::new(-0.55, 1.72, z + 0.025),
-            0.0,
-            Role::Free,
-        );
-        self.add(
-            "picture",
-            Shape::Box { half: DVec3::new(0.62, 0.42, 0.03) },
-            Pattern::Sunset { half_width: 0.62, half_height: 0.42 },
-            &[0xffffff],
-            DVec3::new(-0.55, 1.72, z + 0.03),
-            0.0,
-            Role::Free,
-        );
-        self.group(DVec2::new(1.3, z), on_wall);
-        self.add(
-            "shelf",
-            Shape::Box { half: DVec3::new(0.6, 0.035, 0.17) },
-            Pattern::Plain,
-            &[0x7a5230],
-            DVec3::new(1.3, 1.5, z + 0.17),
-            0.0,
-            Role::Free,
-        );
-        self.add(
-            "vase",
-            Shape::Cylinder { radius: 0.13, half_height: 0.21 },
-            Pattern::Stripes { axis: 1, period: 0.32 },
-            &[0x3d5a98, 0xe8ecf5],
-            DVec3::new(0.95, 1.745, z + 0.17),
-            0.0,
-            Role::Free,
-        );
-        self.add(
-            "shelf ball",
-            Shape::Sphere { radius: 0.15 },
-            Pattern::Marble { period: 0.36 },
-            &[0xd1495b, 0xf7c59f],
-            DVec3::new(1.34, 1.685, z + 0.17),
-            0.0,
-            Role::Free,
-        );
-        self.add(
-            "shelf cone",
-            Shape::Cone { radius: 0.13, half_height: 0.19 },
-            Pattern::Plain,
-            &[0x66a182],
-            DVec3::new(1.70, 1.725, z + 0.17),
-            0.0,
-            Role::Free,
-        );
-    }
-
-    fn clutter(&mut self) {
-        let reach = DVec3::new(0.10, 0.0, 0.10);
-        let at = |spot: DVec2, y: f64| DVec3::new(spot.x, y, spot.y);
-
-        let spot = self.spot(-1.72, -1.0);
-        self.group(spot, reach);
-        self.add(
-            "column",
-            Shape::Cylinder { radius: 0.2, half_height: 0.55 },
-            Pattern::Spiral { period: 0.42 },
-            &[0xd62839, 0xf6f1e7],
-            at(spot, 0.55),
-            0.0,
-            Role::Standing,
-        );
-        self.add(
-            "globe",
-            Shape::Sphere { radius: 0.24 },
-            Pattern::Marble { period: 0.40 },
-            &[0x2b6cb0, 0x9ad0c2],
-            at(spot, 1.34),
-            0.0,
-            Role::Free,
-        );
-
-        let spot = self.spot(-0.98, -0.85);
-        self.group(spot, reach);
-        self.add(
-            "marble",
-            Shape::Sphere { radius: 0.40 },
-            Pattern::Marble { period: 0.46 },
-            &[0xede6da, 0x6d8f71],
-            at(spot, 0.40),
-            0.5,
-            Role::Standing,
-        );
-
-        let spot = self.spot(-0.12, -0.95);
-        self.group(spot, reach);
-        self.add(
-            "cone",
-            Shape::Cone { radius: 0.34, half_height: 0.48 },
-            Pattern::Stripes { axis: 1, period: 0.44 },
-            &[0xf08a24, 0xfff4e0],
-            at(spot, 0.48),
-            0.0,
-            Role::Standing,
-        );
-
-        let spot = self.spot(-1.52, -0.05);
-        self.group(spot, reach);
-        self.add(
-            "crate",
-            Shape::Box { half: DVec3::new(0.28, 0.24, 0.28) },
-            Pattern::Checker { side: 0.28 },
-            &[0x4a7c59, 0xdfe8c8],
-            at(spot, 0.24),
-            0.5,
-            Role::Standing,
-        );
-        self.add(
-            "crate ball",
-            Shape::Sphere { radius: 0.19 },
-            Pattern::Stripes { axis: 1, period: 0.34 },
-            &[0xffc857, 0xe9724c],
-            at(spot, 0.67),
-            0.0,
-            Role::Free,
-        );
-
-        let spot = self.spot(1.62, 0.02);
-        self.group(spot, reach);
-        self.add(
-            "stool",
-            Shape::Cylinder { radius: 0.25, half_height: 0.22 },
-            Pattern::Spiral { period: 0.50 },
-            &[0x6a4c93, 0xc9b6e4],
-            at(spot, 0.22),
-            0.0,
-            Role::Standing,
-        );
-        self.add(
-            "parcel",
-            Shape::Box { half: DVec3::new(0.17, 0.14, 0.15) },
-            Pattern::Plain,
-            &[0xf28482],
-            at(spot, 0.58),
-            0.7,
-            Role::Free,
-        );
-
-        let spot = self.spot(-0.35, -0.12);
-        self.group(spot, reach);
-        self.add(
-            "orange",
-            Shape::Sphere { radius: 0.20 },
-            Pattern::Marble { period: 0.36 },
-            &[0xf9844a, 0xf9c74f],
-            at(spot, 0.20),
-            0.0,
-            Role::Standing,
-        );
-    }
-
     fn table_and_movers(&mut self, kind: SceneKind) {
         let place = DVec2::new(0.88, -0.62);
         self.group(place, DVec3::new(0.08, 0.0, 0.08));
         let at = |y: f64| DVec3::new(place.x, y, place.y);
         for (name, radius, low, high, color, role) in [
             ("table foot", 0.30, 0.0, 0.05, 0x54382a, Role::Standing),
-            ("table leg", 0.08, 0.05, TABLE_TOP_M - 0.06, 0x6b4a35, Role::Free),
-            ("table top", 0.56, TABLE_TOP_M - 0.06, TABLE_TOP_M, 0xe6d3b3, Role::Free),
+            (
+                "table leg",
+                0.08,
+                0.05,
+                TABLE_TOP_M - 0.06,
+                0x6b4a35,
+                Role::Free,
+            ),
+            (
+                "table top",
+                0.56,
+                TABLE_TOP_M - 0.06,
+                TABLE_TOP_M,
+                0xe6d3b3,
+                Role::Free,
+            ),
         ] {
             self.add(
                 name,
-                Shape::Cylinder { radius, half_height: 0.5 * (high - low) },
+                Shape::Cylinder {
+                    radius,
+                    half_height: 0.5 * (high - low),
+                },
                 Pattern::Plain,
                 &[color],
                 at(0.5 * (low + high)),
@@ -403,27 +281,41 @@ impl Builder {
         }
         self.add(
             "turning box",
-            Shape::Box { half: DVec3::splat(BOX_HALF_M) },
+            Shape::Box {
+                half: DVec3::splat(BOX_HALF_M),
+            },
             Pattern::Faces { half: BOX_HALF_M },
-            &[0x277da1, 0xf3722c, 0xf9c74f, 0x43aa8b, 0xd1495b, 0x8e6bbf, 0xfdf6ec],
+            &[
+                0x277da1, 0xf3722c, 0xf9c74f, 0x43aa8b, 0xd1495b, 0x8e6bbf, 0xfdf6ec,
+            ],
             at(TABLE_TOP_M + BOX_HALF_M),
             0.35,
             Role::Free,
         );
         let moves = matches!(kind, SceneKind::Bounce | SceneKind::Flow);
         if moves {
-            self.last().motion = Motion::Turn { radians: BOX_TURN_RADIANS };
+            self.last().motion = Motion::Turn {
+                radians: BOX_TURN_RADIANS,
+            };
         }
         self.add(
             "ball",
-            Shape::Sphere { radius: BALL_RADIUS_M },
-            Pattern::BeachBall { radius: BALL_RADIUS_M },
-            &[0xe63946, 0xf3ece0, 0x1d6fb8, 0xf3ece0, 0x2a9d6f, 0xf3ece0, 0xf6bd2b],
+            Shape::Sphere {
+                radius: BALL_RADIUS_M,
+            },
+            Pattern::BeachBall {
+                radius: BALL_RADIUS_M,
+            },
+            &[
+                0xe63946, 0xf3ece0, 0x1d6fb8, 0xf3ece0, 0x2a9d6f, 0xf3ece0, 0xf6bd2b,
+            ],
             DVec3::ZERO,
             0.0,
             Role::Free,
         );
-        let bounce = Motion::Bounce { radius: BALL_RADIUS_M };
+        let bounce = Motion::Bounce {
+            radius: BALL_RADIUS_M,
+        };
         let ball = self.last();
         if moves {
             ball.motion = bounce;

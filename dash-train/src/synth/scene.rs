@@ -140,7 +140,10 @@ impl Instant<'_> {
     /// Linear RGB of a seen point; the same from every direction.
     pub fn shade(&self, seen: &Seen) -> DVec3 {
         let posed = &self.posed[seen.object];
-        let albedo = posed.object.texture.albedo(seen.local_point, seen.local_normal);
+        let albedo = posed
+            .object
+            .texture
+            .albedo(seen.local_point, seen.local_normal);
         let normal = posed.pose.rotation * seen.local_normal;
         let facing = |direction: DVec3| normal.dot(direction).max(0.0);
         let light = GROUND_COLOR.lerp(SKY_COLOR, 0.5 + 0.5 * normal.y)
@@ -167,7 +170,11 @@ impl Instant<'_> {
                 * near(ROOM_HALF_WIDTH_M - p.x, n.x)
                 * near(ROOM_HALF_WIDTH_M + p.x, n.x);
             if n.y > 0.9 && p.y < 0.1 {
-                for posed in self.posed.iter().filter(|p| p.object.role == Role::Standing) {
+                for posed in self
+                    .posed
+                    .iter()
+                    .filter(|p| p.object.role == Role::Standing)
+                {
                     open *= 1.0 - contact_darkness(posed, point);
                 }
             }

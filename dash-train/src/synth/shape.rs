@@ -227,14 +227,37 @@ mod tests {
     #[test]
     fn sphere_by_hand() {
         let sphere = Shape::Sphere { radius: 2.0 };
-        assert_hit(sphere, &ray([0.0, 0.0, 5.0], [0.0, 0.0, -1.0]), 3.0, [0.0, 0.0, 1.0]);
+        assert_hit(
+            sphere,
+            &ray([0.0, 0.0, 5.0], [0.0, 0.0, -1.0]),
+            3.0,
+            [0.0, 0.0, 1.0],
+        );
         // Half as long a direction doubles the distance.
-        assert_hit(sphere, &ray([0.0, 0.0, 5.0], [0.0, 0.0, -0.5]), 6.0, [0.0, 0.0, 1.0]);
+        assert_hit(
+            sphere,
+            &ray([0.0, 0.0, 5.0], [0.0, 0.0, -0.5]),
+            6.0,
+            [0.0, 0.0, 1.0],
+        );
         // Off centre: x = 1.2 meets the sphere at z = 1.6.
-        assert_hit(sphere, &ray([1.2, 0.0, 4.0], [0.0, 0.0, -1.0]), 2.4, [0.6, 0.0, 0.8]);
+        assert_hit(
+            sphere,
+            &ray([1.2, 0.0, 4.0], [0.0, 0.0, -1.0]),
+            2.4,
+            [0.6, 0.0, 0.8],
+        );
         assert_eq!(sphere.hit(&ray([2.1, 0.0, 5.0], [0.0, 0.0, -1.0])), None);
-        assert_eq!(sphere.hit(&ray([0.0, 0.0, 5.0], [0.0, 0.0, 1.0])), None, "behind");
-        assert_eq!(sphere.hit(&ray([0.0, 0.0, 0.0], [0.0, 0.0, 1.0])), None, "inside");
+        assert_eq!(
+            sphere.hit(&ray([0.0, 0.0, 5.0], [0.0, 0.0, 1.0])),
+            None,
+            "behind"
+        );
+        assert_eq!(
+            sphere.hit(&ray([0.0, 0.0, 0.0], [0.0, 0.0, 1.0])),
+            None,
+            "inside"
+        );
     }
 
     #[test]
@@ -242,12 +265,31 @@ mod tests {
         let shape = Shape::Box {
             half: DVec3::new(1.0, 2.0, 3.0),
         };
-        assert_hit(shape, &ray([0.0, 0.0, 5.0], [0.0, 0.0, -1.0]), 2.0, [0.0, 0.0, 1.0]);
-        assert_hit(shape, &ray([-4.0, 1.0, 0.0], [1.0, 0.0, 0.0]), 3.0, [-1.0, 0.0, 0.0]);
+        assert_hit(
+            shape,
+            &ray([0.0, 0.0, 5.0], [0.0, 0.0, -1.0]),
+            2.0,
+            [0.0, 0.0, 1.0],
+        );
+        assert_hit(
+            shape,
+            &ray([-4.0, 1.0, 0.0], [1.0, 0.0, 0.0]),
+            3.0,
+            [-1.0, 0.0, 0.0],
+        );
         // Diagonal in xy: enters x = 1 at distance 2 where y is 1.
-        assert_hit(shape, &ray([3.0, 3.0, 0.5], [-1.0, -1.0, 0.0]), 2.0, [1.0, 0.0, 0.0]);
+        assert_hit(
+            shape,
+            &ray([3.0, 3.0, 0.5], [-1.0, -1.0, 0.0]),
+            2.0,
+            [1.0, 0.0, 0.0],
+        );
         assert_eq!(shape.hit(&ray([0.0, 2.1, 5.0], [0.0, 0.0, -1.0])), None);
-        assert_eq!(shape.hit(&ray([0.0, 0.0, 5.0], [0.0, 0.0, 1.0])), None, "behind");
+        assert_eq!(
+            shape.hit(&ray([0.0, 0.0, 5.0], [0.0, 0.0, 1.0])),
+            None,
+            "behind"
+        );
     }
 
     #[test]
@@ -256,8 +298,18 @@ mod tests {
             radius: 1.0,
             half_height: 2.0,
         };
-        assert_hit(cylinder, &ray([0.0, 1.0, 4.0], [0.0, 0.0, -1.0]), 3.0, [0.0, 0.0, 1.0]);
-        assert_hit(cylinder, &ray([0.5, 5.0, 0.0], [0.0, -1.0, 0.0]), 3.0, [0.0, 1.0, 0.0]);
+        assert_hit(
+            cylinder,
+            &ray([0.0, 1.0, 4.0], [0.0, 0.0, -1.0]),
+            3.0,
+            [0.0, 0.0, 1.0],
+        );
+        assert_hit(
+            cylinder,
+            &ray([0.5, 5.0, 0.0], [0.0, -1.0, 0.0]),
+            3.0,
+            [0.0, 1.0, 0.0],
+        );
         assert_eq!(cylinder.hit(&ray([0.0, 2.1, 4.0], [0.0, 0.0, -1.0])), None);
         assert_eq!(cylinder.hit(&ray([1.5, 5.0, 0.0], [0.0, -1.0, 0.0])), None);
         let cone = Shape::Cone {
@@ -272,8 +324,17 @@ mod tests {
             3.5,
             [0.0, 0.5 / lean, 1.0 / lean],
         );
-        assert_hit(cone, &ray([0.3, -4.0, 0.2], [0.0, 1.0, 0.0]), 3.0, [0.0, -1.0, 0.0]);
+        assert_hit(
+            cone,
+            &ray([0.3, -4.0, 0.2], [0.0, 1.0, 0.0]),
+            3.0,
+            [0.0, -1.0, 0.0],
+        );
         assert_eq!(cone.hit(&ray([0.6, 0.0, 4.0], [0.0, 0.0, -1.0])), None);
-        assert_eq!(cone.hit(&ray([0.0, 1.5, 4.0], [0.0, 0.0, -1.0])), None, "mirrored cone");
+        assert_eq!(
+            cone.hit(&ray([0.0, 1.5, 4.0], [0.0, 0.0, -1.0])),
+            None,
+            "mirrored cone"
+        );
     }
 }

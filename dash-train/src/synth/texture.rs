@@ -6,9 +6,9 @@
 use glam::DVec3;
 use std::f64::consts::TAU;
 
-/// Shortest period of a pattern, in metres of surface: about 8 pixels on the back wall and 11 in
-/// the room's middle at 160x120.
-pub const SHORTEST_PERIOD_M: f64 = 0.30;
+/// Shortest period of a pattern, in metres of surface: 10 pixels on the back wall and 13 in the
+/// room's middle at 160x120, less where the surface is seen at a slant.
+pub const SHORTEST_PERIOD_M: f64 = 0.32;
 /// Lattice cell of the smooth noise, in metres; its wavelength is about two cells.
 pub const MOTTLE_CELL_M: f64 = 0.22;
 /// Width of the ramp between two colours, in metres.
@@ -19,7 +19,7 @@ pub const EDGE_M: f64 = 0.03;
 pub enum Pattern {
     /// The first colour.
     Plain,
-    /// Floor boards along z, in all the colours.
+    /// Floor boards along z, in four colours.
     Planks {
         /// Width of a board.
         width: f64,
@@ -91,7 +91,7 @@ impl Pattern {
     pub fn shortest_period_m(&self) -> Option<f64> {
         match *self {
             Self::Plain | Self::Sunset { .. } => None,
-            Self::Planks { width, length } => Some(width.min(length)),
+            Self::Planks { width, length } => Some(2.0 * width.min(length)),
             Self::Bricks { width, height } | Self::Diamonds { width, height } => {
                 Some(width.min(height))
             }
@@ -145,7 +145,7 @@ impl Texture {
             Pattern::Rings { width } => {
                 let (ring, t) = steps(point.x.hypot(point.z) / width, EDGE_M / width);
                 let index = |ring: f64| ring.rem_euclid(self.colors.len() as f64) as usize;
-                mix(index(ring), index(ring + 1.0), t)
+                mix(index(ring.max(0.0)), index(ring + 1.0), t)
             }
             Pattern::BeachBall { radius } => {
                 let n = self.colors.len() - 1;
@@ -181,11 +181,8 @@ impl Texture {
             let start = random(board as i64, 0, 0, self.seed);
             let (piece, t) = steps(point.z / length + start, EDGE_M / length);
             let tone = |piece: f64| {
-                let pick = random(board as i64, piece as i64, 1, self.seed);
-                // Neighbours never share a tone, or the floor would lose its boards.
-                let tones = self.colors.len() as f64;
-                let index = (board + piece + (pick * (tones - 1.0)).floor()).rem_euclid(tones);
-                self.colors[index as usize]
+                let wear = random(board as i64, piece as i64, 1, self.seed);
+                self.plank_color(board, piece) * (0.92 + 0.16 * wear)
             };
             tone(piece).lerp(tone(piece + 1.0), t)
         };
@@ -197,6 +194,12 @@ impl Texture {
         shade(board).lerp(shade(board + 1.0), t) * (0.9 + 0.2 * grain)
     }
 
+    /// Even and odd boards take turns with two pairs of colours, so that neighbours differ.
+    fn plank_color(&self, board: f64, piece: f64) -> DVec3 {
+        let index = 2.0 * board.rem_euclid(2.0) + piece.rem_euclid(2.0);
+        self.colors[index as usize % self.colors.len()]
+    }
+
     fn bricks(&self, [u, v]: [f64; 2], width: f64, height: f64) -> DVec3 {
         let row = (v / height).floor();
         let shifted = u / width + 0.5 * row.rem_euclid(2.0);
@@ -206,7 +209,9 @@ impl Texture {
         let inside_v = (0.5 - (v / height - row - 0.5).abs()) * height;
         let tone = random(brick as i64, row as i64, 2, self.seed);
         let mortar = ramp(0.035 - inside_u.min(inside_v), EDGE_M);
-        self.colors[0].lerp(self.colors[1], tone).lerp(self.colors[2], mortar)
+        self.colors[0]
+            .lerp(self.colors[1], tone)
+            .lerp(self.colors[2], mortar)
     }
 
     fn die(&self, point: DVec3, normal: DVec3, half: f64) -> DVec3 {
@@ -263,13 +268,21 @@ pub fn linear_to_srgb8(value: f64) -> u8 {
 /// Smooth noise in [0, 1] on the unit lattice (value noise, quintic blend).
 pub fn noise(point: DVec3, seed: u32) -> f64 {
     let cell = point.floor();
-    let blend = (point - cell).to_array().map(|t| t * t * t * (t * (6.0 * t - 15.0) + 10.0));
+    let blend = (point - cell)
+        .to_array()
+        .map(|t| t * t * t * (t * (6.0 * t - 15.0) + 10.0));
     let [x, y, z] = cell.to_array().map(|c| c as i64);
     let mut value = 0.0;
     for corner in 0..8 {
         let offset = [corner & 1, corner >> 1 & 1, corner >> 2];
         let weight: f64 = (0..3)
-            .map(|i| if offset[i] == 1 { blend[i] } else { 1.0 - blend[i] })
+            .map(|i| {
+                if offset[i] == 1 {
+                    blend[i]
+                } else {
+                    1.0 - blend[i]
+                }
+            })
             .product();
         let [i, j, k] = offset;
         value += weight * random(x + i, y + j, z + k, seed);

@@ -1,5 +1,6 @@
 //! Renders a clip and writes it as a dataset, whole or not at all.
 
+use super::SynthError;
 use super::cloud::{cloud, cloud_size};
 use super::config::SynthConfig;
 use super::files;
@@ -7,7 +8,6 @@ use super::render::{Rendered, render_over, render_rest};
 use super::rig::rig;
 use super::scene::Scene;
 use super::truth::{Truth, ViewStats};
-use super::SynthError;
 use dash_kernels::Camera;
 use image::ExtendedColorType;
 use rayon::prelude::*;
@@ -82,7 +82,9 @@ pub(super) fn write_with(
         .enumerate()
         .map(|(index, camera)| write_camera(&root, config, &scene, index, camera, ffmpeg))
         .collect::<Result<Vec<ViewStats>, SynthError>>()?;
-    config.layout.write_cameras(&root, config, &cameras, &stats)?;
+    config
+        .layout
+        .write_cameras(&root, config, &cameras, &stats)?;
     let count = cloud_size(config.width, config.height);
     let points = cloud(&scene, &cameras, count, config.seed);
     files::write_ply(&root.join(config.layout.cloud_name()), &points)?;
@@ -161,7 +163,11 @@ fn write_camera(
                 root.join(config.layout.image_path(index, frame, config.frames))
             };
             files::write_png(&image, &view.rgb, size, ExtendedColorType::Rgb8)?;
-            let mask: Vec<u8> = view.moving.iter().map(|&m| if m { 255 } else { 0 }).collect();
+            let mask: Vec<u8> = view
+                .moving
+                .iter()
+                .map(|&m| if m { 255 } else { 0 })
+                .collect();
             let path = root.join(config.layout.mask_path(index, frame, config.frames));
             files::write_png(&path, &mask, size, ExtendedColorType::L8)?;
             Ok((view.moving_share(), depth_range(&view)))

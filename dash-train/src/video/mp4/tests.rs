@@ -112,3 +112,28 @@ fn bad_frames_and_settings_are_refused_and_leave_nothing() {
     drop(dropped);
     assert_eq!(n_files(&folder), 0);
 }
+
+/// Only this process's children can have another environment, so the test runs itself.
+#[test]
+fn the_environment_names_the_program() {
+    const PROBE: &str = "DASH_TEST_EXPECT_FFMPEG";
+    if let Some(expected) = std::env::var_os(PROBE) {
+        assert_eq!(ffmpeg_available(), expected == "yes");
+        return;
+    }
+    let available = |variable: &str, value: &str, expected: &str| {
+        let status = Command::new(std::env::current_exe().expect("the test's program"))
+            .args(["the_environment_names_the_program"])
+            .env_remove(FFMPEG_VARIABLE)
+            .env(variable, value)
+            .env(PROBE, expected)
+            .stdout(Stdio::null())
+            .status()
+            .expect("the test's program runs");
+        assert!(status.success(), "{variable}={value:?}");
+    };
+    available(FFMPEG_VARIABLE, "/nowhere/ffmpeg", "no");
+    available("PATH", "/nowhere", "no");
+    available(FFMPEG_VARIABLE, "", "yes");
+    available(FFMPEG_VARIABLE, FFMPEG, "yes");
+}

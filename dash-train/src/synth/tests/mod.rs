@@ -1,0 +1,4 @@
+//! Scenes, pictures and datasets against what is exactly known about them.
+
+mod datasets;
+mod scenes;
