@@ -124,6 +124,10 @@ pub struct LearningRates {
     pub grid: f32,
     /// Decoders at the start.
     pub network: f32,
+    /// Hash table of the coarse motion field: it has a short stage to follow all motion in.
+    pub motion_grid: f32,
+    /// Networks of the coarse motion field.
+    pub motion_network: f32,
     /// What is left of the rates of tables and decoders at the end, reached exponentially.
     pub field_final: f32,
     /// Replaces the scene's measured extent (released code: 5).
@@ -264,6 +268,8 @@ impl TrainConfig {
                 trajectories: 1.6e-4,
                 grid: 5e-3,
                 network: 1e-3,
+                motion_grid: 0.02,
+                motion_network: 3e-3,
                 field_final: 0.1,
                 extent: None,
             },
@@ -399,6 +405,8 @@ impl TrainConfig {
             trajectories: 0.0,
             grid: 50.0 * 1.6e-4,
             network: 1.6e-4,
+            motion_grid: 50.0 * 1.6e-4,
+            motion_network: 1.6e-4,
             field_final: 0.01,
             extent: Some(5.0),
         };
@@ -534,6 +542,7 @@ impl TrainConfig {
             [
                 rates.means, rates.means_final, rates.quats, rates.scales, rates.opacities,
                 rates.sh_dc, rates.sh_rest, rates.trajectories, rates.grid, rates.network,
+                rates.motion_grid, rates.motion_network,
                 rates.field_final,
             ]
             .iter()

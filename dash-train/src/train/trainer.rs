@@ -419,7 +419,9 @@ impl Trainer {
             Some("sh_dc") => rates.sh_dc,
             Some("sh_rest") => rates.sh_rest,
             Some("trajectories") => trajectories,
+            Some("table") if name.starts_with("motion.") => rates.motion_grid,
             Some("table") => rates.grid * field,
+            _ if name.starts_with("motion.") => rates.motion_network,
             _ => rates.network * field,
         };
         self.scene = self.optimizer.step("scene", self.scene.clone(), gradients, &rate);
