@@ -241,7 +241,7 @@ fn only_tracked_parents_get_gradients() {
     }
 }
 
-/// A difference that the tolerances must not swallow: one wrong prime's worth.
+/// Differences that the tolerances must not swallow.
 #[test]
 fn a_foreign_layout_is_noticed() {
     let case = Case::random(layout(3, 2, |_| ()), 200, 3);
@@ -315,7 +315,7 @@ fn zero_and_one_are_inside() {
         let dims = layout.dims();
         let mut case = Case::random(layout, 1 << dims, 6);
         for (i, x) in case.positions.iter_mut().enumerate() {
-            *x = (i / dims >> (i % dims) & 1) as f32;
+            *x = (((i / dims) >> (i % dims)) & 1) as f32;
         }
         case.assert_cpu_agrees();
         assert!(
