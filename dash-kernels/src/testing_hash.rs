@@ -14,11 +14,12 @@ pub const DIFFERENCES_RELATIVE: f64 = 1e-6;
 
 /// Every device that the enabled features bring.
 pub fn devices() -> Vec<Device> {
-    let mut devices = Vec::new();
-    #[cfg(feature = "ndarray")]
-    devices.push(Device::ndarray());
-    #[cfg(feature = "flex")]
-    devices.push(Device::flex());
+    let devices = Vec::from([
+        #[cfg(feature = "ndarray")]
+        Device::ndarray(),
+        #[cfg(feature = "flex")]
+        Device::flex(),
+    ]);
     assert!(!devices.is_empty(), "tests need a backend feature");
     devices
 }

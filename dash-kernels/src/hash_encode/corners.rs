@@ -1,5 +1,10 @@
 //! Rows and weights of the `2^D` corners around blocks of points, one lane per point.
 
+#![expect(
+    clippy::needless_range_loop,
+    reason = "lane loops index several lane arrays side by side"
+)]
+
 use super::layout::{HASH_PRIMES, HashGridLevel, Interpolation};
 
 /// Points handled together: one AVX-512 register of `f32`.

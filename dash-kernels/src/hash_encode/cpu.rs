@@ -2,8 +2,13 @@
 //!
 //! Levels are the outer loop, points the inner: a level of the table fits the caches, the whole
 //! table does not. The forward pass and the gradient of the positions are split over points, the
-//! gradient of the table over levels (and row ranges of them), so that no two threads share a sum and every
-//! sum runs in the order of the points, or of the levels, whatever the number of threads.
+//! gradient of the table over levels (and row ranges of them). No two threads share a sum, and
+//! every sum runs in the order of the points, or of the levels, whatever the number of threads.
+
+#![expect(
+    clippy::needless_range_loop,
+    reason = "lane loops index several lane arrays side by side"
+)]
 
 use rayon::prelude::*;
 
@@ -77,6 +82,13 @@ fn level_rows<'a, const F: usize>(
 ) -> &'a [[f32; F]] {
     let (start, size) = (layout.levels()[level].offset, layout.levels()[level].size);
     &table.as_chunks().0[start as usize..][..size as usize]
+}
+
+/// The level's features at the start of a point's row.
+#[inline(always)]
+fn level_features<const F: usize>(row: &[f32]) -> &[f32; F] {
+    row.first_chunk()
+        .expect("a level's features end within the point's row")
 }
 
 fn encode<const D: usize, const CORNERS: usize, const F: usize>(
@@ -218,6 +230,7 @@ impl<const D: usize, const CORNERS: usize, const F: usize> Kernel
                 if !block.inside[lane] {
                     continue;
                 }
+                let v_out = level_features::<F>(v_out);
                 for corner in 0..CORNERS {
                     let row = rows[corner][lane].wrapping_sub(self.first_row);
                     let weight = weights[corner][lane];
@@ -298,6 +311,7 @@ impl<const D: usize, const CORNERS: usize, const F: usize> Kernel
             cells.rows(&self.level, &mut rows);
             let mut v_weights = [[0.0; LANES]; CORNERS];
             for (lane, v_out) in v_out.chunks(self.width).enumerate() {
+                let v_out = level_features::<F>(v_out);
                 for corner in 0..CORNERS {
                     let row = &self.rows[rows[corner][lane] as usize];
                     let mut dot = 0.0;

@@ -1,10 +1,9 @@
 //! Structural similarity on the CPU.
 //!
-//! Bands of rows run in parallel, each streaming through separable blurs. A pixel's arithmetic
-//! does not depend on its band, so results are the same for any number of threads. Moments are
-//! kept in f64: in f32 `E[x^2] - mean^2` of a constant image is off by more than C2 tolerates.
-
-use std::ops::Range;
+//! Bands of rows run in parallel, each tile by tile of columns, each tile streaming through
+//! separable blurs. A pixel's arithmetic does not depend on its band or tile, so results are the
+//! same for any number of threads. Moments are kept in f64: in f32 `E[x^2] - mean^2` of a constant
+//! image is off by more than C2 tolerates.
 
 use rayon::prelude::*;
 
@@ -16,23 +15,22 @@ use crate::isa::{Kernel, dispatch};
 const BANDS_PER_THREAD: usize = 2;
 /// Every band also blurs rows above and below it; thinner ones would mostly do that.
 const MIN_BAND_ROWS: usize = 4 * RADIUS;
+/// Values in a row of a tile: the rows that the window spans stay within a level-2 cache.
+const TILE_VALUES: usize = 384;
+/// Every tile also blurs columns to its left and right; narrower ones would mostly do that.
+const MIN_TILE_COLUMNS: usize = 4 * RADIUS;
 
 /// `x [H, W, C]`, `y [H, W, C]` -> `[H, W, C]`.
 pub fn ssim(x: &[f32], y: &[f32], shape: [usize; 3]) -> Vec<f32> {
     let images = Images { x, y, shape };
-    let mut out = vec![0.0; x.len()];
-    let rows = band_rows(shape[0]);
-    out.par_chunks_mut(rows * images.row_length())
-        .enumerate()
-        .for_each(|(band, out)| {
-            let first_row = band * rows;
-            dispatch(ForwardBand {
-                images,
-                first_row,
-                out,
-            });
+    for_bands(&images, |first_row, columns, out| {
+        dispatch(ForwardTile {
+            images,
+            first_row,
+            columns,
+            out,
         });
-    out
+    })
 }
 
 /// Gradient of `own` from `v_out`, all `[H, W, C]`; the similarity is symmetric, so the gradient
@@ -43,27 +41,41 @@ pub fn ssim_vjp(own: &[f32], other: &[f32], v_out: &[f32], shape: [usize; 3]) ->
         y: other,
         shape,
     };
-    let mut v_own = vec![0.0; own.len()];
-    let rows = band_rows(shape[0]);
-    v_own
-        .par_chunks_mut(rows * images.row_length())
-        .enumerate()
-        .for_each(|(band, v_x)| {
-            let first_row = band * rows;
-            dispatch(BackwardBand {
-                images,
-                v_out,
-                first_row,
-                v_x,
-            });
+    for_bands(&images, |first_row, columns, v_x| {
+        dispatch(BackwardTile {
+            images,
+            v_out,
+            first_row,
+            columns,
+            v_x,
         });
-    v_own
+    })
 }
 
-fn band_rows(height: usize) -> usize {
-    height
+/// Fills an image by calling `tile(first_row, columns, rows)`, where `rows` are a band's.
+fn for_bands(images: &Images, tile: impl Fn(usize, Columns, &mut [f32]) + Sync) -> Vec<f32> {
+    let [height, width, channels] = images.shape;
+    let rows = height
         .div_ceil(BANDS_PER_THREAD * rayon::current_num_threads())
-        .max(MIN_BAND_ROWS)
+        .max(MIN_BAND_ROWS);
+    let columns_per_tile = (TILE_VALUES / channels).max(MIN_TILE_COLUMNS);
+    let mut out = vec![0.0; height * width * channels];
+    out.par_chunks_mut(rows * width * channels)
+        .enumerate()
+        .for_each(|(band, out)| {
+            for first in (0..width).step_by(columns_per_tile) {
+                let count = columns_per_tile.min(width - first);
+                tile(band * rows, Columns { first, count }, out);
+            }
+        });
+    out
+}
+
+/// Columns of a tile.
+#[derive(Clone, Copy)]
+struct Columns {
+    first: usize,
+    count: usize,
 }
 
 #[derive(Clone, Copy)]
@@ -73,34 +85,51 @@ struct Images<'a> {
     shape: [usize; 3],
 }
 
-impl Images<'_> {
-    fn row_length(&self) -> usize {
-        self.shape[1] * self.shape[2]
-    }
-
-    fn row(&self, row: usize) -> Range<usize> {
-        row * self.row_length()..(row + 1) * self.row_length()
-    }
-
-    fn blur<const M: usize>(&self) -> Blur<M> {
-        Blur::new(self.shape[1], self.shape[2])
-    }
-
+impl<'a> Images<'a> {
     /// The image's row, `None` above and below it.
     fn row_in_image(&self, row: isize) -> Option<usize> {
         usize::try_from(row).ok().filter(|&row| row < self.shape[0])
     }
 
-    /// Pushes a row's `x`, `y`, `x^2 + y^2` and `x y`.
+    /// Values of `image` in the tile's columns of a row.
     #[inline(always)]
-    fn push_moments<'b>(&self, row: isize, blur: &'b mut Blur<4>) -> Option<[&'b [f64]; 4]> {
+    fn tile_row<'b>(&self, image: &'b [f32], row: usize, columns: Columns) -> &'b [f32] {
+        let [_, width, channels] = self.shape;
+        &image[(row * width + columns.first) * channels..][..columns.count * channels]
+    }
+
+    /// The tile's columns and `margin` more on either side: the part that lies in the image, and
+    /// how many values are missing on its left.
+    fn widened(&self, columns: Columns, margin: usize) -> (Columns, usize) {
+        let [_, width, channels] = self.shape;
+        let first = columns.first.saturating_sub(margin);
+        let end = (columns.first + columns.count + margin).min(width);
+        let part = Columns {
+            first,
+            count: end - first,
+        };
+        (part, (margin - (columns.first - first)) * channels)
+    }
+
+    /// Pushes a row's `x`, `y`, `x^2 + y^2` and `x y`, for the moments in the tile's columns and
+    /// `margin` more on either side.
+    #[inline(always)]
+    fn push_moments<'b>(
+        &self,
+        row: isize,
+        columns: Columns,
+        margin: usize,
+        blur: &'b mut Blur<4>,
+    ) -> Option<[&'b [f64]; 4]> {
         let Some(row) = self.row_in_image(row) else {
             return blur.push_zeros();
         };
-        let (x, y) = (&self.x[self.row(row)], &self.y[self.row(row)]);
-        let [mean_x, mean_y, squares, product] = blur.input();
-        let (mean_x, mean_y) = (&mut mean_x[..x.len()], &mut mean_y[..x.len()]);
-        let (squares, product) = (&mut squares[..x.len()], &mut product[..x.len()]);
+        let (part, missing) = self.widened(columns, margin + RADIUS);
+        let x = self.tile_row(self.x, row, part);
+        let y = self.tile_row(self.y, row, part);
+        // What lies outside the image is zero from the start and stays so.
+        let [mean_x, mean_y, squares, product] =
+            blur.input().map(|row| &mut row[missing..][..x.len()]);
         for i in 0..x.len() {
             let (x, y) = (finite_or_zero(x[i]), finite_or_zero(y[i]));
             mean_x[i] = x;
@@ -112,69 +141,85 @@ impl Images<'_> {
     }
 }
 
-struct ForwardBand<'a> {
+struct ForwardTile<'a> {
     images: Images<'a>,
     first_row: usize,
+    columns: Columns,
+    /// The band's rows, whole.
     out: &'a mut [f32],
 }
 
-impl Kernel for ForwardBand<'_> {
+impl Kernel for ForwardTile<'_> {
     type Output = ();
 
     #[inline(always)]
     fn run(self) {
-        let mut blur = self.images.blur();
+        let [_, width, channels] = self.images.shape;
+        let mut blur = Blur::new(self.columns.count, channels);
         let mut row = self.first_row as isize - RADIUS as isize;
-        for out in self.out.chunks_mut(self.images.row_length()) {
+        for out in self.out.chunks_mut(width * channels) {
+            let out = &mut out[self.columns.first * channels..][..self.columns.count * channels];
             loop {
-                let moments = self.images.push_moments(row, &mut blur);
+                let moments = self.images.push_moments(row, self.columns, 0, &mut blur);
                 row += 1;
-                if let Some([mean_x, mean_y, squares, product]) = moments {
-                    for (i, out) in out.iter_mut().enumerate() {
-                        let terms = Terms::new(mean_x[i], mean_y[i], squares[i], product[i]);
-                        *out = terms.similarity().clamp(-1.0, 1.0) as f32;
-                    }
-                    break;
+                let Some(moments) = moments else { continue };
+                let [mean_x, mean_y, squares, product] = moments.map(|row| &row[..out.len()]);
+                for (i, out) in out.iter_mut().enumerate() {
+                    let terms = Terms::new(mean_x[i], mean_y[i], squares[i], product[i]);
+                    *out = terms.similarity().clamp(-1.0, 1.0) as f32;
                 }
+                break;
             }
         }
     }
 }
 
-struct BackwardBand<'a> {
+struct BackwardTile<'a> {
     images: Images<'a>,
     v_out: &'a [f32],
     first_row: usize,
+    columns: Columns,
+    /// The band's rows, whole.
     v_x: &'a mut [f32],
 }
 
-impl Kernel for BackwardBand<'_> {
+impl Kernel for BackwardTile<'_> {
     type Output = ();
 
     #[inline(always)]
     fn run(self) {
-        let images = self.images;
-        let mut moments_blur = images.blur::<4>();
-        let mut gradient_blur = images.blur::<3>();
+        let Self {
+            images, columns, ..
+        } = self;
+        let [_, width, channels] = images.shape;
+        // Moments are needed, and their gradients blurred, a window's radius around the tile.
+        let mut moments_blur = Blur::<4>::new(columns.count + 2 * RADIUS, channels);
+        let mut gradient_blur = Blur::<3>::new(columns.count, channels);
+        let (part, missing) = images.widened(columns, RADIUS);
         let mut pushed_row = self.first_row as isize - 2 * RADIUS as isize;
-        for (i, v_x) in self.v_x.chunks_mut(images.row_length()).enumerate() {
-            let range = images.row(self.first_row + i);
-            let (x, y) = (&images.x[range.clone()], &images.y[range]);
+        for (i, v_x) in self.v_x.chunks_mut(width * channels).enumerate() {
+            let v_x = &mut v_x[columns.first * channels..][..columns.count * channels];
+            let x = images.tile_row(images.x, self.first_row + i, columns);
+            let y = images.tile_row(images.y, self.first_row + i, columns);
             loop {
-                let moments = images.push_moments(pushed_row, &mut moments_blur);
+                let moments = images.push_moments(pushed_row, columns, RADIUS, &mut moments_blur);
                 let moments_row = pushed_row - RADIUS as isize;
                 pushed_row += 1;
                 let Some(moments) = moments else { continue };
                 let gradients = match images.row_in_image(moments_row) {
                     Some(row) => {
-                        moments_vjp(moments, &self.v_out[images.row(row)], gradient_blur.input());
+                        let v_out = images.tile_row(self.v_out, row, part);
+                        let inside = |row| &<[f64]>::split_at(row, missing).1[..v_out.len()];
+                        let inside_mut =
+                            |row| &mut <[f64]>::split_at_mut(row, missing).1[..v_out.len()];
+                        let gradients = gradient_blur.input().map(inside_mut);
+                        moments_vjp(moments.map(inside), v_out, gradients);
                         gradient_blur.push()
                     }
                     None => gradient_blur.push_zeros(),
                 };
-                let Some([v_mean, v_squares, v_product]) = gradients else {
-                    continue;
-                };
+                let Some(gradients) = gradients else { continue };
+                let [v_mean, v_squares, v_product] = gradients.map(|row| &row[..v_x.len()]);
                 for (i, v_x) in v_x.iter_mut().enumerate() {
                     let v = v_mean[i]
                         + 2.0 * f64::from(x[i]) * v_squares[i]
@@ -190,8 +235,8 @@ impl Kernel for BackwardBand<'_> {
 /// Gradients of `mean_x`, `squares` and `product` from that of the similarity, for a row.
 #[inline(always)]
 fn moments_vjp(moments: [&[f64]; 4], v_out: &[f32], gradients: [&mut [f64]; 3]) {
-    let [mean_x, mean_y, squares, product] = moments.map(|row| &row[..v_out.len()]);
-    let [v_mean, v_squares, v_product] = gradients.map(|row| &mut row[..v_out.len()]);
+    let [mean_x, mean_y, squares, product] = moments;
+    let [v_mean, v_squares, v_product] = gradients;
     for i in 0..v_out.len() {
         let terms = Terms::new(mean_x[i], mean_y[i], squares[i], product[i]);
         (v_mean[i], v_squares[i], v_product[i]) = terms.vjp(f64::from(v_out[i]));

@@ -4,14 +4,16 @@ use super::window::{C1, C2, RADIUS, TAPS, window};
 use super::{cpu, reference, ssim};
 use crate::testing_hash::*;
 
-/// Sizes on both sides of the window, and no multiples of any vector length.
-const SHAPES: [[usize; 3]; 6] = [
+/// Sizes on both sides of the window and of a tile's width, and no multiples of any vector length.
+const SHAPES: [[usize; 3]; 8] = [
     [1, 1, 1],
     [1, 7, 3],
     [5, 1, 2],
     [11, 11, 1],
     [13, 29, 3],
     [64, 33, 3],
+    [23, 301, 3],
+    [12, 805, 1],
 ];
 
 fn images(seed: u64, shape: [usize; 3]) -> (Vec<f32>, Vec<f32>, Vec<f32>) {
@@ -105,6 +107,36 @@ fn backends_match_the_reference() {
             assert_agrees(&values(y.grad(&grads).expect("y is tracked")), &v_y);
         }
     }
+}
+
+/// Smooth images that differ little, as late in training: variances far below C2.
+#[test]
+fn flat_images_keep_their_gradient() {
+    let shape = [40, 50, 3];
+    let mut rng = rng(11);
+    let n: usize = shape.iter().product();
+    let x: Vec<f32> = (0..n)
+        .map(|i| 0.6 + 0.3 * (i as f32 * 1e-3).sin())
+        .collect();
+    let noise = uniform(&mut rng, n, -0.004, 0.004);
+    let y: Vec<f32> = x.iter().zip(noise).map(|(x, n)| x + n).collect();
+    let v = vec![1.0; n];
+    let (v_x, v_y) = reference::ssim_vjp(&to_f64(&x), &to_f64(&y), &to_f64(&v), shape);
+    assert_agrees(&cpu::ssim_vjp(&x, &y, &v, shape), &v_x);
+    assert_agrees(&cpu::ssim_vjp(&y, &x, &v, shape), &v_y);
+}
+
+/// A difference that the tolerances must not swallow: one image off by a pixel.
+#[test]
+fn a_shifted_image_is_noticed() {
+    let shape = [20, 30, 3];
+    let (x, y, v) = images(12, shape);
+    let mut shifted = y.clone();
+    shifted.rotate_left(3);
+    let expected = reference::ssim(&to_f64(&x), &to_f64(&y), shape);
+    assert!(disagreement(&cpu::ssim(&x, &shifted, shape), &expected).is_some());
+    let (v_x, _) = reference::ssim_vjp(&to_f64(&x), &to_f64(&y), &to_f64(&v), shape);
+    assert!(disagreement(&cpu::ssim_vjp(&x, &shifted, &v, shape), &v_x).is_some());
 }
 
 #[test]

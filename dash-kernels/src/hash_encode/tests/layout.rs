@@ -17,7 +17,7 @@ fn config(base: &[u32], finest: &[u32]) -> HashGridConfig {
     }
 }
 
-fn layout(config: &HashGridConfig) -> HashGridLayout {
+fn sized(config: &HashGridConfig) -> HashGridLayout {
     HashGridLayout::new(config).expect("a good configuration")
 }
 
@@ -27,7 +27,7 @@ fn five_levels_by_hand() {
     let mut config = config(&[2, 3], &[32, 3]);
     config.n_levels = 5;
     config.log2_hashmap_size = 6;
-    let layout = layout(&config);
+    let layout = sized(&config);
     let sizes: Vec<_> = layout.levels().iter().map(|l| (l.size, l.dense)).collect();
     // Vertices 3x4, 5x4, 9x4, then 17x4 = 68 and 33x4 = 132 exceed 64.
     assert_eq!(
@@ -41,7 +41,7 @@ fn five_levels_by_hand() {
     assert_eq!(layout.n_features(), 10);
 
     config.sizing = LevelSizing::Reference;
-    let layout = super::super::HashGridLayout::new(&config).expect("a good configuration");
+    let layout = sized(&config);
     // Scales 1, 3, 7, 15, 31: one vertex less per axis than cells of the paper's.
     let sizes: Vec<_> = layout.levels().iter().map(|l| (l.size, l.dense)).collect();
     assert_eq!(
@@ -82,7 +82,7 @@ fn sizes_are_exact_for_every_table_and_resolution() {
                     config.log2_hashmap_size = log2;
                     config.n_levels = 16;
                     config.sizing = sizing;
-                    check(&layout(&config), &config);
+                    check(&sized(&config), &config);
                 }
             }
         }
@@ -136,7 +136,7 @@ fn powers_of_two_are_exact() {
     for base in [1, 2, 3, 5, 7, 8, 16, 100] {
         let mut config = config(&[base; 3], &[base << 9; 3]);
         config.n_levels = 10;
-        for (l, level) in layout(&config).levels().iter().enumerate() {
+        for (l, level) in sized(&config).levels().iter().enumerate() {
             assert_eq!(level.scale[0], f64::from(base << l));
         }
     }
@@ -147,7 +147,7 @@ fn powers_of_two_are_exact() {
 fn the_released_preset_has_its_published_size() {
     let mut config = config(&[8; 4], &[2048, 2048, 2048, 25]);
     config.sizing = LevelSizing::Reference;
-    let entries = layout(&config).n_entries() as f64;
+    let entries = sized(&config).n_entries() as f64;
     assert!((entries - 13.05e6).abs() < 0.01e6, "{entries}");
 }
 
@@ -156,7 +156,7 @@ fn one_level_and_one_entry() {
     let mut config = config(&[4, 4], &[64, 64]);
     config.n_levels = 1;
     config.log2_hashmap_size = 0;
-    let layout = layout(&config);
+    let layout = sized(&config);
     assert_eq!(
         layout.levels()[0].scale[0],
         4.0,
