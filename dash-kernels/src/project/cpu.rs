@@ -4,12 +4,17 @@
 //! `g g^T + 0.3 I` and its determinant the sum `|g0 x g1|^2 + 0.3 tr + 0.09`, in which nothing
 //! cancels however thin the Gaussian is.
 
+mod linear;
+mod vjp;
+
 use rayon::prelude::*;
 
 use crate::splats::{self, ALPHA_MIN, LOW_PASS_PX2, N_COLUMNS, is_finite};
 
-use super::sh::{sh_basis, sh_basis_vjp};
+use super::sh::sh_basis;
 use super::{Activation, GaussianGradients, Gaussians, View};
+use linear::{cross, dot, mat_mul, rotation_from_quat};
+use vjp::project_one_vjp;
 
 /// Gaussians per parallel piece.
 const PIECE: usize = 512;
@@ -26,20 +31,19 @@ pub fn project(gaussians: &Gaussians<f32>, view: &View<f32>) -> Vec<f32> {
         .par_chunks_mut(PIECE * N_COLUMNS)
         .enumerate()
         .for_each(|(piece, rows)| {
-            pulp::Arch::new().dispatch(|| {
-                for (k, row) in rows.chunks_exact_mut(N_COLUMNS).enumerate() {
-                    if let Some(projected) = project_one(gaussians, piece * PIECE + k, view) {
-                        row.copy_from_slice(&projected);
-                    }
+            for (k, row) in rows.chunks_exact_mut(N_COLUMNS).enumerate() {
+                if let Some(projected) = project_one(gaussians, piece * PIECE + k, view) {
+                    row.copy_from_slice(&projected);
                 }
-            });
+            }
         });
     splats
 }
 
 /// Gradients from `splats [N, C]`, the projection, and `v_splats [N, C]`, its gradient.
 ///
-/// The gradient of the SH coefficients stays empty unless `with_sh_coeffs`.
+/// The gradient of the SH coefficients stays empty unless `with_sh_coeffs`. A Gaussian whose
+/// gradient is not finite gets zeros.
 pub fn project_vjp(
     gaussians: &Gaussians<f32>,
     view: &View<f32>,
@@ -64,19 +68,17 @@ pub fn project_vjp(
         .into_par_iter()
         .enumerate()
         .for_each(|(piece, (v_means, v_quats, v_scales, v_opacities))| {
-            pulp::Arch::new().dispatch(|| {
-                for (k, v_opacity) in v_opacities.iter_mut().enumerate() {
-                    let i = piece * PIECE + k;
-                    let (row, v_row) = (row(splats, i), row(v_splats, i));
-                    let Some(v) = project_one_vjp(gaussians, i, view, row, v_row) else {
-                        continue;
-                    };
-                    v_means[3 * k..3 * k + 3].copy_from_slice(&v.mean);
-                    v_quats[4 * k..4 * k + 4].copy_from_slice(&v.quat);
-                    v_scales[3 * k..3 * k + 3].copy_from_slice(&v.scale);
-                    *v_opacity = v.opacity;
-                }
-            });
+            for (k, v_opacity) in v_opacities.iter_mut().enumerate() {
+                let i = piece * PIECE + k;
+                let (row, v_row) = (row(splats, i), row(v_splats, i));
+                let Some(v) = project_one_vjp(gaussians, i, view, row, v_row) else {
+                    continue;
+                };
+                v_means[3 * k..3 * k + 3].copy_from_slice(&v.mean);
+                v_quats[4 * k..4 * k + 4].copy_from_slice(&v.quat);
+                v_scales[3 * k..3 * k + 3].copy_from_slice(&v.scale);
+                *v_opacity = v.opacity;
+            }
         });
     if with_sh_coeffs {
         out.v_sh_coeffs = sh_coeffs_vjp(gaussians, view, splats, v_splats);
@@ -97,28 +99,33 @@ fn sh_coeffs_vjp(
         .par_chunks_mut(width * PIECE)
         .enumerate()
         .for_each(|(piece, v_rows)| {
-            pulp::Arch::new().dispatch(|| {
-                for (k, v_coeffs) in v_rows.chunks_exact_mut(width).enumerate() {
-                    let i = piece * PIECE + k;
-                    let row = row(splats, i);
-                    if row[splats::RADIUS_X] <= 0.0 {
-                        continue;
-                    }
-                    let v_colour = clamped_colour_vjp(row, self::row(v_splats, i));
-                    if !v_colour.iter().all(|&v| is_finite(v)) {
-                        continue;
-                    }
-                    let (direction, _) = direction(gaussians, i, view);
-                    let basis = sh_basis(direction, view.sh_degree);
-                    for (v, b) in v_coeffs.chunks_exact_mut(3).zip(&basis[..n_active]) {
-                        for (v, v_channel) in v.iter_mut().zip(v_colour) {
-                            *v = b * v_channel;
-                        }
+            for (k, v_coeffs) in v_rows.chunks_exact_mut(width).enumerate() {
+                let i = piece * PIECE + k;
+                let row = row(splats, i);
+                if row[splats::RADIUS_X] <= 0.0 {
+                    continue;
+                }
+                let v_colour = clamped_colour_vjp(row, self::row(v_splats, i));
+                if !all_finite(&[v_colour]) {
+                    continue;
+                }
+                let (direction, _) = direction(gaussians, i, view);
+                let basis = sh_basis(direction, view.sh_degree);
+                for (v, b) in v_coeffs.chunks_exact_mut(3).zip(&basis[..n_active]) {
+                    for (v, v_channel) in v.iter_mut().zip(v_colour) {
+                        *v = b * v_channel;
                     }
                 }
-            });
+            }
         });
     v_sh_coeffs
+}
+
+/// Without a branch per value, unlike [`Iterator::all`].
+#[inline(always)]
+fn all_finite<const R: usize>(vectors: &[[f32; R]]) -> bool {
+    let magnitudes = vectors.as_flattened().iter().map(|v| v.to_bits() << 1);
+    magnitudes.fold(0, u32::max) < 0xff00_0000
 }
 
 #[inline(always)]
@@ -180,13 +187,13 @@ impl Footprint {
         let w = &view.rotation;
         let point: [f32; 3] = std::array::from_fn(|r| dot(w[r], mean) + view.translation[r]);
         // In the positive form, so that NaN is culled too.
-        if !(point[2] >= view.near_plane) {
+        let in_front = point[2] >= view.near_plane;
+        if !in_front {
             return None;
         }
         let quat: [f32; 4] = vector(gaussians.quats, i);
         let raw_scale: [f32; 3] = vector(gaussians.scales, i);
-        let inputs = mean.iter().chain(&quat).chain(&raw_scale).chain(&point);
-        if !inputs.into_iter().all(|&value| is_finite(value)) {
+        if !all_finite(&[mean, raw_scale, point]) || !all_finite(&[quat]) {
             return None;
         }
         let norm_squared =
@@ -230,7 +237,8 @@ fn project_one(gaussians: &Gaussians<f32>, i: usize, view: &View<f32>) -> Option
         Activation::Exp => 1.0 / (1.0 + (-raw_opacity).exp()),
         Activation::Linear => raw_opacity,
     };
-    if !(opacity >= ALPHA_MIN as f32) || !is_finite(raw_opacity) {
+    let opaque = opacity >= ALPHA_MIN as f32;
+    if !opaque || !is_finite(raw_opacity) {
         return None;
     }
     let footprint = Footprint::new(gaussians, i, view)?;
@@ -274,209 +282,6 @@ fn project_one(gaussians: &Gaussians<f32>, i: usize, view: &View<f32>) -> Option
         radii[0],
         radii[1],
     ];
-    let finite = row
-        .iter()
-        .chain(&colour)
-        .chain([&det])
-        .all(|&v| is_finite(v));
+    let finite = all_finite(&[row]) && all_finite(&[colour, [det; 3]]);
     finite.then_some(row)
-}
-
-struct Gradients {
-    mean: [f32; 3],
-    quat: [f32; 4],
-    scale: [f32; 3],
-    opacity: f32,
-}
-
-/// `None` when the Gaussian was culled, or when its gradient is not finite.
-#[inline(always)]
-fn project_one_vjp(
-    gaussians: &Gaussians<f32>,
-    i: usize,
-    view: &View<f32>,
-    row: &[f32; N_COLUMNS],
-    v_row: &[f32; N_COLUMNS],
-) -> Option<Gradients> {
-    if row[splats::RADIUS_X] <= 0.0 {
-        return None;
-    }
-    let footprint = Footprint::new(gaussians, i, view)?;
-    let (mut v_point, v_axes, mut scale) = footprint_vjp(&footprint, view, row, v_row);
-    v_point[2] += v_row[splats::DEPTH];
-    let inverse_z = 1.0 / footprint.point[2];
-    for k in 0..2 {
-        let v_ratio = view.focal[k] * v_row[splats::MEAN_X + k];
-        v_point[k] += v_ratio * inverse_z;
-        v_point[2] -= v_ratio * footprint.ratio[k] * inverse_z;
-    }
-    let w = &view.rotation;
-    let v_direction = direction_vjp(gaussians, i, view, clamped_colour_vjp(row, v_row));
-    let mean = std::array::from_fn(|k| {
-        w[0][k] * v_point[0] + w[1][k] * v_point[1] + w[2][k] * v_point[2] + v_direction[k]
-    });
-    let v_rotation = mat_mul(&transpose(w), &v_axes);
-    let v_unit = rotation_from_quat_vjp(footprint.unit_quat, &v_rotation);
-    let unit = footprint.unit_quat;
-    let along =
-        v_unit[0] * unit[0] + v_unit[1] * unit[1] + v_unit[2] * unit[2] + v_unit[3] * unit[3];
-    let quat = std::array::from_fn(|k| (v_unit[k] - along * unit[k]) * footprint.inverse_quat_norm);
-    let mut opacity = v_row[splats::OPACITY];
-    if view.activation == Activation::Exp {
-        let value = row[splats::OPACITY];
-        opacity *= value * (1.0 - value);
-        for (v, s) in scale.iter_mut().zip(footprint.scale) {
-            *v *= s;
-        }
-    }
-    let gradients = Gradients {
-        mean,
-        quat,
-        scale,
-        opacity,
-    };
-    let values = gradients.mean.iter().chain(&gradients.quat);
-    let values = values.chain(&gradients.scale).chain([&gradients.opacity]);
-    let finite = values.into_iter().all(|&v| is_finite(v));
-    finite.then_some(gradients)
-}
-
-/// Gradients of the mean in camera coordinates, of the axes `W R` and of the (activated) scales,
-/// from that of the conic.
-#[inline(always)]
-fn footprint_vjp(
-    f: &Footprint,
-    view: &View<f32>,
-    row: &[f32; N_COLUMNS],
-    v_row: &[f32; N_COLUMNS],
-) -> ([f32; 3], [[f32; 3]; 3], [f32; 3]) {
-    // v_cov = -conic v_conic conic, written out for symmetric matrices.
-    let (a, b, c) = (
-        row[splats::CONIC_A],
-        row[splats::CONIC_B],
-        row[splats::CONIC_C],
-    );
-    let (v_a, v_b, v_c) = (
-        v_row[splats::CONIC_A],
-        0.5 * v_row[splats::CONIC_B],
-        v_row[splats::CONIC_C],
-    );
-    let left = [
-        [a * v_a + b * v_b, a * v_b + b * v_c],
-        [b * v_a + c * v_b, b * v_b + c * v_c],
-    ];
-    let v_xx = -(left[0][0] * a + left[0][1] * b);
-    let v_xy = -(left[0][0] * b + left[0][1] * c);
-    let v_yy = -(left[1][0] * b + left[1][1] * c);
-
-    let [g0, g1] = f.rows;
-    let v_rows: [[f32; 3]; 2] = [
-        std::array::from_fn(|k| 2.0 * (v_xx * g0[k] + v_xy * g1[k])),
-        std::array::from_fn(|k| 2.0 * (v_xy * g0[k] + v_yy * g1[k])),
-    ];
-    let inverse_z = 1.0 / f.point[2];
-    let mut v_point = [0.0; 3];
-    let mut v_axes = [[0.0; 3]; 3];
-    let mut v_scale = [0.0; 3];
-    for k in 0..2 {
-        let per_depth = view.focal[k] * inverse_z;
-        let mut v_slope = 0.0;
-        for axis in 0..3 {
-            let unscaled = per_depth * (f.axes[k][axis] - f.slope[k] * f.axes[2][axis]);
-            v_scale[axis] += v_rows[k][axis] * unscaled;
-            let v_unscaled = v_rows[k][axis] * f.scale[axis] * per_depth;
-            v_axes[k][axis] += v_unscaled;
-            v_axes[2][axis] -= v_unscaled * f.slope[k];
-            v_slope -= v_unscaled * f.axes[2][axis];
-        }
-        v_point[2] -= dot(v_rows[k], f.rows[k]) * inverse_z;
-        if f.slope[k] == f.ratio[k] {
-            v_point[k] += v_slope * inverse_z;
-            v_point[2] -= v_slope * f.slope[k] * inverse_z;
-        }
-    }
-    (v_point, v_axes, v_scale)
-}
-
-/// Gradient of the mean through the direction it is seen from.
-#[inline(always)]
-fn direction_vjp(
-    gaussians: &Gaussians<f32>,
-    i: usize,
-    view: &View<f32>,
-    v_colour: [f32; 3],
-) -> [f32; 3] {
-    if view.sh_degree == 0 {
-        return [0.0; 3];
-    }
-    let n_active = (view.sh_degree + 1) * (view.sh_degree + 1);
-    let width = 3 * gaussians.n_coeffs;
-    let coeffs = &gaussians.sh_coeffs[i * width..i * width + 3 * n_active];
-    let mut v_basis = [0.0; 16];
-    for (v, coeffs) in v_basis.iter_mut().zip(coeffs.chunks_exact(3)) {
-        *v = v_colour[0] * coeffs[0] + v_colour[1] * coeffs[1] + v_colour[2] * coeffs[2];
-    }
-    let (direction, distance) = direction(gaussians, i, view);
-    let v_direction = sh_basis_vjp(direction, view.sh_degree, &v_basis);
-    let along = dot(v_direction, direction);
-    std::array::from_fn(|k| (v_direction[k] - along * direction[k]) / distance)
-}
-
-#[inline(always)]
-fn rotation_from_quat([w, x, y, z]: [f32; 4]) -> [[f32; 3]; 3] {
-    [
-        [
-            1.0 - 2.0 * (y * y + z * z),
-            2.0 * (x * y - w * z),
-            2.0 * (x * z + w * y),
-        ],
-        [
-            2.0 * (x * y + w * z),
-            1.0 - 2.0 * (x * x + z * z),
-            2.0 * (y * z - w * x),
-        ],
-        [
-            2.0 * (x * z - w * y),
-            2.0 * (y * z + w * x),
-            1.0 - 2.0 * (x * x + y * y),
-        ],
-    ]
-}
-
-#[inline(always)]
-fn rotation_from_quat_vjp([w, x, y, z]: [f32; 4], v: &[[f32; 3]; 3]) -> [f32; 4] {
-    let (turn_x, turn_y, turn_z) = (v[2][1] - v[1][2], v[0][2] - v[2][0], v[1][0] - v[0][1]);
-    let (xy, xz, yz) = (v[0][1] + v[1][0], v[0][2] + v[2][0], v[1][2] + v[2][1]);
-    [
-        2.0 * (x * turn_x + y * turn_y + z * turn_z),
-        2.0 * (w * turn_x + y * xy + z * xz) - 4.0 * x * (v[1][1] + v[2][2]),
-        2.0 * (w * turn_y + x * xy + z * yz) - 4.0 * y * (v[0][0] + v[2][2]),
-        2.0 * (w * turn_z + x * xz + y * yz) - 4.0 * z * (v[0][0] + v[1][1]),
-    ]
-}
-
-#[inline(always)]
-fn dot(a: [f32; 3], b: [f32; 3]) -> f32 {
-    a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
-}
-
-#[inline(always)]
-fn cross(a: [f32; 3], b: [f32; 3]) -> [f32; 3] {
-    [
-        a[1] * b[2] - a[2] * b[1],
-        a[2] * b[0] - a[0] * b[2],
-        a[0] * b[1] - a[1] * b[0],
-    ]
-}
-
-#[inline(always)]
-fn mat_mul(a: &[[f32; 3]; 3], b: &[[f32; 3]; 3]) -> [[f32; 3]; 3] {
-    std::array::from_fn(|r| {
-        std::array::from_fn(|c| a[r][0] * b[0][c] + a[r][1] * b[1][c] + a[r][2] * b[2][c])
-    })
-}
-
-#[inline(always)]
-fn transpose(m: &[[f32; 3]; 3]) -> [[f32; 3]; 3] {
-    std::array::from_fn(|r| std::array::from_fn(|c| m[c][r]))
 }

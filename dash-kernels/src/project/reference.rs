@@ -144,7 +144,8 @@ impl<T: Float> Projection<T> {
         let xy = dot(jx, mat_vec(&covariance, jy));
         let yy = dot(jy, mat_vec(&covariance, jy)) + view.low_pass;
         let det = xx * yy - xy * xy;
-        if opacity < view.alpha_min || !(det > zero) {
+        let regular = det > zero;
+        if opacity < view.alpha_min || !regular {
             return None;
         }
         let extent = c(2.0) * (opacity / view.alpha_min).ln();
@@ -224,20 +225,15 @@ impl<T: Float> Projection<T> {
         let product = mat2_mul(&mat2_mul(&conic, &v_conic), &conic);
         let v_cov2d = product.map(|row| row.map(|value| -value));
 
-        let mut v_covariance = [[zero; 3]; 3];
-        let mut v_jacobian = [[zero; 3]; 2];
-        for i in 0..2 {
-            for j in 0..2 {
-                let jc = mat_vec(&self.covariance, self.jacobian[j]);
-                for r in 0..3 {
-                    v_jacobian[i][r] = v_jacobian[i][r] + two * v_cov2d[i][j] * jc[r];
-                    for s in 0..3 {
-                        v_covariance[r][s] = v_covariance[r][s]
-                            + self.jacobian[i][r] * v_cov2d[i][j] * self.jacobian[j][s];
-                    }
-                }
-            }
-        }
+        // cov2d = J cov J^T: v_cov = J^T v_cov2d J and v_J = 2 v_cov2d J cov.
+        let j = &self.jacobian;
+        let weighted = v_cov2d
+            .map(|[v0, v1]| -> [T; 3] { std::array::from_fn(|k| v0 * j[0][k] + v1 * j[1][k]) });
+        let v_covariance = std::array::from_fn(|r| {
+            std::array::from_fn(|s| j[0][r] * weighted[0][s] + j[1][r] * weighted[1][s])
+        });
+        let v_jacobian =
+            weighted.map(|row| mat_vec(&self.covariance, row).map(|value| two * value));
         let v_world = mat_mul(
             &mat_mul(&transpose(&view.rotation), &v_covariance),
             &view.rotation,

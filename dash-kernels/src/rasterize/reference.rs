@@ -52,10 +52,9 @@ pub fn rasterize_vjp<T: Float>(
             let weight = part.alpha * part.before;
             let mut own = row[splats::DEPTH] * v[CHANNEL_DEPTH];
             v_row[splats::DEPTH] = v_row[splats::DEPTH] + weight * v[CHANNEL_DEPTH];
-            for channel in 0..3 {
-                let column = splats::RED + channel;
-                own = own + row[column] * v[channel];
-                v_row[column] = v_row[column] + weight * v[channel];
+            for (column, &v) in (splats::RED..=splats::BLUE).zip(v) {
+                own = own + row[column] * v;
+                v_row[column] = v_row[column] + weight * v;
             }
             let v_alpha = part.before * own - behind / (T::one() - part.alpha);
             behind = behind + weight * own;

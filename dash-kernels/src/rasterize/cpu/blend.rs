@@ -131,8 +131,8 @@ impl Tile {
         let opacity = simd.splat_f32s(record.opacity);
         let alpha_max = simd.splat_f32s(ALPHA_MAX as f32);
         let stop = simd.splat_f32s(TRANSMITTANCE_STOP as f32);
-        let [red, green, blue, depth] =
-            [record.red, record.green, record.blue, record.depth].map(|v| simd.splat_f32s(v));
+        let (red, green) = (simd.splat_f32s(record.red), simd.splat_f32s(record.green));
+        let (blue, depth) = (simd.splat_f32s(record.blue), simd.splat_f32s(record.depth));
         let place = simd.splat_i32s(place);
         let centres = S::as_simd_f32s(&CENTRES.0).0[group];
         let dx = simd.sub_f32s(simd.splat_f32s(record.x - left), centres);

@@ -7,7 +7,7 @@ use crate::splats::{self, ALPHA_MAX, N_DIFFERENTIABLE};
 use super::super::tiles::TILE;
 use super::super::{CHANNEL_ALPHA, CHANNEL_DEPTH, N_CHANNELS, RasterizeOptions};
 use super::band::{Band, Record, TILE_PIXELS};
-use super::lanes::{CENTRES, TilePixels, any, exp2, sum};
+use super::lanes::{CENTRES, TilePixels, any, exp2};
 
 /// Gradient of the columns that have one.
 pub type SplatGradient = [f32; N_DIFFERENTIABLE];
@@ -124,8 +124,8 @@ impl TileVjp {
         let threshold = simd.splat_f32s(record.threshold);
         let opacity = simd.splat_f32s(record.opacity);
         let alpha_max = simd.splat_f32s(ALPHA_MAX as f32);
-        let [red, green, blue, depth] =
-            [record.red, record.green, record.blue, record.depth].map(|v| simd.splat_f32s(v));
+        let (red, green) = (simd.splat_f32s(record.red), simd.splat_f32s(record.green));
+        let (blue, depth) = (simd.splat_f32s(record.blue), simd.splat_f32s(record.depth));
         let place_lanes = simd.splat_i32s(place);
 
         let transmittances = S::as_mut_simd_f32s(&mut self.transmittance.0).0;
@@ -212,7 +212,16 @@ impl TileVjp {
         if !any_drawn {
             return;
         }
-        let [m, m_x, m_xx, m_y, m_xy, m_yy] = moments.map(|lanes| sum(simd, lanes));
+        let (m, m_x, m_xx) = (
+            simd.reduce_sum_f32s(moments[0]),
+            simd.reduce_sum_f32s(moments[1]),
+            simd.reduce_sum_f32s(moments[2]),
+        );
+        let (m_y, m_xy, m_yy) = (
+            simd.reduce_sum_f32s(moments[3]),
+            simd.reduce_sum_f32s(moments[4]),
+            simd.reduce_sum_f32s(moments[5]),
+        );
         let [a, b, c] = record.conic();
         v_splat[splats::MEAN_X] -= a * m_x + b * m_y;
         v_splat[splats::MEAN_Y] -= b * m_x + c * m_y;
@@ -220,8 +229,9 @@ impl TileVjp {
         v_splat[splats::CONIC_B] -= m_xy;
         v_splat[splats::CONIC_C] -= 0.5 * m_yy;
         v_splat[splats::OPACITY] += m / record.opacity;
-        for (k, lanes) in v_colour.into_iter().enumerate() {
-            v_splat[splats::RED + k] += sum(simd, lanes);
-        }
+        v_splat[splats::RED] += simd.reduce_sum_f32s(v_colour[0]);
+        v_splat[splats::GREEN] += simd.reduce_sum_f32s(v_colour[1]);
+        v_splat[splats::BLUE] += simd.reduce_sum_f32s(v_colour[2]);
+        v_splat[splats::DEPTH] += simd.reduce_sum_f32s(v_colour[3]);
     }
 }

@@ -1,4 +1,7 @@
 //! What blending needs beyond the SIMD operations of `pulp`.
+//!
+//! Code that uses those operations must be inlined into `with_simd`, closures included: a closure
+//! handed to `array::map` is not, and then each operation becomes a call.
 
 use pulp::{Simd, bytemuck};
 
@@ -43,7 +46,7 @@ pub fn exp2<S: Simd>(simd: S, x: S::f32s) -> S::f32s {
         1.333_355_8e-3,
         9.618_129e-3,
         5.550_411e-2,
-        2.402_265_1e-1,
+        2.402_265e-1,
         std::f32::consts::LN_2,
         1.0,
     ] {
@@ -54,12 +57,6 @@ pub fn exp2<S: Simd>(simd: S, x: S::f32s) -> S::f32s {
         simd.splat_u32s(f32::MANTISSA_DIGITS - 1),
     );
     simd.transmute_f32s_u32s(simd.add_u32s(simd.transmute_u32s_f32s(power), exponent))
-}
-
-/// The sum of all lanes.
-#[inline(always)]
-pub fn sum<S: Simd>(simd: S, values: S::f32s) -> f32 {
-    simd.reduce_sum_f32s(values)
 }
 
 #[cfg(test)]
