@@ -76,35 +76,36 @@ impl SpaceBox {
 pub enum TrajectoryBasis {
     /// `p(t) = p + t dp`, the paper's Eq. 4.
     Linear,
-    /// `p(t) = p + sum_k (1 - cos(k pi t)) dp_k` for k = 1..=4: smooth, at rest in `p` at t = 0, and
-    /// able to come back, which a linear motion is not.
-    Cosine,
+    /// A polyline that starts at `p` and adds `dp_k` over the k-th of equal spans of the clip. What
+    /// is learnt of one span moves all later times along but no earlier one, so motion can be
+    /// followed from the first frame on.
+    Polyline {
+        /// The number of spans.
+        spans: usize,
+    },
 }
-
-/// Terms of [`TrajectoryBasis::Cosine`].
-const COSINE_TERMS: usize = 4;
 
 impl TrajectoryBasis {
     /// The number of functions `B`.
     pub fn len(self) -> usize {
         match self {
             Self::Linear => 1,
-            Self::Cosine => COSINE_TERMS,
+            Self::Polyline { spans } => spans,
         }
     }
 
-    /// Always false: a basis has at least one function.
+    /// Whether there are none, so that nothing moves.
     pub fn is_empty(self) -> bool {
-        false
+        self.len() == 0
     }
 
     /// The functions' values at `time` in [0, 1].
     pub fn at(self, time: f32) -> Vec<f32> {
         match self {
             Self::Linear => vec![time],
-            Self::Cosine => (1..=COSINE_TERMS)
-                .map(|k| 1.0 - (std::f32::consts::PI * k as f32 * time).cos())
-                .collect(),
+            Self::Polyline { spans } => {
+                (0..spans).map(|k| (time * spans as f32 - k as f32).clamp(0.0, 1.0)).collect()
+            }
         }
     }
 
@@ -113,32 +114,57 @@ impl TrajectoryBasis {
     /// # Shapes
     /// `coefficients [N, B * 3] -> [N, 3]`, world units.
     pub fn displacement(self, coefficients: Tensor<2>, time: f32) -> Tensor<2> {
-        let values = self.at(time);
-        let mut sum = coefficients.clone().narrow(1, 0, 3) * values[0];
-        for (k, value) in values.iter().enumerate().skip(1) {
-            sum = sum + coefficients.clone().narrow(1, 3 * k, 3) * *value;
-        }
-        sum
+        combine(coefficients, &[self.at(time)])
     }
 
-    /// Mean square of the displacement about its mean over the clip, times the number that makes
-    /// it `|dp|^2` for [`TrajectoryBasis::Linear`], as the paper measures motion.
+    /// Mean square distance from where the trajectory starts, in units that make it `|dp|^2` for a
+    /// steady motion, as the paper measures it.
     ///
     /// # Shapes
     /// `coefficients [N, B * 3] -> [N]`
     pub fn squared_extent(self, coefficients: Tensor<2>) -> Tensor<1> {
-        // A cosine of amplitude a has variance a^2 / 2; a ramp of height a has a^2 / 12.
-        let weight = match self {
-            Self::Linear => 1.0,
-            Self::Cosine => 6.0,
-        };
-        (coefficients.powi_scalar(2) * weight).sum_dim(1).squeeze_dim(1)
+        let ends = self.len();
+        let times: Vec<f32> = (1..=ends).map(|k| k as f32 / ends as f32).collect();
+        let steady: f32 = times.iter().map(|t| t * t).sum();
+        let values: Vec<Vec<f32>> = times.into_iter().map(|time| self.at(time)).collect();
+        combine(coefficients, &values).powi_scalar(2).sum_dim(1).squeeze_dim::<1>(1) / steady
     }
+}
+
+/// Displacements at several times, one product: `coefficients [N, B * 3]`, the functions' values at
+/// `M` times -> `[N, M * 3]`.
+fn combine(coefficients: Tensor<2>, values: &[Vec<f32>]) -> Tensor<2> {
+    let (columns, rows) = (3 * values.len(), coefficients.dims()[1]);
+    let mut weights = vec![0.0f32; rows * columns];
+    for (time, values) in values.iter().enumerate() {
+        for (k, value) in values.iter().enumerate() {
+            for axis in 0..3 {
+                weights[(3 * k + axis) * columns + 3 * time + axis] = *value;
+            }
+        }
+    }
+    let weights = Tensor::from_data(TensorData::new(weights, [rows, columns]), &coefficients.device());
+    coefficients.matmul(weights)
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_polyline_moves_later_times_only_and_ends_where_its_parts_add_up() {
+        let basis = TrajectoryBasis::Polyline { spans: 4 };
+        assert_eq!(basis.at(0.0), [0.0; 4]);
+        assert_eq!(basis.at(0.375), [1.0, 0.5, 0.0, 0.0]);
+        assert_eq!(basis.at(1.0), [1.0; 4]);
+        let coefficients = Tensor::<2>::from_data(
+            [[1.0, 0.0, 0.0, 0.0, 2.0, 0.0, 0.0, 0.0, 3.0, 0.0, 0.0, 0.0]],
+            &burn::tensor::Device::flex(),
+        );
+        let at = |time| basis.displacement(coefficients.clone(), time).into_data();
+        assert_eq!(at(0.375).try_into_vec::<f32>().expect("f32"), [1.0, 1.0, 0.0]);
+        assert_eq!(at(1.0).try_into_vec::<f32>().expect("f32"), [1.0, 2.0, 3.0]);
+    }
 
     #[test]
     fn a_box_ignores_outliers_and_nan_and_is_never_flat() {

@@ -10,6 +10,7 @@ use rand::{Rng, SeedableRng};
 use rand_pcg::Pcg64;
 
 const SIZE: usize = 40;
+const BASIS: TrajectoryBasis = TrajectoryBasis::Polyline { spans: 4 };
 
 fn devices() -> Vec<Device> {
     vec![
@@ -54,7 +55,7 @@ fn field_config() -> DeformationConfig {
 fn scene(n_static: usize, n_dynamic: Option<usize>, offsets: OffsetPlacement, device: &Device) -> DynamicScene {
     let dynamic = n_dynamic.map(|n| {
         let mut moving = rows(n, 2, 1);
-        moving.trajectory_width = 3 * TrajectoryBasis::Cosine.len();
+        moving.trajectory_width = 3 * BASIS.len();
         moving.trajectories = (0..n * moving.trajectory_width).map(|i| 0.1 * (i as f32).sin()).collect();
         let space = SpaceBox::around(&moving.means, 0.0, 0.1);
         let mut rng = Pcg64::seed_from_u64(3);
@@ -69,7 +70,7 @@ fn scene(n_static: usize, n_dynamic: Option<usize>, offsets: OffsetPlacement, de
         settings: SceneSettings {
             background: [0.1, 0.2, 0.3],
             sh_degree: 1,
-            trajectory_basis: TrajectoryBasis::Cosine,
+            trajectory_basis: BASIS,
             offsets,
         },
     }

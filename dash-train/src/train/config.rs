@@ -254,7 +254,7 @@ impl TrainConfig {
                 dssim: 0.2,
                 static_motion: 0.01,
                 smoothness: 0.01,
-                dynamic_opacity: 0.03,
+                dynamic_opacity: 0.1,
                 smoothness_step: [5e-3, 1e-4],
             },
             learning_rates: LearningRates {
@@ -279,7 +279,7 @@ impl TrainConfig {
                 quantile: 0.0,
                 floor: 0.015,
                 keep_trajectories: true,
-                basis: TrajectoryBasis::Cosine,
+                basis: TrajectoryBasis::Polyline { spans: 12 },
                 encoder: HashEncoderConfig {
                     n_levels: 8,
                     n_features_per_level: 2,
@@ -340,9 +340,8 @@ impl TrainConfig {
         self.sh_degree = 1;
         self.max_initial_points = 20_000;
         self.learning_rates.means_final = 1.6e-5;
-        for density in [&mut self.density_static, &mut self.density_dynamic] {
-            density.opacity_reset_interval = 1_500;
-        }
+        self.density_static.opacity_reset_interval = 2_000;
+        self.density_dynamic.opacity_reset_interval = 800;
         self.density_static.max_gaussians = 8_000;
         self.density_dynamic.max_gaussians = 4_000;
         self.decomposition.review_interval = 250;

@@ -479,7 +479,8 @@ impl Trainer {
                 && step < config.step_at(density.until)
                 && (step - since).is_multiple_of(interval)
         };
-        if resets(&config.density_static, 0) {
+        // While motion is being followed, what it follows must stay in sight.
+        if self.motion.is_none() && resets(&config.density_static, 0) {
             self.scene.static_set = with_low_opacity(self.scene.static_set.clone());
             self.optimizer.reset(&format!("{STATIC}opacity_logits"));
         }
