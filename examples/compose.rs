@@ -23,7 +23,9 @@ struct ImageField {
 impl ImageField {
     /// `positions [N, 2]` in [0, 1] -> `[N, 3]`
     fn forward(&self, positions: Tensor<2>) -> Result<Tensor<2>, ModelError> {
-        Ok(sigmoid(self.decoder.forward(self.encoder.forward(positions)?)))
+        Ok(sigmoid(
+            self.decoder.forward(self.encoder.forward(positions)?),
+        ))
     }
 }
 
@@ -51,17 +53,23 @@ fn main() -> Result<(), ModelError> {
     let mut model = ImageField { encoder, decoder };
 
     let centre = |i: usize| (i as f32 + 0.5) / SIZE as f32;
-    let pixels: Vec<[f32; 2]> =
-        (0..SIZE * SIZE).map(|i| [centre(i % SIZE), centre(i / SIZE)]).collect();
+    let pixels: Vec<[f32; 2]> = (0..SIZE * SIZE)
+        .map(|i| [centre(i % SIZE), centre(i / SIZE)])
+        .collect();
     let colors: Vec<f32> = pixels.iter().flat_map(|[x, y]| color(*x, *y)).collect();
     let upload = |values: &[f32], width| {
-        Tensor::<2>::from_data(TensorData::new(values.to_vec(), [SIZE * SIZE, width]), &device)
+        Tensor::<2>::from_data(
+            TensorData::new(values.to_vec(), [SIZE * SIZE, width]),
+            &device,
+        )
     };
     let (positions, target) = (upload(pixels.as_flattened(), 2), upload(&colors, 3));
 
     let mut optimizer = AdamConfig::new().init();
     for step in 0..=300 {
-        let loss = (model.forward(positions.clone())? - target.clone()).powi_scalar(2).mean();
+        let loss = (model.forward(positions.clone())? - target.clone())
+            .powi_scalar(2)
+            .mean();
         if step % 50 == 0 {
             let mse: f32 = loss.clone().into_scalar();
             println!("step {step:3}   PSNR {:5.2} dB", -10.0 * mse.log10());

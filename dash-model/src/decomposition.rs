@@ -10,7 +10,10 @@ pub struct MotionStatistics {
 impl MotionStatistics {
     /// No evidence yet for `n` Gaussians.
     pub fn new(n: usize) -> Self {
-        Self { weighted: vec![0.0; n], weights: vec![0.0; n] }
+        Self {
+            weighted: vec![0.0; n],
+            weights: vec![0.0; n],
+        }
     }
 
     /// Rebuilds statistics from [`MotionStatistics::parts`].
@@ -29,8 +32,16 @@ impl MotionStatistics {
     /// # Panics
     /// When the numbers of Gaussians differ.
     pub fn add(&mut self, motion: &[f32], weights: &[f32]) {
-        assert_eq!(motion.len(), self.weights.len(), "one measurement for each Gaussian");
-        assert_eq!(weights.len(), self.weights.len(), "one weight for each Gaussian");
+        assert_eq!(
+            motion.len(),
+            self.weights.len(),
+            "one measurement for each Gaussian"
+        );
+        assert_eq!(
+            weights.len(),
+            self.weights.len(),
+            "one weight for each Gaussian"
+        );
         for (i, (&m, &w)) in motion.iter().zip(weights).enumerate() {
             if m.is_finite() && w > 0.0 {
                 self.weighted[i] += m * w;
@@ -76,7 +87,10 @@ pub fn percentile_threshold(motion: &[f32], quantile: f32) -> f32 {
 /// that a scene in which nothing moves has no dynamic part.
 pub fn select_dynamic(motion: &[f32], quantile: f32, floor: f32) -> Vec<bool> {
     let threshold = percentile_threshold(motion, quantile);
-    motion.iter().map(|&m| m.is_finite() && m > threshold && m > floor).collect()
+    motion
+        .iter()
+        .map(|&m| m.is_finite() && m > threshold && m > floor)
+        .collect()
 }
 
 #[cfg(test)]

@@ -38,7 +38,11 @@ pub enum ModelError {
 impl ModelError {
     /// An [`ModelError::Io`] for `path`.
     pub fn io(path: &std::path::Path, action: &'static str, source: std::io::Error) -> Self {
-        Self::Io { path: path.to_path_buf(), action, source }
+        Self::Io {
+            path: path.to_path_buf(),
+            action,
+            source,
+        }
     }
 
     /// An [`ModelError::Format`] for `path`.
@@ -47,6 +51,10 @@ impl ModelError {
         expected: impl Into<String>,
         found: impl Into<String>,
     ) -> Self {
-        Self::Format { path: path.to_path_buf(), expected: expected.into(), found: found.into() }
+        Self::Format {
+            path: path.to_path_buf(),
+            expected: expected.into(),
+            found: found.into(),
+        }
     }
 }

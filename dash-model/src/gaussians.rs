@@ -114,9 +114,13 @@ impl Gaussians {
     /// Moves rows to a device.
     pub fn from_rows(rows: &GaussianRows, device: &Device) -> Self {
         let n = rows.len();
-        let data = |values: &[f32], shape: &[usize]| TensorData::new(values.to_vec(), shape.to_vec());
+        let data =
+            |values: &[f32], shape: &[usize]| TensorData::new(values.to_vec(), shape.to_vec());
         let trajectories = (rows.trajectory_width > 0).then(|| {
-            Param::from_data(data(&rows.trajectories, &[n, rows.trajectory_width]), device)
+            Param::from_data(
+                data(&rows.trajectories, &[n, rows.trajectory_width]),
+                device,
+            )
         });
         Self {
             means: Param::from_data(data(rows.means.as_flattened(), &[n, 3]), device),
@@ -162,7 +166,10 @@ impl GaussianRows {
             quats: vec![[1.0, 0.0, 0.0, 0.0]; n],
             log_scales,
             opacity_logits: vec![logit(INITIAL_OPACITY); n],
-            sh_dc: colors.iter().map(|c| c.map(|v| (v - 0.5) / SH_C0)).collect(),
+            sh_dc: colors
+                .iter()
+                .map(|c| c.map(|v| (v - 0.5) / SH_C0))
+                .collect(),
             sh_rest: vec![0.0; n * sh_rest_width],
             sh_rest_width,
             trajectories: Vec::new(),
@@ -194,7 +201,10 @@ impl GaussianRows {
     /// When the row widths differ.
     pub fn append(&mut self, other: &Self) {
         assert_eq!(self.sh_rest_width, other.sh_rest_width, "SH degrees differ");
-        assert_eq!(self.trajectory_width, other.trajectory_width, "trajectories differ");
+        assert_eq!(
+            self.trajectory_width, other.trajectory_width,
+            "trajectories differ"
+        );
         self.means.extend(&other.means);
         self.quats.extend(&other.quats);
         self.log_scales.extend(&other.log_scales);
@@ -216,7 +226,9 @@ pub fn gather_rows(values: &[f32], width: usize, sources: &[usize]) -> Vec<f32> 
 
 /// The logit of an opacity, clamped to where the sigmoid still answers.
 pub fn logit(opacity: f32) -> f32 {
-    (opacity / (1.0 - opacity)).ln().clamp(-LOGIT_LIMIT, LOGIT_LIMIT)
+    (opacity / (1.0 - opacity))
+        .ln()
+        .clamp(-LOGIT_LIMIT, LOGIT_LIMIT)
 }
 
 /// Root mean square distance to the three nearest neighbours, world units.
@@ -237,7 +249,11 @@ fn neighbour_distances(positions: &[[f32; 3]], fallback: f32) -> Vec<f32> {
             let found = tree.nearest_n::<SquaredEuclidean>(point, wanted);
             let sum: f32 = found.iter().map(|n| n.distance).sum();
             let mean = sum / (found.len().max(2) - 1) as f32;
-            if mean.is_finite() && mean > 1e-14 { mean.sqrt() } else { fallback }
+            if mean.is_finite() && mean > 1e-14 {
+                mean.sqrt()
+            } else {
+                fallback
+            }
         })
         .collect()
 }

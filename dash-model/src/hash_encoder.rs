@@ -47,7 +47,11 @@ impl HashEncoderConfig {
             } else {
                 Interpolation::Linear
             },
-            sizing: if self.reference_sizing { LevelSizing::Reference } else { LevelSizing::Paper },
+            sizing: if self.reference_sizing {
+                LevelSizing::Reference
+            } else {
+                LevelSizing::Paper
+            },
         }
     }
 

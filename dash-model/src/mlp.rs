@@ -28,10 +28,13 @@ impl Mlp {
     /// `[N, first width] -> [N, last width]`
     pub fn forward(&self, input: Tensor<2>) -> Tensor<2> {
         let last = self.layers.len() - 1;
-        self.layers.iter().enumerate().fold(input, |x, (index, layer)| {
-            let x = layer.forward(x);
-            if index < last { relu(x) } else { x }
-        })
+        self.layers
+            .iter()
+            .enumerate()
+            .fold(input, |x, (index, layer)| {
+                let x = layer.forward(x);
+                if index < last { relu(x) } else { x }
+            })
     }
 }
 
@@ -48,6 +51,9 @@ pub fn linear(
         .collect();
     Linear {
         weight: Param::from_data(TensorData::new(weights, [d_input, d_output]), device),
-        bias: Some(Param::from_data(TensorData::new(vec![0.0f32; d_output], [d_output]), device)),
+        bias: Some(Param::from_data(
+            TensorData::new(vec![0.0f32; d_output], [d_output]),
+            device,
+        )),
     }
 }

@@ -51,7 +51,13 @@ impl MotionField {
         let encoder = grid.init(rng, device)?;
         let trunk = Mlp::new(&[encoder.n_output_features(), hidden, hidden], rng, device);
         let head = linear(hidden, 3 * basis.len(), INITIAL_HEAD, rng, device);
-        Ok(Self { encoder, trunk, head, basis, space })
+        Ok(Self {
+            encoder,
+            trunk,
+            head,
+            basis,
+            space,
+        })
     }
 
     /// Trajectory coefficients of points.

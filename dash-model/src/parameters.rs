@@ -31,7 +31,11 @@ pub fn with_parameters<M: Module>(
     module: M,
     parameters: BTreeMap<String, HostTensor>,
 ) -> Result<M, String> {
-    let mut loader = Loader { path: Path::default(), parameters, error: None };
+    let mut loader = Loader {
+        path: Path::default(),
+        parameters,
+        error: None,
+    };
     let module = module.map(&mut loader);
     match loader.error {
         Some(error) => Err(error),
@@ -82,7 +86,8 @@ impl ModuleVisitor for Collector {
         let tensor = param.val();
         let shape = tensor.dims().to_vec();
         let values = crate::gaussians::to_host(tensor);
-        self.found.insert(self.path.name(), HostTensor { shape, values });
+        self.found
+            .insert(self.path.name(), HostTensor { shape, values });
     }
 }
 
@@ -109,7 +114,10 @@ impl ModuleMapper for Loader {
         };
         let expected = param.dims();
         if stored.shape.len() != D || stored.shape[1..] != expected[1..] {
-            self.error.get_or_insert(format!("`{name}` of shape {:?}, not {expected:?}", stored.shape));
+            self.error.get_or_insert(format!(
+                "`{name}` of shape {:?}, not {expected:?}",
+                stored.shape
+            ));
             return param;
         }
         let device = param.val().device();

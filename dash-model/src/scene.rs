@@ -1,8 +1,8 @@
 //! The whole scene: static Gaussians, and the few that move.
 
 use burn::module::{Module, Param};
-use burn::tensor::activation::sigmoid;
 use burn::tensor::Tensor;
+use burn::tensor::activation::sigmoid;
 use dash_kernels::Camera;
 use dash_kernels::project::{Activation, ProjectOptions, project};
 use dash_kernels::rasterize::{RasterizeOptions, rasterize};
@@ -116,7 +116,10 @@ impl DynamicPart {
         let means = self.gaussians.means.val();
         match &self.gaussians.trajectories {
             Some(coefficients) => {
-                means + settings.trajectory_basis.displacement(coefficients.val(), time)
+                means
+                    + settings
+                        .trajectory_basis
+                        .displacement(coefficients.val(), time)
             }
             None => means,
         }
@@ -187,7 +190,10 @@ impl DynamicScene {
             set.opacity_logits.val(),
             set.sh_coeffs(),
             camera,
-            &ProjectOptions { sh_degree: Some(self.settings.sh_degree), ..Default::default() },
+            &ProjectOptions {
+                sh_degree: Some(self.settings.sh_degree),
+                ..Default::default()
+            },
         )?)
     }
 
@@ -195,7 +201,11 @@ impl DynamicScene {
     ///
     /// # Errors
     /// When a shape does not fit.
-    pub fn dynamic_splats(&self, camera: &Camera, time: f32) -> Result<Option<Tensor<2>>, ModelError> {
+    pub fn dynamic_splats(
+        &self,
+        camera: &Camera,
+        time: f32,
+    ) -> Result<Option<Tensor<2>>, ModelError> {
         let Some(dynamic) = self.dynamic.as_ref().filter(|d| !d.gaussians.is_empty()) else {
             return Ok(None);
         };
@@ -225,7 +235,9 @@ impl DynamicScene {
             height: camera.height,
             background: self.settings.background,
         };
-        Ok(Rendering { image: rasterize(splats, &options)? })
+        Ok(Rendering {
+            image: rasterize(splats, &options)?,
+        })
     }
 
     /// The scene from `camera` at `time` in [0, 1].
@@ -291,6 +303,9 @@ impl DynamicScene {
 
     /// Numbers of static and dynamic Gaussians.
     pub fn counts(&self) -> (usize, usize) {
-        (self.static_set.len(), self.dynamic.as_ref().map_or(0, |d| d.gaussians.len()))
+        (
+            self.static_set.len(),
+            self.dynamic.as_ref().map_or(0, |d| d.gaussians.len()),
+        )
     }
 }

@@ -76,8 +76,9 @@ impl DynamicScene {
         let parameters = read_tensors(&tensor_path)?;
         description.check(&parameters, &tensor_path)?;
         let skeleton = description.skeleton(device)?;
-        with_parameters(skeleton, parameters)
-            .map_err(|found| ModelError::format(&tensor_path, "the parameters of scene.json", found))
+        with_parameters(skeleton, parameters).map_err(|found| {
+            ModelError::format(&tensor_path, "the parameters of scene.json", found)
+        })
     }
 
     fn describe(&self) -> SceneDescription {
@@ -106,7 +107,11 @@ impl SceneDescription {
     fn skeleton(&self, device: &Device) -> Result<DynamicScene, ModelError> {
         let sh_rest_width = ((self.sh_degree + 1).pow(2) - 1) * 3;
         let empty = |trajectory_width| {
-            let rows = GaussianRows { sh_rest_width, trajectory_width, ..Default::default() };
+            let rows = GaussianRows {
+                sh_rest_width,
+                trajectory_width,
+                ..Default::default()
+            };
             Gaussians::from_rows(&rows, device)
         };
         let dynamic = match &self.field {
@@ -121,7 +126,11 @@ impl SceneDescription {
                 )?,
             }),
         };
-        Ok(DynamicScene { static_set: empty(0), dynamic, settings: self.settings.clone() })
+        Ok(DynamicScene {
+            static_set: empty(0),
+            dynamic,
+            settings: self.settings.clone(),
+        })
     }
 
     /// Every per-Gaussian tensor has the number of rows that the description names.
@@ -134,7 +143,10 @@ impl SceneDescription {
             return Err(ModelError::format(
                 path,
                 "spherical harmonics of degree 0 to 3",
-                format!("{} stored, {} active", self.sh_degree, self.settings.sh_degree),
+                format!(
+                    "{} stored, {} active",
+                    self.sh_degree, self.settings.sh_degree
+                ),
             ));
         }
         for (name, tensor) in parameters {
@@ -175,7 +187,9 @@ pub fn write_tensors(
     let bytes = views
         .and_then(|views| safetensors::serialize(views, None))
         .map_err(|e| ModelError::Config(format!("tensors for {}: {e}", path.display())))?;
-    write_atomically(path, |mut file| std::io::Write::write_all(&mut file, &bytes))
+    write_atomically(path, |mut file| {
+        std::io::Write::write_all(&mut file, &bytes)
+    })
 }
 
 /// Reads a safetensors file of f32 tensors.
@@ -194,7 +208,13 @@ pub fn read_tensors(path: &Path) -> Result<BTreeMap<String, HostTensor>, ModelEr
                 return Err(ModelError::format(path, "f32 tensors", found));
             }
             let values = bytemuck::pod_collect_to_vec(view.data());
-            Ok((name, HostTensor { shape: view.shape().to_vec(), values }))
+            Ok((
+                name,
+                HostTensor {
+                    shape: view.shape().to_vec(),
+                    values,
+                },
+            ))
         })
         .collect()
 }

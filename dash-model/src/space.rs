@@ -19,7 +19,11 @@ pub struct SpaceBox {
 impl SpaceBox {
     /// The box `[-bound, bound]^3` of the released code, with nothing outside it.
     pub fn fixed(bound: f32) -> Self {
-        Self { min: [-bound; 3], max: [bound; 3], clamp: false }
+        Self {
+            min: [-bound; 3],
+            max: [bound; 3],
+            clamp: false,
+        }
     }
 
     /// A box around points: from the `tail` to the `1 - tail` quantile of each axis, widened by
@@ -27,8 +31,11 @@ impl SpaceBox {
     pub fn around(points: &[[f32; 3]], tail: f32, margin: f32) -> Self {
         let (mut min, mut max) = ([-1.0f32; 3], [1.0f32; 3]);
         for axis in 0..3 {
-            let mut values: Vec<f32> =
-                points.iter().map(|p| p[axis]).filter(|v| v.is_finite()).collect();
+            let mut values: Vec<f32> = points
+                .iter()
+                .map(|p| p[axis])
+                .filter(|v| v.is_finite())
+                .collect();
             if values.is_empty() {
                 continue;
             }
@@ -49,12 +56,19 @@ impl SpaceBox {
                 max[axis] += missing / 2.0;
             }
         }
-        Self { min, max, clamp: true }
+        Self {
+            min,
+            max,
+            clamp: true,
+        }
     }
 
     /// Length of the diagonal, world units.
     pub fn diagonal(&self) -> f32 {
-        (0..3).map(|a| (self.max[a] - self.min[a]).powi(2)).sum::<f32>().sqrt()
+        (0..3)
+            .map(|a| (self.max[a] - self.min[a]).powi(2))
+            .sum::<f32>()
+            .sqrt()
     }
 
     /// World positions in the unit cube.
@@ -63,10 +77,16 @@ impl SpaceBox {
     /// `[N, 3] -> [N, 3]`
     pub fn normalize(&self, positions: Tensor<2>) -> Tensor<2> {
         let device = positions.device();
-        let row = |values: [f32; 3]| Tensor::<2>::from_data(TensorData::new(values.to_vec(), [1, 3]), &device);
+        let row = |values: [f32; 3]| {
+            Tensor::<2>::from_data(TensorData::new(values.to_vec(), [1, 3]), &device)
+        };
         let scale: [f32; 3] = std::array::from_fn(|a| 1.0 / (self.max[a] - self.min[a]));
         let unit = (positions - row(self.min)) * row(scale);
-        if self.clamp { unit.clamp(0.0, 1.0) } else { unit }
+        if self.clamp {
+            unit.clamp(0.0, 1.0)
+        } else {
+            unit
+        }
     }
 }
 
@@ -103,9 +123,9 @@ impl TrajectoryBasis {
     pub fn at(self, time: f32) -> Vec<f32> {
         match self {
             Self::Linear => vec![time],
-            Self::Polyline { spans } => {
-                (0..spans).map(|k| (time * spans as f32 - k as f32).clamp(0.0, 1.0)).collect()
-            }
+            Self::Polyline { spans } => (0..spans)
+                .map(|k| (time * spans as f32 - k as f32).clamp(0.0, 1.0))
+                .collect(),
         }
     }
 
@@ -127,7 +147,11 @@ impl TrajectoryBasis {
         let times: Vec<f32> = (1..=ends).map(|k| k as f32 / ends as f32).collect();
         let steady: f32 = times.iter().map(|t| t * t).sum();
         let values: Vec<Vec<f32>> = times.into_iter().map(|time| self.at(time)).collect();
-        combine(coefficients, &values).powi_scalar(2).sum_dim(1).squeeze_dim::<1>(1) / steady
+        combine(coefficients, &values)
+            .powi_scalar(2)
+            .sum_dim(1)
+            .squeeze_dim::<1>(1)
+            / steady
     }
 }
 
@@ -143,7 +167,10 @@ fn combine(coefficients: Tensor<2>, values: &[Vec<f32>]) -> Tensor<2> {
             }
         }
     }
-    let weights = Tensor::from_data(TensorData::new(weights, [rows, columns]), &coefficients.device());
+    let weights = Tensor::from_data(
+        TensorData::new(weights, [rows, columns]),
+        &coefficients.device(),
+    );
     coefficients.matmul(weights)
 }
 
@@ -162,7 +189,10 @@ mod tests {
             &burn::tensor::Device::flex(),
         );
         let at = |time| basis.displacement(coefficients.clone(), time).into_data();
-        assert_eq!(at(0.375).try_into_vec::<f32>().expect("f32"), [1.0, 1.0, 0.0]);
+        assert_eq!(
+            at(0.375).try_into_vec::<f32>().expect("f32"),
+            [1.0, 1.0, 0.0]
+        );
         assert_eq!(at(1.0).try_into_vec::<f32>().expect("f32"), [1.0, 2.0, 3.0]);
     }
 

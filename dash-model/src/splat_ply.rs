@@ -27,15 +27,27 @@ pub fn read_splat_ply(path: &Path) -> Result<GaussianRows, ModelError> {
         .cloned()
         .ok_or_else(|| ModelError::format(path, "`vertex` as the first element", "another"))?;
     let names: Vec<&str> = vertex.properties.iter().map(|p| p.name.as_str()).collect();
-    if vertex.properties.iter().any(|p| matches!(p.property_type, PropertyType::List { .. })) {
-        return Err(ModelError::format(path, "scalar vertex properties", "a list property"));
+    if vertex
+        .properties
+        .iter()
+        .any(|p| matches!(p.property_type, PropertyType::List { .. }))
+    {
+        return Err(ModelError::format(
+            path,
+            "scalar vertex properties",
+            "a list property",
+        ));
     }
     let columns = Columns::find(&names).map_err(|missing| {
-        ModelError::format(path, format!("the 3DGS property `{missing}`"), names.join(" "))
+        ModelError::format(
+            path,
+            format!("the 3DGS property `{missing}`"),
+            names.join(" "),
+        )
     })?;
-    let table: Table = reader
-        .next_element()
-        .map_err(|e| ModelError::format(path, format!("{} vertices", vertex.count), e.to_string()))?;
+    let table: Table = reader.next_element().map_err(|e| {
+        ModelError::format(path, format!("{} vertices", vertex.count), e.to_string())
+    })?;
     if table.rows != vertex.count {
         return Err(ModelError::format(
             path,
@@ -61,7 +73,11 @@ pub fn write_splat_ply(path: &Path, rows: &GaussianRows) -> Result<(), ModelErro
 
     crate::scene_file::write_atomically(path, |file| {
         let mut out = BufWriter::new(file);
-        writeln!(out, "ply\nformat binary_little_endian 1.0\nelement vertex {}", rows.len())?;
+        writeln!(
+            out,
+            "ply\nformat binary_little_endian 1.0\nelement vertex {}",
+            rows.len()
+        )?;
         for name in &names {
             writeln!(out, "property float {name}")?;
         }
@@ -100,7 +116,9 @@ impl Columns {
     fn find(names: &[&str]) -> Result<Self, String> {
         let column = |name: String| names.iter().position(|n| *n == name).ok_or(name);
         let columns = |prefix: &str, count: usize| {
-            (0..count).map(|i| column(format!("{prefix}{i}"))).collect::<Result<Vec<_>, _>>()
+            (0..count)
+                .map(|i| column(format!("{prefix}{i}")))
+                .collect::<Result<Vec<_>, _>>()
         };
         let fixed = |found: Vec<usize>| [found[0], found[1], found[2]];
         let n_rest = names.iter().filter(|n| n.starts_with("f_rest_")).count();
@@ -109,7 +127,11 @@ impl Columns {
         }
         let quats = columns("rot_", 4)?;
         Ok(Self {
-            means: [column("x".into())?, column("y".into())?, column("z".into())?],
+            means: [
+                column("x".into())?,
+                column("y".into())?,
+                column("z".into())?,
+            ],
             dc: fixed(columns("f_dc_", 3)?),
             rest: columns("f_rest_", n_rest)?,
             opacity: column("opacity".into())?,
@@ -118,9 +140,17 @@ impl Columns {
         })
     }
 
-    fn gather(&self, values: &[f32], width: usize, path: &Path) -> Result<GaussianRows, ModelError> {
+    fn gather(
+        &self,
+        values: &[f32],
+        width: usize,
+        path: &Path,
+    ) -> Result<GaussianRows, ModelError> {
         let per_channel = self.rest.len() / 3;
-        let mut rows = GaussianRows { sh_rest_width: self.rest.len(), ..Default::default() };
+        let mut rows = GaussianRows {
+            sh_rest_width: self.rest.len(),
+            ..Default::default()
+        };
         for (index, row) in values.chunks_exact(width).enumerate() {
             let mean = self.means.map(|c| row[c]);
             if mean.iter().any(|v| !v.is_finite()) {
@@ -133,7 +163,8 @@ impl Columns {
             rows.means.push(mean);
             rows.sh_dc.push(self.dc.map(|c| row[c]));
             for k in 0..per_channel {
-                rows.sh_rest.extend((0..3).map(|channel| row[self.rest[channel * per_channel + k]]));
+                rows.sh_rest
+                    .extend((0..3).map(|channel| row[self.rest[channel * per_channel + k]]));
             }
             rows.opacity_logits.push(row[self.opacity]);
             rows.log_scales.push(self.scales.map(|c| row[c]));

@@ -22,13 +22,19 @@ fn devices() -> Vec<Device> {
 }
 
 fn camera() -> Camera {
-    Camera::new(45.0, 45.0, 20.0, 20.0, SIZE, SIZE).look_at([0.0, 0.0, -4.0], [0.0; 3], [0.0, 1.0, 0.0])
+    Camera::new(45.0, 45.0, 20.0, 20.0, SIZE, SIZE).look_at(
+        [0.0, 0.0, -4.0],
+        [0.0; 3],
+        [0.0, 1.0, 0.0],
+    )
 }
 
 fn rows(n: usize, seed: u64, sh_degree: usize) -> GaussianRows {
     let mut rng = Pcg64::seed_from_u64(seed);
     let mut triple = |low: f32, high: f32| -> Vec<[f32; 3]> {
-        (0..n).map(|_| std::array::from_fn(|_| rng.random_range(low..high))).collect()
+        (0..n)
+            .map(|_| std::array::from_fn(|_| rng.random_range(low..high)))
+            .collect()
     };
     let mut rows = GaussianRows::from_points(&triple(-1.0, 1.0), &triple(0.0, 1.0), sh_degree, 0.1);
     rows.opacity_logits.fill(2.0);
@@ -52,11 +58,18 @@ fn field_config() -> DeformationConfig {
 }
 
 /// A scene with as many static and dynamic Gaussians as asked for; `None` has no dynamic part.
-fn scene(n_static: usize, n_dynamic: Option<usize>, offsets: OffsetPlacement, device: &Device) -> DynamicScene {
+fn scene(
+    n_static: usize,
+    n_dynamic: Option<usize>,
+    offsets: OffsetPlacement,
+    device: &Device,
+) -> DynamicScene {
     let dynamic = n_dynamic.map(|n| {
         let mut moving = rows(n, 2, 1);
         moving.trajectory_width = 3 * BASIS.len();
-        moving.trajectories = (0..n * moving.trajectory_width).map(|i| 0.1 * (i as f32).sin()).collect();
+        moving.trajectories = (0..n * moving.trajectory_width)
+            .map(|i| 0.1 * (i as f32).sin())
+            .collect();
         let space = SpaceBox::around(&moving.means, 0.0, 0.1);
         let mut rng = Pcg64::seed_from_u64(3);
         DynamicPart {
@@ -77,7 +90,10 @@ fn scene(n_static: usize, n_dynamic: Option<usize>, offsets: OffsetPlacement, de
 }
 
 fn pixels(scene: &DynamicScene, time: f32, layer: Layer) -> Vec<f32> {
-    let image = scene.render_layer(&camera(), time, layer).expect("renders").image;
+    let image = scene
+        .render_layer(&camera(), time, layer)
+        .expect("renders")
+        .image;
     assert_eq!(image.dims(), [SIZE, SIZE, 5]);
     let values = image.into_data().try_into_vec::<f32>().expect("f32");
     assert!(values.iter().all(|v| v.is_finite()));
@@ -87,13 +103,35 @@ fn pixels(scene: &DynamicScene, time: f32, layer: Layer) -> Vec<f32> {
 #[test]
 fn none_one_and_only_dynamic_gaussians_render() {
     for device in devices() {
-        for offsets in [OffsetPlacement::BeforeActivation, OffsetPlacement::AfterActivation] {
-            for (n_static, n_dynamic) in [(0, None), (5, None), (5, Some(0)), (5, Some(1)), (0, Some(7)), (0, Some(0))] {
-                pixels(&scene(n_static, n_dynamic, offsets, &device), 0.3, Layer::Full);
+        for offsets in [
+            OffsetPlacement::BeforeActivation,
+            OffsetPlacement::AfterActivation,
+        ] {
+            for (n_static, n_dynamic) in [
+                (0, None),
+                (5, None),
+                (5, Some(0)),
+                (5, Some(1)),
+                (0, Some(7)),
+                (0, Some(0)),
+            ] {
+                pixels(
+                    &scene(n_static, n_dynamic, offsets, &device),
+                    0.3,
+                    Layer::Full,
+                );
             }
         }
-        let empty = pixels(&scene(0, None, OffsetPlacement::BeforeActivation, &device), 0.0, Layer::Full);
-        assert_eq!(empty[..5], [0.1, 0.2, 0.3, 0.0, 0.0], "the background alone");
+        let empty = pixels(
+            &scene(0, None, OffsetPlacement::BeforeActivation, &device),
+            0.0,
+            Layer::Full,
+        );
+        assert_eq!(
+            empty[..5],
+            [0.1, 0.2, 0.3, 0.0, 0.0],
+            "the background alone"
+        );
     }
 }
 
@@ -102,7 +140,10 @@ fn an_empty_dynamic_part_equals_none_bit_for_bit() {
     for device in devices() {
         let without = scene(6, None, OffsetPlacement::BeforeActivation, &device);
         let with = scene(6, Some(0), OffsetPlacement::BeforeActivation, &device);
-        assert_eq!(pixels(&without, 0.5, Layer::Full), pixels(&with, 0.5, Layer::Full));
+        assert_eq!(
+            pixels(&without, 0.5, Layer::Full),
+            pixels(&with, 0.5, Layer::Full)
+        );
     }
 }
 
@@ -110,8 +151,14 @@ fn an_empty_dynamic_part_equals_none_bit_for_bit() {
 fn static_gaussians_never_move_and_dynamic_ones_do() {
     for device in devices() {
         let scene = scene(6, Some(6), OffsetPlacement::BeforeActivation, &device);
-        assert_eq!(pixels(&scene, 0.0, Layer::Static), pixels(&scene, 1.0, Layer::Static));
-        assert_ne!(pixels(&scene, 0.0, Layer::Dynamic), pixels(&scene, 1.0, Layer::Dynamic));
+        assert_eq!(
+            pixels(&scene, 0.0, Layer::Static),
+            pixels(&scene, 1.0, Layer::Static)
+        );
+        assert_ne!(
+            pixels(&scene, 0.0, Layer::Dynamic),
+            pixels(&scene, 1.0, Layer::Dynamic)
+        );
     }
 }
 
@@ -125,7 +172,10 @@ fn a_saved_scene_renders_the_same_bits() {
             scene.save(&path).expect("writes");
             let loaded = DynamicScene::load(&path, &device).expect("reads");
             assert_eq!(loaded.settings, scene.settings);
-            assert_eq!(pixels(&loaded, 0.4, Layer::Full), pixels(&scene, 0.4, Layer::Full));
+            assert_eq!(
+                pixels(&loaded, 0.4, Layer::Full),
+                pixels(&scene, 0.4, Layer::Full)
+            );
         }
     }
 }
@@ -155,7 +205,10 @@ fn an_instant_survives_the_ply_and_draws_alike() {
     let folder = tempfile::tempdir().expect("a scratch folder");
     let path = folder.path().join("instant.ply");
     for device in devices() {
-        for offsets in [OffsetPlacement::BeforeActivation, OffsetPlacement::AfterActivation] {
+        for offsets in [
+            OffsetPlacement::BeforeActivation,
+            OffsetPlacement::AfterActivation,
+        ] {
             let scene = scene(6, Some(5), offsets, &device);
             write_splat_ply(&path, &scene.at(0.7).expect("deforms")).expect("writes");
             let read = read_splat_ply(&path).expect("reads");
@@ -165,8 +218,15 @@ fn an_instant_survives_the_ply_and_draws_alike() {
                 dynamic: None,
                 settings: scene.settings.clone(),
             };
-            let (a, b) = (pixels(&instant, 0.0, Layer::Full), pixels(&scene, 0.7, Layer::Full));
-            let worst = a.iter().zip(&b).map(|(a, b)| (a - b).abs()).fold(0.0, f32::max);
+            let (a, b) = (
+                pixels(&instant, 0.0, Layer::Full),
+                pixels(&scene, 0.7, Layer::Full),
+            );
+            let worst = a
+                .iter()
+                .zip(&b)
+                .map(|(a, b)| (a - b).abs())
+                .fold(0.0, f32::max);
             assert!(worst < 1e-4, "{worst}");
         }
     }

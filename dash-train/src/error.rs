@@ -32,7 +32,9 @@ pub enum TrainError {
     #[error("configuration: {0}")]
     Config(String),
     /// This build has no backend for a device.
-    #[error("--device {device}: expected a build with that backend, found {found}; use --device auto")]
+    #[error(
+        "--device {device}: expected a build with that backend, found {found}; use --device auto"
+    )]
     Device {
         /// The device that was asked for.
         device: DeviceChoice,
@@ -62,7 +64,9 @@ pub enum TrainError {
         dataset: PathBuf,
     },
     /// The loss was NaN or infinite.
-    #[error("step {step}: the loss of view `{view}` is not finite; lower learning_rates.* or report this")]
+    #[error(
+        "step {step}: the loss of view `{view}` is not finite; lower learning_rates.* or report this"
+    )]
     NotFinite {
         /// The step.
         step: usize,
@@ -93,11 +97,18 @@ pub enum TrainError {
 impl TrainError {
     /// A [`TrainError::Io`] for `path`.
     pub fn io(path: &Path, action: &'static str, source: std::io::Error) -> Self {
-        Self::Io { path: path.to_path_buf(), action, source }
+        Self::Io {
+            path: path.to_path_buf(),
+            action,
+            source,
+        }
     }
 
     /// A [`TrainError::Run`] for `path`.
     pub fn run(path: &Path, what: impl Into<String>) -> Self {
-        Self::Run { path: path.to_path_buf(), what: what.into() }
+        Self::Run {
+            path: path.to_path_buf(),
+            what: what.into(),
+        }
     }
 }

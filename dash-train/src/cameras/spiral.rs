@@ -108,7 +108,11 @@ pub fn focus_point(cameras: &[Camera]) -> [f64; 3] {
         return target.into();
     }
     let forward: DVec3 = cameras.iter().map(|c| DVec3::from(c.forward())).sum();
-    let depth = if spread > 0.0 { DEPTH_BY_SPREAD * spread } else { 1.0 };
+    let depth = if spread > 0.0 {
+        DEPTH_BY_SPREAD * spread
+    } else {
+        1.0
+    };
     (centre + forward.normalize_or_zero() * depth).into()
 }
 

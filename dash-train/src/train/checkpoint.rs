@@ -56,11 +56,17 @@ pub fn save_checkpoint(
     fs::create_dir_all(&scratch).map_err(|e| TrainError::io(&scratch, "create", e))?;
     trainer.scene.save(&scratch.join("scene"))?;
     if let Some(motion) = &trainer.motion {
-        write_tensors(&scratch.join("motion.safetensors"), &named_parameters(motion))?;
+        write_tensors(
+            &scratch.join("motion.safetensors"),
+            &named_parameters(motion),
+        )?;
     }
     let (moments, optimizer_steps) = trainer.optimizer.to_tensors();
     write_tensors(&scratch.join("optimizer.safetensors"), &moments)?;
-    write_tensors(&scratch.join("statistics.safetensors"), &statistics(trainer))?;
+    write_tensors(
+        &scratch.join("statistics.safetensors"),
+        &statistics(trainer),
+    )?;
     let state = State {
         step: trainer.step,
         train_seconds,
@@ -141,11 +147,15 @@ pub fn load_checkpoint(
         }
     };
     let path = checkpoint.join("optimizer.safetensors");
-    trainer.optimizer =
-        Optimizer::from_tensors(read_tensors(&path)?, state.optimizer_steps, &trainer.device.clone().inner())
-            .map_err(|found| damaged(&path, found))?;
+    trainer.optimizer = Optimizer::from_tensors(
+        read_tensors(&path)?,
+        state.optimizer_steps,
+        &trainer.device.clone().inner(),
+    )
+    .map_err(|found| damaged(&path, found))?;
     let path = checkpoint.join("statistics.safetensors");
-    restore_statistics(&mut trainer, read_tensors(&path)?).map_err(|found| damaged(&path, found))?;
+    restore_statistics(&mut trainer, read_tensors(&path)?)
+        .map_err(|found| damaged(&path, found))?;
     trainer.rng = state.rng;
     trainer.sampler = state.sampler;
     trainer.step = state.step;
@@ -156,15 +166,25 @@ pub fn load_checkpoint(
 fn statistics(trainer: &Trainer) -> BTreeMap<String, HostTensor> {
     let mut tensors = BTreeMap::new();
     let mut insert = |name: &str, values: Vec<f32>| {
-        tensors.insert(name.to_string(), HostTensor { shape: vec![values.len()], values });
+        tensors.insert(
+            name.to_string(),
+            HostTensor {
+                shape: vec![values.len()],
+                values,
+            },
+        );
     };
-    for (name, density) in
-        [("static", &trainer.density_static), ("dynamic", &trainer.density_dynamic)]
-    {
+    for (name, density) in [
+        ("static", &trainer.density_static),
+        ("dynamic", &trainer.density_dynamic),
+    ] {
         let (gradient, seen) = density.parts();
         insert(&format!("{name}.gradient"), gradient.to_vec());
         // Counts stay below 2^24 between two rounds, so f32 holds them exactly.
-        insert(&format!("{name}.seen"), seen.iter().map(|&count| count as f32).collect());
+        insert(
+            &format!("{name}.seen"),
+            seen.iter().map(|&count| count as f32).collect(),
+        );
     }
     let (weighted, weights) = trainer.motion_statistics.parts();
     insert("motion.weighted", weighted.to_vec());
@@ -177,7 +197,10 @@ fn restore_statistics(
     mut tensors: BTreeMap<String, HostTensor>,
 ) -> Result<(), String> {
     let mut take = |name: &str| {
-        tensors.remove(name).map(|tensor| tensor.values).ok_or(format!("no `{name}`"))
+        tensors
+            .remove(name)
+            .map(|tensor| tensor.values)
+            .ok_or(format!("no `{name}`"))
     };
     let counts = |values: Vec<f32>| values.into_iter().map(|count| count as u32).collect();
     trainer.density_static =
@@ -196,7 +219,10 @@ fn read_state(checkpoint: &Path) -> Result<State, TrainError> {
 }
 
 fn damaged(path: &Path, found: String) -> TrainError {
-    TrainError::Checkpoint { path: path.to_path_buf(), found }
+    TrainError::Checkpoint {
+        path: path.to_path_buf(),
+        found,
+    }
 }
 
 /// Complete checkpoints, oldest first.
@@ -205,12 +231,18 @@ fn list(folder: &Path) -> Result<Vec<PathBuf>, TrainError> {
     let mut found = Vec::new();
     for entry in entries {
         let path = entry.map_err(|e| TrainError::io(folder, "list", e))?.path();
-        let number = path.file_name().and_then(|name| name.to_str()).unwrap_or_default();
+        let number = path
+            .file_name()
+            .and_then(|name| name.to_str())
+            .unwrap_or_default();
         if number.len() >= 6 && number.bytes().all(|b| b.is_ascii_digit()) {
             found.push(path);
         }
     }
-    found.sort_by_key(|path| path.file_name().map(|name| (name.len(), name.to_os_string())));
+    found.sort_by_key(|path| {
+        path.file_name()
+            .map(|name| (name.len(), name.to_os_string()))
+    });
     Ok(found)
 }
 

@@ -249,7 +249,11 @@ impl TrainConfig {
             max_initial_points: 100_000,
             checkpoint_interval: 1_000,
             validation_interval: 500,
-            stages: StageConfig { warmup: 0.1, decomposition: 0.35, window: TimeWindow::Growing },
+            stages: StageConfig {
+                warmup: 0.1,
+                decomposition: 0.35,
+                window: TimeWindow::Growing,
+            },
             loss: LossConfig {
                 dssim: 0.2,
                 static_motion: 0.01,
@@ -350,7 +354,11 @@ impl TrainConfig {
     fn as_in_the_paper(&mut self) {
         self.iterations = 30_000;
         self.loss.dynamic_opacity = 0.0;
-        self.stages = StageConfig { warmup: 0.04, decomposition: 0.08, window: TimeWindow::All };
+        self.stages = StageConfig {
+            warmup: 0.04,
+            decomposition: 0.08,
+            window: TimeWindow::All,
+        };
         self.decomposition.measure = MotionMeasure::World;
         self.decomposition.quantile = 0.8;
         self.decomposition.floor = 0.0;
@@ -385,7 +393,11 @@ impl TrainConfig {
     fn as_released(&mut self) {
         self.iterations = 50_000;
         self.sh_interval = 1_000.0 / 50_000.0;
-        self.stages = StageConfig { warmup: 0.04, decomposition: 0.08, window: TimeWindow::All };
+        self.stages = StageConfig {
+            warmup: 0.04,
+            decomposition: 0.08,
+            window: TimeWindow::All,
+        };
         self.loss = LossConfig {
             dssim: 0.0,
             static_motion: 0.1,
@@ -481,10 +493,15 @@ impl TrainConfig {
                 let optional = matches!(path, "background" | "learning_rates.extent");
                 if !cursor.contains_key(key) && !optional {
                     let known: Vec<&str> = cursor.keys().map(String::as_str).collect();
-                    return Err(refuse(format!("no key `{key}`; there are {}", known.join(", "))));
+                    return Err(refuse(format!(
+                        "no key `{key}`; there are {}",
+                        known.join(", ")
+                    )));
                 }
                 let mut value = parsed["v"].clone();
-                if let (Some(toml::Value::Float(_)), toml::Value::Integer(whole)) = (cursor.get(key), &value) {
+                if let (Some(toml::Value::Float(_)), toml::Value::Integer(whole)) =
+                    (cursor.get(key), &value)
+                {
                     value = toml::Value::Float(*whole as f64);
                 }
                 cursor.insert(key.into(), value);
@@ -495,7 +512,9 @@ impl TrainConfig {
                 .and_then(toml::Value::as_table_mut)
                 .ok_or_else(|| refuse(format!("no section `{key}`")))?;
         }
-        *self = table.try_into().map_err(|e: toml::de::Error| refuse(e.message().to_string()))?;
+        *self = table
+            .try_into()
+            .map_err(|e: toml::de::Error| refuse(e.message().to_string()))?;
         self.validate()
     }
 
@@ -505,7 +524,11 @@ impl TrainConfig {
     /// The first value that is out of range, and the range.
     pub fn validate(&self) -> Result<(), TrainError> {
         let check = |ok: bool, what: &str| {
-            if ok { Ok(()) } else { Err(TrainError::Config(what.to_string())) }
+            if ok {
+                Ok(())
+            } else {
+                Err(TrainError::Config(what.to_string()))
+            }
         };
         let shares = [
             self.sh_interval,
@@ -529,19 +552,31 @@ impl TrainConfig {
             "checkpoint_interval and validation_interval must be at least 1",
         )?;
         check(
-            [&self.density_static, &self.density_dynamic].iter().all(|d| d.interval > 0),
+            [&self.density_static, &self.density_dynamic]
+                .iter()
+                .all(|d| d.interval > 0),
             "density_*.interval must be at least 1",
         )?;
         check(
-            self.background.is_none_or(|b| b.iter().all(|v| (0.0..=1.0).contains(v))),
+            self.background
+                .is_none_or(|b| b.iter().all(|v| (0.0..=1.0).contains(v))),
             "background must be three numbers in [0, 1]",
         )?;
         let rates = &self.learning_rates;
         check(
             [
-                rates.means, rates.means_final, rates.quats, rates.scales, rates.opacities,
-                rates.sh_dc, rates.sh_rest, rates.trajectories, rates.grid, rates.network,
-                rates.motion_grid, rates.motion_network,
+                rates.means,
+                rates.means_final,
+                rates.quats,
+                rates.scales,
+                rates.opacities,
+                rates.sh_dc,
+                rates.sh_rest,
+                rates.trajectories,
+                rates.grid,
+                rates.network,
+                rates.motion_grid,
+                rates.motion_network,
                 rates.field_final,
             ]
             .iter()
@@ -562,11 +597,19 @@ mod tests {
 
     #[test]
     fn every_preset_is_valid_and_survives_toml() {
-        for preset in [Preset::Default, Preset::Paper, Preset::Reference, Preset::Quick] {
+        for preset in [
+            Preset::Default,
+            Preset::Paper,
+            Preset::Reference,
+            Preset::Quick,
+        ] {
             let config = TrainConfig::preset(preset);
             config.validate().expect("valid");
             let text = toml::to_string(&config).expect("serialises");
-            assert_eq!(toml::from_str::<TrainConfig>(&text).expect("parses"), config);
+            assert_eq!(
+                toml::from_str::<TrainConfig>(&text).expect("parses"),
+                config
+            );
         }
     }
 
@@ -577,8 +620,16 @@ mod tests {
         assert_eq!(config.loss.dssim, 0.0);
         config.set("decomposition.basis=linear").expect("a word");
         config.set("background=[1, 1.0, 1]").expect("a list");
-        config.set("learning_rates.extent=5.0").expect("an absent option");
-        for bad in ["loss.dsim=0", "loss.dssim", "loss.dssim=2", "iterations=x", "a.b=1"] {
+        config
+            .set("learning_rates.extent=5.0")
+            .expect("an absent option");
+        for bad in [
+            "loss.dsim=0",
+            "loss.dssim",
+            "loss.dssim=2",
+            "iterations=x",
+            "a.b=1",
+        ] {
             assert!(config.set(bad).is_err(), "{bad}");
         }
     }

@@ -21,14 +21,19 @@ pub(crate) struct DensityStatistics {
 impl DensityStatistics {
     /// Nothing gathered for `n` Gaussians.
     pub(crate) fn new(n: usize) -> Self {
-        Self { gradient: vec![0.0; n], seen: vec![0; n] }
+        Self {
+            gradient: vec![0.0; n],
+            seen: vec![0; n],
+        }
     }
 
     /// Adds one view: gradients with respect to packed splats, and the splats (for visibility).
     /// `half_size` is half the image in pixels, which makes the gradient independent of it.
     pub(crate) fn add(&mut self, v_splats: &[f32], splats: &[f32], half_size: [f32; 2]) {
-        use dash_kernels::splats::{MEAN_X, MEAN_Y, RADIUS_X, N_COLUMNS};
-        let rows = v_splats.chunks_exact(N_COLUMNS).zip(splats.chunks_exact(N_COLUMNS));
+        use dash_kernels::splats::{MEAN_X, MEAN_Y, N_COLUMNS, RADIUS_X};
+        let rows = v_splats
+            .chunks_exact(N_COLUMNS)
+            .zip(splats.chunks_exact(N_COLUMNS));
         for (i, (v, splat)) in rows.enumerate() {
             let (x, y) = (v[MEAN_X] * half_size[0], v[MEAN_Y] * half_size[1]);
             if splat[RADIUS_X] > 0.0 && x.is_finite() && y.is_finite() {
@@ -39,7 +44,11 @@ impl DensityStatistics {
     }
 
     fn mean(&self, row: usize) -> f32 {
-        if self.seen[row] > 0 { self.gradient[row] / self.seen[row] as f32 } else { 0.0 }
+        if self.seen[row] > 0 {
+            self.gradient[row] / self.seen[row] as f32
+        } else {
+            0.0
+        }
     }
 
     /// Adds Gaussians that nothing is known about.
@@ -86,13 +95,24 @@ pub(crate) fn control_density(
     rng: &mut impl Rng,
 ) -> Round {
     let n = rows.len();
-    let largest = |row: usize| rows.log_scales[row].iter().copied().fold(f32::MIN, f32::max).exp();
+    let largest = |row: usize| {
+        rows.log_scales[row]
+            .iter()
+            .copied()
+            .fold(f32::MIN, f32::max)
+            .exp()
+    };
     let mut grow: Vec<usize> = (0..n)
         .filter(|&row| statistics.mean(row) >= config.gradient_threshold)
         .collect();
     let room = config.max_gaussians.saturating_sub(n);
     if grow.len() > room {
-        grow.sort_by(|&a, &b| statistics.mean(b).total_cmp(&statistics.mean(a)).then(a.cmp(&b)));
+        grow.sort_by(|&a, &b| {
+            statistics
+                .mean(b)
+                .total_cmp(&statistics.mean(a))
+                .then(a.cmp(&b))
+        });
         grow.truncate(room);
         grow.sort_unstable();
     }
@@ -107,7 +127,10 @@ pub(crate) fn control_density(
     }
     let min_logit = dash_model::logit(config.min_opacity);
     let stays = |row: usize| {
-        let finite = rows.means[row].iter().chain(&rows.log_scales[row]).all(|v| v.is_finite())
+        let finite = rows.means[row]
+            .iter()
+            .chain(&rows.log_scales[row])
+            .all(|v| v.is_finite())
             && rows.opacity_logits[row].is_finite();
         let oversized = prune_large && largest(row) > config.max_scale * extent;
         finite && !oversized && rows.opacity_logits[row] >= min_logit
@@ -124,13 +147,21 @@ pub(crate) fn control_density(
 
     let mut edited = rows.gather(&sources);
     for child in first_child..sources.len() {
-        let offset = sample(&rows.quats[sources[child]], &rows.log_scales[sources[child]], rng);
+        let offset = sample(
+            &rows.quats[sources[child]],
+            &rows.log_scales[sources[child]],
+            rng,
+        );
         for axis in 0..3 {
             edited.means[child][axis] += offset[axis];
             edited.log_scales[child][axis] -= SPLIT_SHRINK.ln();
         }
     }
-    Round { rows: edited, sources, fresh }
+    Round {
+        rows: edited,
+        sources,
+        fresh,
+    }
 }
 
 /// A random point of a Gaussian centred at the origin.
@@ -138,7 +169,9 @@ fn sample(quat: &[f32; 4], log_scales: &[f32; 3], rng: &mut impl Rng) -> [f32; 3
     let local: [f32; 3] = std::array::from_fn(|axis| normal(rng) * log_scales[axis].exp());
     let norm = quat.iter().map(|v| v * v).sum::<f32>().sqrt().max(1e-12);
     let [w, x, y, z] = quat.map(|v| v / norm);
-    glam::Quat::from_xyzw(x, y, z, w).mul_vec3(local.into()).into()
+    glam::Quat::from_xyzw(x, y, z, w)
+        .mul_vec3(local.into())
+        .into()
 }
 
 /// A standard normal number (Box-Muller).
@@ -158,7 +191,12 @@ mod tests {
     fn rows() -> GaussianRows {
         let points: Vec<[f32; 3]> = (0..4).map(|i| [i as f32, 0.0, 0.0]).collect();
         let mut rows = GaussianRows::from_points(&points, &[[0.5; 3]; 4], 0, 0.1);
-        rows.log_scales = vec![[(0.001f32).ln(); 3], [(0.5f32).ln(); 3], [(0.001f32).ln(); 3], [(0.001f32).ln(); 3]];
+        rows.log_scales = vec![
+            [(0.001f32).ln(); 3],
+            [(0.5f32).ln(); 3],
+            [(0.001f32).ln(); 3],
+            [(0.001f32).ln(); 3],
+        ];
         rows.opacity_logits[3] = dash_model::logit(0.001);
         rows
     }
@@ -179,8 +217,14 @@ mod tests {
         let round = control_density(&rows(), &statistics(&[0, 1]), &config, 1.0, false, &mut rng);
         assert_eq!(round.sources, [0, 2, 0, 1, 1]);
         assert_eq!(round.fresh, [false, false, true, true, true]);
-        assert_eq!(round.rows.means[2], round.rows.means[0], "a clone stays where it was");
-        assert_ne!(round.rows.means[3], round.rows.means[4], "children are drawn apart");
+        assert_eq!(
+            round.rows.means[2], round.rows.means[0],
+            "a clone stays where it was"
+        );
+        assert_ne!(
+            round.rows.means[3], round.rows.means[4],
+            "children are drawn apart"
+        );
         let shrunk = round.rows.log_scales[3][0].exp();
         assert!((shrunk - 0.5 / 1.6).abs() < 1e-6, "{shrunk}");
     }

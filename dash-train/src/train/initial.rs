@@ -29,7 +29,11 @@ pub(crate) fn initial_points(
     limit: usize,
     rng: &mut Pcg64,
 ) -> InitialPoints {
-    let Some(cloud) = dataset.points.as_ref().filter(|cloud| !cloud.positions.is_empty()) else {
+    let Some(cloud) = dataset
+        .points
+        .as_ref()
+        .filter(|cloud| !cloud.positions.is_empty())
+    else {
         let views: Vec<&View> = train_views.iter().map(|&i| &dataset.views[i]).collect();
         return random_points(&views, background, RANDOM_POINTS.min(limit), rng);
     };
@@ -37,20 +41,37 @@ pub(crate) fn initial_points(
     let kept = n.min(limit);
     let rows = (0..kept).map(|k| k * n / kept);
     let (positions, colors) = rows
-        .map(|row| (cloud.positions[row], cloud.colors[row].map(|c| f32::from(c) / 255.0)))
+        .map(|row| {
+            (
+                cloud.positions[row],
+                cloud.colors[row].map(|c| f32::from(c) / 255.0),
+            )
+        })
         .unzip();
     InitialPoints { positions, colors }
 }
 
-fn random_points(views: &[&View], background: [f32; 3], n: usize, rng: &mut Pcg64) -> InitialPoints {
+fn random_points(
+    views: &[&View],
+    background: [f32; 3],
+    n: usize,
+    rng: &mut Pcg64,
+) -> InitialPoints {
     let cameras: Vec<_> = views.iter().map(|view| view.camera.clone()).collect();
     let focus = focus_point(&cameras);
     let images: Vec<Vec<f32>> = {
         let stride = views.len().div_ceil(64).max(1);
-        views.iter().step_by(stride).map(|view| view.rgb(background)).collect()
+        views
+            .iter()
+            .step_by(stride)
+            .map(|view| view.rgb(background))
+            .collect()
     };
     let stride = views.len().div_ceil(64).max(1);
-    let mut points = InitialPoints { positions: Vec::new(), colors: Vec::new() };
+    let mut points = InitialPoints {
+        positions: Vec::new(),
+        colors: Vec::new(),
+    };
     // A rig whose views share nothing would never fill the quota: the number of draws is bounded.
     for draw in 0..20 * n {
         if points.positions.len() == n {
@@ -58,10 +79,16 @@ fn random_points(views: &[&View], background: [f32; 3], n: usize, rng: &mut Pcg6
         }
         let image = draw % images.len();
         let camera = &views[image * stride].camera;
-        let (x, y) = (rng.random_range(0..camera.width), rng.random_range(0..camera.height));
+        let (x, y) = (
+            rng.random_range(0..camera.width),
+            rng.random_range(0..camera.height),
+        );
         let position = camera.position();
-        let distance =
-            (0..3).map(|a| (focus[a] - position[a]).powi(2)).sum::<f64>().sqrt().max(1e-6);
+        let distance = (0..3)
+            .map(|a| (focus[a] - position[a]).powi(2))
+            .sum::<f64>()
+            .sqrt()
+            .max(1e-6);
         let inverse = rng.random_range(1.0 / RANDOM_DEPTHS[1]..1.0 / RANDOM_DEPTHS[0]);
         let depth = distance / inverse;
         let local = [
@@ -70,20 +97,29 @@ fn random_points(views: &[&View], background: [f32; 3], n: usize, rng: &mut Pcg6
             depth,
         ];
         let world: [f64; 3] = std::array::from_fn(|axis| {
-            position[axis] + (0..3).map(|row| camera.rotation[row][axis] * local[row]).sum::<f64>()
+            position[axis]
+                + (0..3)
+                    .map(|row| camera.rotation[row][axis] * local[row])
+                    .sum::<f64>()
         });
         let sees = |camera: &Camera| {
             camera.project(world).is_some_and(|([u, v], _)| {
                 (0.0..camera.width as f64).contains(&u) && (0.0..camera.height as f64).contains(&v)
             })
         };
-        let seen = cameras.iter().step_by(stride).filter(|camera| sees(camera)).count();
+        let seen = cameras
+            .iter()
+            .step_by(stride)
+            .filter(|camera| sees(camera))
+            .count();
         if seen < 2.min(images.len()) {
             continue;
         }
         let pixel = (y * camera.width + x) * 3;
         points.positions.push(world.map(|v| v as f32));
-        points.colors.push(std::array::from_fn(|c| images[image][pixel + c]));
+        points
+            .colors
+            .push(std::array::from_fn(|c| images[image][pixel + c]));
     }
     points
 }
@@ -92,9 +128,16 @@ fn random_points(views: &[&View], background: [f32; 3], n: usize, rng: &mut Pcg6
 /// density control measure lengths by.
 pub(crate) fn scene_extent(dataset: &Dataset, points: &[[f32; 3]]) -> f32 {
     if points.is_empty() {
-        let cameras: Vec<_> = dataset.views.iter().map(|view| view.camera.clone()).collect();
+        let cameras: Vec<_> = dataset
+            .views
+            .iter()
+            .map(|view| view.camera.clone())
+            .collect();
         let (focus, first) = (focus_point(&cameras), cameras[0].position());
-        return (0..3).map(|a| (focus[a] - first[a]).powi(2)).sum::<f64>().sqrt() as f32;
+        return (0..3)
+            .map(|a| (focus[a] - first[a]).powi(2))
+            .sum::<f64>()
+            .sqrt() as f32;
     }
     0.5 * SpaceBox::around(points, EXTENT_TAIL, 0.0).diagonal()
 }

@@ -25,7 +25,10 @@ pub(crate) fn photometric(
 pub(crate) fn static_motion(extents: Tensor<1>, is_static: &[bool], space: &SpaceBox) -> Tensor<1> {
     let count = is_static.iter().filter(|s| **s).count().max(1);
     let weight = 1.0 / (count as f32 * space.diagonal());
-    let weights: Vec<f32> = is_static.iter().map(|&s| if s { weight } else { 0.0 }).collect();
+    let weights: Vec<f32> = is_static
+        .iter()
+        .map(|&s| if s { weight } else { 0.0 })
+        .collect();
     let n = weights.len();
     let weights = Tensor::<1>::from_data(TensorData::new(weights, [n]), &extents.device());
     (extents * weights).sum()

@@ -14,7 +14,5 @@ mod validation;
 
 pub use checkpoint::{checkpoint_config, latest_checkpoint, load_checkpoint, save_checkpoint};
 pub use config::{Preset, TrainConfig};
-pub use run::{
-    DataConfig, LogLine, RunConfig, RunFolder, TrainOptions, read_config, train,
-};
+pub use run::{DataConfig, LogLine, RunConfig, RunFolder, TrainOptions, read_config, train};
 pub use trainer::{StepReport, Trainer};

@@ -38,13 +38,28 @@ impl Optimizer {
     ) -> M {
         let mut path = Path::default();
         path.push(prefix);
-        module.map(&mut Stepper { path, optimizer: self, gradients, rate })
+        module.map(&mut Stepper {
+            path,
+            optimizer: self,
+            gradients,
+            rate,
+        })
     }
 
     /// Rearranges the moments of every parameter under `prefix` whose rows follow `sources`; rows
     /// marked `fresh` start anew.
-    pub(crate) fn edit_rows(&mut self, prefix: &str, sources: &[usize], fresh: &[bool], rows: usize) {
-        for (_, moments) in self.moments.range_mut(prefix.to_string()..).take_while(|(n, _)| n.starts_with(prefix)) {
+    pub(crate) fn edit_rows(
+        &mut self,
+        prefix: &str,
+        sources: &[usize],
+        fresh: &[bool],
+        rows: usize,
+    ) {
+        for (_, moments) in self
+            .moments
+            .range_mut(prefix.to_string()..)
+            .take_while(|(n, _)| n.starts_with(prefix))
+        {
             let device = moments.first.device();
             for tensor in [&mut moments.first, &mut moments.second] {
                 let values = to_host(tensor.clone());
@@ -88,7 +103,11 @@ impl Optimizer {
 
     /// Appends rows of zero moments to the parameters under `prefix`, now of `rows` rows.
     pub(crate) fn extend_rows(&mut self, prefix: &str, rows: usize, added: usize) {
-        for (_, moments) in self.moments.range_mut(prefix.to_string()..).take_while(|(n, _)| n.starts_with(prefix)) {
+        for (_, moments) in self
+            .moments
+            .range_mut(prefix.to_string()..)
+            .take_while(|(n, _)| n.starts_with(prefix))
+        {
             let device = moments.first.device();
             for tensor in [&mut moments.first, &mut moments.second] {
                 let mut values = to_host(tensor.clone());
@@ -116,7 +135,10 @@ impl Optimizer {
                 let values = to_host(tensor.clone());
                 tensors.insert(
                     format!("{suffix}:{name}"),
-                    HostTensor { shape: vec![values.len()], values },
+                    HostTensor {
+                        shape: vec![values.len()],
+                        values,
+                    },
                 );
             }
             steps.insert(name.clone(), moments.steps);
@@ -134,10 +156,20 @@ impl Optimizer {
         for (name, steps) in steps {
             let mut take = |suffix: &str| {
                 let key = format!("{suffix}:{name}");
-                tensors.remove(&key).map(|t| upload(t.values, device)).ok_or(format!("no `{key}`"))
+                tensors
+                    .remove(&key)
+                    .map(|t| upload(t.values, device))
+                    .ok_or(format!("no `{key}`"))
             };
             let (first, second) = (take("first")?, take("second")?);
-            moments.insert(name, Moments { first, second, steps });
+            moments.insert(
+                name,
+                Moments {
+                    first,
+                    second,
+                    steps,
+                },
+            );
         }
         Ok(Self { moments })
     }
@@ -183,11 +215,15 @@ impl<F: Fn(&str) -> f32> ModuleMapper for Stepper<'_, F> {
         let n: usize = shape.iter().product();
         let value = tensor.inner().reshape([n]);
         let gradient = gradient.reshape([n]);
-        let moments = self.optimizer.moments.remove(&name).unwrap_or_else(|| Moments {
-            first: value.zeros_like(),
-            second: value.zeros_like(),
-            steps: 0,
-        });
+        let moments = self
+            .optimizer
+            .moments
+            .remove(&name)
+            .unwrap_or_else(|| Moments {
+                first: value.zeros_like(),
+                second: value.zeros_like(),
+                steps: 0,
+            });
         let step = AdamStep {
             learning_rate: f64::from(rate),
             beta1: BETA1,
@@ -196,9 +232,18 @@ impl<F: Fn(&str) -> f32> ModuleMapper for Stepper<'_, F> {
             step: moments.steps + 1,
             skip_zero_grad: false,
         };
-        let (value, first, second) = adam_step(value, gradient, moments.first, moments.second, &step)
-            .expect("a parameter, its gradient and its moments have one shape, and rates are validated");
-        self.optimizer.moments.insert(name, Moments { first, second, steps: step.step });
+        let (value, first, second) =
+            adam_step(value, gradient, moments.first, moments.second, &step).expect(
+                "a parameter, its gradient and its moments have one shape, and rates are validated",
+            );
+        self.optimizer.moments.insert(
+            name,
+            Moments {
+                first,
+                second,
+                steps: step.step,
+            },
+        );
         let updated = Tensor::from_inner(value.reshape(shape)).require_grad();
         Param::from_mapped_value(id, updated, mapper)
     }

@@ -90,7 +90,9 @@ impl RunFolder {
     /// # Errors
     /// When there is no `config.toml` in it.
     pub fn open(root: &Path) -> Result<Self, TrainError> {
-        let run = Self { root: root.to_path_buf() };
+        let run = Self {
+            root: root.to_path_buf(),
+        };
         if !run.config_path().is_file() {
             return Err(TrainError::run(
                 root,
@@ -106,7 +108,9 @@ impl RunFolder {
     /// # Errors
     /// When something is there already, or the folder can't be written.
     pub fn create(root: &Path, config: &RunConfig) -> Result<Self, TrainError> {
-        let run = Self { root: root.to_path_buf() };
+        let run = Self {
+            root: root.to_path_buf(),
+        };
         let occupied = match fs::read_dir(root) {
             Ok(mut entries) => entries.next().is_some(),
             Err(e) if e.kind() == std::io::ErrorKind::NotFound => false,
@@ -121,7 +125,9 @@ impl RunFolder {
         }
         fs::create_dir_all(root).map_err(|e| TrainError::io(root, "create", e))?;
         let text = toml::to_string(config).map_err(|e| TrainError::Config(e.to_string()))?;
-        write_atomically(&run.config_path(), |mut file| file.write_all(text.as_bytes()))?;
+        write_atomically(&run.config_path(), |mut file| {
+            file.write_all(text.as_bytes())
+        })?;
         Ok(run)
     }
 
@@ -234,7 +240,11 @@ pub fn train(
     options: TrainOptions<'_>,
 ) -> Result<(Trainer, f64), TrainError> {
     let checkpoints = run.checkpoints_path();
-    let found = if options.resume { latest_checkpoint(&checkpoints)? } else { None };
+    let found = if options.resume {
+        latest_checkpoint(&checkpoints)?
+    } else {
+        None
+    };
     let (mut trainer, mut seconds) = match found {
         Some(checkpoint) => load_checkpoint(&checkpoint, dataset, device)?,
         None => (Trainer::new(config.clone(), dataset, device)?, 0.0),
@@ -261,10 +271,15 @@ pub fn train(
                 train_psnr: psnr / count as f32,
                 n_static: report.n_static,
                 n_dynamic: report.n_dynamic,
-                validation_psnr: if measured { trainer.validation_psnr()? } else { None },
+                validation_psnr: if measured {
+                    trainer.validation_psnr()?
+                } else {
+                    None
+                },
             };
             (loss, psnr, count) = (0.0, 0.0, 0);
-            let text = serde_json::to_string(&line).map_err(|e| TrainError::Config(e.to_string()))?;
+            let text =
+                serde_json::to_string(&line).map_err(|e| TrainError::Config(e.to_string()))?;
             writeln!(log, "{text}").map_err(|e| TrainError::io(&run.log_path(), "write", e))?;
         }
         if step.is_multiple_of(trainer.config().checkpoint_interval) || last {
@@ -278,12 +293,19 @@ pub fn train(
 /// The log without lines that a resumed run will write again.
 fn reopen_log(run: &RunFolder, step: usize) -> Result<File, TrainError> {
     let path = run.log_path();
-    let kept: Vec<LogLine> = run.log()?.into_iter().filter(|line| line.step <= step).collect();
+    let kept: Vec<LogLine> = run
+        .log()?
+        .into_iter()
+        .filter(|line| line.step <= step)
+        .collect();
     write_atomically(&path, |mut file| {
         for line in &kept {
             writeln!(file, "{}", serde_json::to_string(line)?)?;
         }
         Ok(())
     })?;
-    OpenOptions::new().append(true).open(&path).map_err(|e| TrainError::io(&path, "open", e))
+    OpenOptions::new()
+        .append(true)
+        .open(&path)
+        .map_err(|e| TrainError::io(&path, "open", e))
 }

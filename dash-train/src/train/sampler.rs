@@ -24,7 +24,9 @@ impl ViewSampler {
         rng: &mut Pcg64,
     ) -> usize {
         if self.left.is_empty() {
-            self.left = (0..n as u32).filter(|&view| is_candidate(view as usize)).collect();
+            self.left = (0..n as u32)
+                .filter(|&view| is_candidate(view as usize))
+                .collect();
             self.left.shuffle(rng);
             if changing {
                 self.left.truncate(ROUND);
@@ -50,7 +52,9 @@ mod tests {
         let mut rng = Pcg64::seed_from_u64(3);
         let mut sampler = ViewSampler::default();
         for _ in 0..3 {
-            let mut round: Vec<usize> = (0..7).map(|_| sampler.next(9, |view| view < 7, false, &mut rng)).collect();
+            let mut round: Vec<usize> = (0..7)
+                .map(|_| sampler.next(9, |view| view < 7, false, &mut rng))
+                .collect();
             round.sort_unstable();
             assert_eq!(round, [0, 1, 2, 3, 4, 5, 6]);
         }

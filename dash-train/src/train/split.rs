@@ -49,27 +49,6 @@ pub(crate) fn split(trainer: &mut Trainer) -> Result<(), TrainError> {
     let coefficients = to_host(motion.coefficients(trainer.scene.static_set.means.val())?);
     trainer.optimizer.forget("motion.");
     let (moving, still): (Vec<usize>, Vec<usize>) = (0..rows.len()).partition(|&row| mask[row]);
-    if std::env::var("DEBUGSPLIT").is_ok() {
-        let values = trainer.motion_statistics.means();
-        let (mut a, mut b) = (vec![], vec![]);
-        if let Some(view) = trainer.dataset.views.iter().find(|v| v.mask().is_some() && v.frame == 0) {
-            let m = view.mask().unwrap();
-            for (i, p) in rows.means.iter().enumerate() {
-                if dash_model::logit(0.1) > rows.opacity_logits[i] { continue; }
-                if let Some(([u, v], _)) = view.camera.project(p.map(f64::from)) {
-                    if u >= 0.0 && v >= 0.0 && (u as usize) < view.camera.width && (v as usize) < view.camera.height {
-                        if m[v as usize * view.camera.width + u as usize] > 127 { a.push(values[i]) } else { b.push(values[i]) }
-                    }
-                }
-            }
-        }
-        for (name, mut v) in [("moving", a), ("still", b)] {
-            v.sort_by(f32::total_cmp);
-            if v.is_empty() { continue; }
-            let q = |f: f32| v[(f * (v.len() - 1) as f32) as usize];
-            eprintln!("{name} n {} q.01 {:.5} .05 {:.5} .1 {:.5} .25 {:.5} .5 {:.5} .75 {:.5} .9 {:.5} .95 {:.5} .99 {:.5}", v.len(), q(0.01), q(0.05), q(0.1), q(0.25), q(0.5), q(0.75), q(0.9), q(0.95), q(0.99));
-        }
-    }
     if moving.is_empty() {
         return Ok(());
     }
@@ -79,8 +58,12 @@ pub(crate) fn split(trainer: &mut Trainer) -> Result<(), TrainError> {
         dynamic_rows.trajectory_width = width;
         dynamic_rows.trajectories = dash_model::gather_rows(&coefficients, width, &moving);
     }
-    trainer.optimizer.copy_rows(STATIC, DYNAMIC, &moving, rows.len());
-    trainer.optimizer.edit_rows(STATIC, &still, &vec![false; still.len()], rows.len());
+    trainer
+        .optimizer
+        .copy_rows(STATIC, DYNAMIC, &moving, rows.len());
+    trainer
+        .optimizer
+        .edit_rows(STATIC, &still, &vec![false; still.len()], rows.len());
     trainer.scene.static_set = Gaussians::from_rows(&rows.gather(&still), &trainer.device);
     let space = space_for(trainer.config.field.space, &dynamic_rows.means);
     let field = DeformationField::new(
@@ -103,7 +86,12 @@ pub(crate) fn split(trainer: &mut Trainer) -> Result<(), TrainError> {
 /// Moves dynamic Gaussians that stay in place over the clip to the static set, as they look in the
 /// middle of it.
 pub(crate) fn review(trainer: &mut Trainer) -> Result<(), TrainError> {
-    let Some(dynamic) = trainer.scene.dynamic.as_ref().filter(|d| !d.gaussians.is_empty()) else {
+    let Some(dynamic) = trainer
+        .scene
+        .dynamic
+        .as_ref()
+        .filter(|d| !d.gaussians.is_empty())
+    else {
         return Ok(());
     };
     let n = dynamic.gaussians.len();
@@ -128,7 +116,10 @@ pub(crate) fn review(trainer: &mut Trainer) -> Result<(), TrainError> {
     let screen = screen_scale(trainer, &centres);
     let floor = trainer.config.decomposition.review_floor;
     let moves = |row: usize| {
-        let range = (0..3).map(|a| (high[row][a] - low[row][a]).powi(2)).sum::<f32>().sqrt();
+        let range = (0..3)
+            .map(|a| (high[row][a] - low[row][a]).powi(2))
+            .sum::<f32>()
+            .sqrt();
         // What is not finite is left to density control, which removes it.
         !range.is_finite() || range * screen[row] >= floor
     };
@@ -147,7 +138,9 @@ pub(crate) fn review(trainer: &mut Trainer) -> Result<(), TrainError> {
     trainer.optimizer.extend_rows(STATIC, n_static, leave.len());
     trainer.scene.static_set = Gaussians::from_rows(&static_rows, &trainer.device);
     trainer.density_static.grow(leave.len());
-    trainer.optimizer.edit_rows(DYNAMIC, &stay, &vec![false; stay.len()], n);
+    trainer
+        .optimizer
+        .edit_rows(DYNAMIC, &stay, &vec![false; stay.len()], n);
     trainer.density_dynamic = trainer.density_dynamic.gather(&stay);
     if stay.is_empty() {
         trainer.optimizer.forget("scene.dynamic.");
@@ -181,7 +174,10 @@ fn screen_scale(trainer: &Trainer, points: &[[f32; 3]]) -> Vec<f32> {
                 })
                 .collect();
             scales.sort_by(f32::total_cmp);
-            scales.get(scales.len() / 2).copied().unwrap_or(f32::INFINITY)
+            scales
+                .get(scales.len() / 2)
+                .copied()
+                .unwrap_or(f32::INFINITY)
         })
         .collect()
 }

@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use burn::tensor::activation::sigmoid;
 use burn::tensor::{Device, Gradients, Tensor, TensorData};
-use dash_kernels::splats::{DEPTH, RADIUS_X, N_COLUMNS};
+use dash_kernels::splats::{DEPTH, N_COLUMNS, RADIUS_X};
 use dash_model::decomposition::{MotionStatistics, select_dynamic};
 use dash_model::{DynamicScene, GaussianRows, Gaussians, MotionField, SceneSettings, SpaceBox};
 use rand::SeedableRng;
@@ -71,7 +71,6 @@ pub struct Trainer {
     pub(crate) density_dynamic: DensityStatistics,
     pub(crate) motion_statistics: MotionStatistics,
     pub(crate) held_still: Vec<bool>,
-    phases: [f64; 6],
 }
 
 /// What a forward pass leaves for the backward pass and the statistics.
@@ -100,11 +99,19 @@ impl Trainer {
         let device = device.clone().autodiff();
         let (train_views, validation_views) = validation::hold_out(&dataset);
         if train_views.is_empty() {
-            return Err(TrainError::NoTrainingViews { dataset: dataset.root.clone() });
+            return Err(TrainError::NoTrainingViews {
+                dataset: dataset.root.clone(),
+            });
         }
         let mut rng = Pcg64::seed_from_u64(config.seed);
         let background = config.background.or(dataset.background).unwrap_or([0.0; 3]);
-        let points = initial_points(&dataset, &train_views, background, config.max_initial_points, &mut rng);
+        let points = initial_points(
+            &dataset,
+            &train_views,
+            background,
+            config.max_initial_points,
+            &mut rng,
+        );
         let extent = config
             .learning_rates
             .extent
@@ -144,7 +151,6 @@ impl Trainer {
             density_dynamic: DensityStatistics::new(0),
             motion_statistics: MotionStatistics::default(),
             held_still: Vec::new(),
-            phases: [0.0; 6],
         })
     }
 
@@ -193,29 +199,26 @@ impl Trainer {
 
         let dataset = self.dataset.clone();
         let view = &dataset.views[self.next_view()];
-        let t0 = std::time::Instant::now();
         let forward = self.forward(view)?;
-        self.phases[0] += t0.elapsed().as_secs_f64();
         let loss = to_host(forward.loss.clone())[0];
         if !loss.is_finite() {
-            return Err(TrainError::NotFinite { step: self.step, view: view.name.clone() });
+            return Err(TrainError::NotFinite {
+                step: self.step,
+                view: view.name.clone(),
+            });
         }
-        let mse = to_host((forward.image.clone() - forward.target.clone()).powi_scalar(2).mean())[0];
-        let t0 = std::time::Instant::now();
+        let mse = to_host(
+            (forward.image.clone() - forward.target.clone())
+                .powi_scalar(2)
+                .mean(),
+        )[0];
         let mut gradients = forward.loss.backward();
-        self.phases[1] += t0.elapsed().as_secs_f64();
-        let t0 = std::time::Instant::now();
         self.gather_statistics(&forward, view, &mut gradients);
         drop(forward);
-        self.phases[2] += t0.elapsed().as_secs_f64();
-        let t0 = std::time::Instant::now();
         self.update(&mut gradients);
-        self.phases[3] += t0.elapsed().as_secs_f64();
-        let t0 = std::time::Instant::now();
         self.step += 1;
         self.control_density();
         self.review()?;
-        self.phases[4] += t0.elapsed().as_secs_f64();
 
         let (n_static, n_dynamic) = self.scene.counts();
         Ok(StepReport {
@@ -233,8 +236,10 @@ impl Trainer {
             return Ok(());
         }
         let stages = &self.config.stages;
-        let (warmup, end) =
-            (self.config.step_at(stages.warmup), self.config.step_at(stages.decomposition));
+        let (warmup, end) = (
+            self.config.step_at(stages.warmup),
+            self.config.step_at(stages.decomposition),
+        );
         if self.step == warmup && warmup < end {
             split::start_motion(self)?;
             self.sampler.restart();
@@ -262,14 +267,23 @@ impl Trainer {
     /// The latest time that is trained on at this step.
     fn time_window(&self) -> f32 {
         let stages = &self.config.stages;
-        let first = self.train_views.iter().map(|&i| self.dataset.views[i].time).fold(1.0, f32::min);
-        let at_first =
-            self.train_views.iter().filter(|&&i| self.dataset.views[i].time == first).count();
+        let first = self
+            .train_views
+            .iter()
+            .map(|&i| self.dataset.views[i].time)
+            .fold(1.0, f32::min);
+        let at_first = self
+            .train_views
+            .iter()
+            .filter(|&&i| self.dataset.views[i].time == first)
+            .count();
         if stages.window == TimeWindow::All || !self.may_move() || at_first < MIN_CAMERAS {
             return 1.0;
         }
-        let (warmup, end) =
-            (self.config.step_at(stages.warmup), self.config.step_at(stages.decomposition));
+        let (warmup, end) = (
+            self.config.step_at(stages.warmup),
+            self.config.step_at(stages.decomposition),
+        );
         if self.step < warmup {
             return first;
         }
@@ -311,12 +325,19 @@ impl Trainer {
         let rendering = self.scene.rasterize(splats, camera)?;
         let image = rendering.rgb();
         let target = Tensor::<3>::from_data(
-            TensorData::new(view.rgb(self.scene.settings.background), [camera.height, camera.width, 3]),
+            TensorData::new(
+                view.rgb(self.scene.settings.background),
+                [camera.height, camera.width, 3],
+            ),
             &self.device,
         );
         let mut loss = photometric(image.clone(), target.clone(), self.config.loss.dssim)?;
         if self.config.loss.smoothness > 0.0
-            && let Some(dynamic) = self.scene.dynamic.as_ref().filter(|d| !d.gaussians.is_empty())
+            && let Some(dynamic) = self
+                .scene
+                .dynamic
+                .as_ref()
+                .filter(|d| !d.gaussians.is_empty())
         {
             let means = dynamic.gaussians.means.val();
             let step = self.config.loss.smoothness_step;
@@ -324,7 +345,11 @@ impl Trainer {
             regularisers.push(term * self.config.loss.smoothness);
         }
         if self.config.loss.dynamic_opacity > 0.0
-            && let Some(dynamic) = self.scene.dynamic.as_ref().filter(|d| !d.gaussians.is_empty())
+            && let Some(dynamic) = self
+                .scene
+                .dynamic
+                .as_ref()
+                .filter(|d| !d.gaussians.is_empty())
         {
             // Per Gaussian of the whole scene, so that few dynamic ones are not pressed harder.
             let (n_static, n_dynamic) = self.scene.counts();
@@ -355,12 +380,14 @@ impl Trainer {
         let half_size = [camera.width as f32 / 2.0, camera.height as f32 / 2.0];
         let splats = to_host(forward.static_probe.1.clone());
         if let Some(v_splats) = forward.static_probe.0.grad_remove(gradients) {
-            self.density_static.add(&to_host(v_splats), &splats, half_size);
+            self.density_static
+                .add(&to_host(v_splats), &splats, half_size);
         }
         if let Some((leaf, splats)) = &forward.dynamic_probe
             && let Some(v_splats) = leaf.grad_remove(gradients)
         {
-            self.density_dynamic.add(&to_host(v_splats), &to_host(splats.clone()), half_size);
+            self.density_dynamic
+                .add(&to_host(v_splats), &to_host(splats.clone()), half_size);
         }
         if let Some(extents) = &forward.motion {
             self.gather_motion(&to_host(extents.clone()), &splats, view);
@@ -371,7 +398,9 @@ impl Trainer {
     fn gather_motion(&mut self, extents: &[f32], splats: &[f32], view: &View) {
         let stages = &self.config.stages;
         let settled = stages.warmup + SETTLED * (stages.decomposition - stages.warmup);
-        if self.step >= self.config.step_at(settled) && self.step.is_multiple_of(STATISTICS_INTERVAL) {
+        if self.step >= self.config.step_at(settled)
+            && self.step.is_multiple_of(STATISTICS_INTERVAL)
+        {
             let focal = (view.camera.fx / view.camera.width as f64) as f32;
             let measure = self.config.decomposition.measure;
             let (motion, weights): (Vec<f32>, Vec<f32>) = extents
@@ -405,11 +434,17 @@ impl Trainer {
         let rates = self.config.learning_rates.clone();
         let progress = self.step as f32 / self.config.iterations as f32;
         let decay = |from: f32, to: f32| {
-            if from <= 0.0 || to <= 0.0 { from } else { from * (to / from).powf(progress) }
+            if from <= 0.0 || to <= 0.0 {
+                from
+            } else {
+                from * (to / from).powf(progress)
+            }
         };
         let means = decay(rates.means, rates.means_final) * self.extent;
-        let trajectories = decay(rates.trajectories, rates.trajectories * rates.means_final / rates.means.max(1e-30))
-            * self.extent;
+        let trajectories = decay(
+            rates.trajectories,
+            rates.trajectories * rates.means_final / rates.means.max(1e-30),
+        ) * self.extent;
         let field = decay(1.0, rates.field_final);
         let rate = move |name: &str| match name.rsplit('.').next() {
             Some("means") => means,
@@ -424,17 +459,23 @@ impl Trainer {
             _ if name.starts_with("motion.") => rates.motion_network,
             _ => rates.network * field,
         };
-        self.scene = self.optimizer.step("scene", self.scene.clone(), gradients, &rate);
+        self.scene = self
+            .optimizer
+            .step("scene", self.scene.clone(), gradients, &rate);
         if let Some(motion) = self.motion.take() {
             // The coarse field comes to rest by the end of its stage: Adam's steps do not get
             // smaller by themselves, and what still jitters would pass for motion.
             let stages = &self.config.stages;
-            let (warmup, end) =
-                (self.config.step_at(stages.warmup), self.config.step_at(stages.decomposition));
+            let (warmup, end) = (
+                self.config.step_at(stages.warmup),
+                self.config.step_at(stages.decomposition),
+            );
             let left = (end - self.step) as f32 / (end - warmup).max(1) as f32;
             let settle = (left / (1.0 - GROWN)).min(1.0);
-            self.motion =
-                Some(self.optimizer.step("motion", motion, gradients, |name| rate(name) * settle));
+            self.motion = Some(
+                self.optimizer
+                    .step("motion", motion, gradients, |name| rate(name) * settle),
+            );
         }
     }
 
@@ -445,19 +486,32 @@ impl Trainer {
                 && step < config.step_at(density.until)
                 && step.is_multiple_of(density.interval)
         };
-        let was_reset = |interval: usize, since: usize, step: usize| interval > 0 && step > since + interval;
+        let was_reset =
+            |interval: usize, since: usize, step: usize| interval > 0 && step > since + interval;
         let (step, extent) = (self.step, self.extent);
         if due(&config.density_static, step) {
             let density = &config.density_static;
             let rows = self.scene.static_set.to_rows();
             let prune_large = was_reset(density.opacity_reset_interval, 0, step);
-            let round = control_density(&rows, &self.density_static, density, extent, prune_large, &mut self.rng);
-            self.optimizer.edit_rows(STATIC, &round.sources, &round.fresh, rows.len());
+            let round = control_density(
+                &rows,
+                &self.density_static,
+                density,
+                extent,
+                prune_large,
+                &mut self.rng,
+            );
+            self.optimizer
+                .edit_rows(STATIC, &round.sources, &round.fresh, rows.len());
             self.scene.static_set = Gaussians::from_rows(&round.rows, &self.device);
             self.density_static = DensityStatistics::new(round.rows.len());
             if self.motion.is_some() {
                 self.motion_statistics = self.motion_statistics.gather(&round.sources);
-                self.held_still = round.sources.iter().map(|&row| self.held_still[row]).collect();
+                self.held_still = round
+                    .sources
+                    .iter()
+                    .map(|&row| self.held_still[row])
+                    .collect();
             }
         }
         let start = config.step_at(config.stages.decomposition);
@@ -467,8 +521,16 @@ impl Trainer {
             let density = &config.density_dynamic;
             let rows = dynamic.gaussians.to_rows();
             let prune_large = was_reset(density.opacity_reset_interval, start, step);
-            let round = control_density(&rows, &self.density_dynamic, density, extent, prune_large, &mut self.rng);
-            self.optimizer.edit_rows(DYNAMIC, &round.sources, &round.fresh, rows.len());
+            let round = control_density(
+                &rows,
+                &self.density_dynamic,
+                density,
+                extent,
+                prune_large,
+                &mut self.rng,
+            );
+            self.optimizer
+                .edit_rows(DYNAMIC, &round.sources, &round.fresh, rows.len());
             dynamic.gaussians = Gaussians::from_rows(&round.rows, &self.device);
             self.density_dynamic = DensityStatistics::new(round.rows.len());
         }
@@ -502,9 +564,6 @@ impl Trainer {
         Ok(())
     }
 
-    #[doc(hidden)]
-    pub fn phases(&self) -> String { format!("{:?}", self.phases) }
-
     /// Indices of the views that are trained on.
     pub fn train_views(&self) -> &[usize] {
         &self.train_views
@@ -512,15 +571,18 @@ impl Trainer {
 
     /// Views of the dataset's test split.
     pub fn test_views(&self) -> impl Iterator<Item = &View> {
-        self.dataset.views.iter().filter(|view| view.split == Split::Test)
+        self.dataset
+            .views
+            .iter()
+            .filter(|view| view.split == Split::Test)
     }
 }
 
 /// The same Gaussians, none more opaque than [`RESET_OPACITY`].
 fn with_low_opacity(mut set: Gaussians) -> Gaussians {
     let limit = dash_model::logit(RESET_OPACITY);
-    set.opacity_logits = set.opacity_logits.map(|logits| {
-        Tensor::from_inner(logits.inner().clamp_max(limit)).require_grad()
-    });
+    set.opacity_logits = set
+        .opacity_logits
+        .map(|logits| Tensor::from_inner(logits.inner().clamp_max(limit)).require_grad());
     set
 }

@@ -13,10 +13,13 @@ const VIEWS_PER_VALIDATION_VIEW: usize = 40;
 
 /// Indices of the views to train on, and of those held out, evenly spread.
 pub(crate) fn hold_out(dataset: &Dataset) -> (Vec<usize>, Vec<usize>) {
-    let all: Vec<usize> =
-        (0..dataset.views.len()).filter(|&i| dataset.views[i].split == Split::Train).collect();
+    let all: Vec<usize> = (0..dataset.views.len())
+        .filter(|&i| dataset.views[i].split == Split::Train)
+        .collect();
     let count = (all.len() / VIEWS_PER_VALIDATION_VIEW).min(MAX_VALIDATION_VIEWS);
-    let held: Vec<usize> = (0..count).map(|k| all[(2 * k + 1) * all.len() / (2 * count)]).collect();
+    let held: Vec<usize> = (0..count)
+        .map(|k| all[(2 * k + 1) * all.len() / (2 * count)])
+        .collect();
     let rest = all.into_iter().filter(|i| !held.contains(i)).collect();
     (rest, held)
 }
