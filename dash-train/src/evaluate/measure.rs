@@ -284,7 +284,7 @@ mod tests {
             settings: SceneSettings {
                 background: [0.5; 3],
                 sh_degree: 0,
-                trajectory_basis: TrajectoryBasis::Cosine,
+                trajectory_basis: TrajectoryBasis::Polyline { spans: 4 },
                 offsets: OffsetPlacement::BeforeActivation,
             },
         };
