@@ -244,9 +244,9 @@ fn a_truncated_ply_is_an_error_that_names_the_file() {
         assert!(error.to_string().contains("cut.ply"), "{error}");
     }
     // A header that promises more than there is must not be believed.
-    let text = String::from_utf8_lossy(&whole[..40]).replace("vertex 3", "vertex 999999999");
+    let text = String::from_utf8_lossy(&whole[..53]).replace("vertex 3", "vertex 999999999");
     let mut bytes = text.into_bytes();
-    bytes.extend(&whole[40..]);
+    bytes.extend(&whole[53..]);
     std::fs::write(&path, &bytes).expect("writes");
     assert!(read_splat_ply(&path).is_err());
 }
