@@ -1,16 +1,13 @@
 //! The coarse motion field of the decomposition stage.
 
-use burn::module::Module;
+use burn::module::{Module, Param};
 use burn::nn::Linear;
 use burn::tensor::activation::relu;
-use burn::tensor::{Device, Tensor};
+use burn::tensor::{Device, Tensor, TensorData};
 use rand::Rng;
 
 use crate::mlp::{Mlp, linear};
 use crate::{HashEncoder, HashEncoderConfig, ModelError, SpaceBox, TrajectoryBasis};
-
-/// Guards the square root of [`MotionField::extent`]: its gradient at rest is 0, not NaN.
-const EXTENT_EPSILON: f32 = 1e-12;
 
 /// World units per unit of the head, as a share of the diagonal: one step of Adam changes every
 /// weight by its rate, and a coarse unit would make it jump.
@@ -76,12 +73,31 @@ impl MotionField {
         Ok(self.head.forward(hidden) * (OUTPUT_SCALE * self.space.diagonal()))
     }
 
-    /// How far each point moves, `|dp|` of the paper.
+    /// The same field, in which the polyline's span `to` moves as its span `from` does. What comes
+    /// next then starts from where the motion so far leads.
     ///
-    /// # Shapes
-    /// `coefficients [N, B * 3] -> [N]`, world units.
-    pub fn extent(&self, coefficients: Tensor<2>) -> Tensor<1> {
-        (self.basis.squared_extent(coefficients) + EXTENT_EPSILON).sqrt()
+    /// # Panics
+    /// When there is no such span.
+    pub fn with_span_copied(mut self, from: usize, to: usize) -> Self {
+        let spans = self.basis.len();
+        assert!(from < spans && to < spans, "spans {from}, {to} of {spans}");
+        let device = self.head.weight.device();
+        let copy = |values: TensorData| {
+            let shape = values.shape().clone();
+            let mut values = values
+                .try_into_vec::<f32>()
+                .unwrap_or_else(|error| panic!("the head is f32: {error:?}"));
+            for row in values.chunks_exact_mut(3 * spans) {
+                row.copy_within(3 * from..3 * from + 3, 3 * to);
+            }
+            TensorData::new(values, shape)
+        };
+        self.head = Linear {
+            weight: Param::from_data(copy(self.head.weight.val().into_data()), &device),
+            bias: (self.head.bias.as_ref())
+                .map(|bias| Param::from_data(copy(bias.val().into_data()), &device)),
+        };
+        self
     }
 
     /// The basis of the trajectories.

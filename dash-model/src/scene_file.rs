@@ -75,7 +75,12 @@ impl DynamicScene {
         let tensor_path = folder.join("scene.safetensors");
         let parameters = read_tensors(&tensor_path)?;
         description.check(&parameters, &tensor_path)?;
-        let skeleton = description.skeleton(device)?;
+        // Static Gaussians have trajectories only in checkpoints, before the split.
+        let static_width = parameters
+            .get("static_set.trajectories")
+            .and_then(|tensor| tensor.shape.get(1).copied())
+            .unwrap_or(0);
+        let skeleton = description.skeleton(static_width, device)?;
         with_parameters(skeleton, parameters).map_err(|found| {
             ModelError::format(&tensor_path, "the parameters of scene.json", found)
         })
@@ -104,7 +109,7 @@ impl DynamicScene {
 
 impl SceneDescription {
     /// A scene of the right structure without Gaussians.
-    fn skeleton(&self, device: &Device) -> Result<DynamicScene, ModelError> {
+    fn skeleton(&self, static_width: usize, device: &Device) -> Result<DynamicScene, ModelError> {
         let sh_rest_width = ((self.sh_degree + 1).pow(2) - 1) * 3;
         let empty = |trajectory_width| {
             let rows = GaussianRows {
@@ -127,7 +132,7 @@ impl SceneDescription {
             }),
         };
         Ok(DynamicScene {
-            static_set: empty(0),
+            static_set: empty(static_width),
             dynamic,
             settings: self.settings.clone(),
         })

@@ -90,6 +90,9 @@ impl SpaceBox {
     }
 }
 
+/// Guards the square root of [`TrajectoryBasis::extent`]: its gradient at rest is 0, not NaN.
+const EXTENT_EPSILON: f32 = 1e-12;
+
 /// Functions of time that the coarse stage's trajectories are made of.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
@@ -135,6 +138,15 @@ impl TrajectoryBasis {
     /// `coefficients [N, B * 3] -> [N, 3]`, world units.
     pub fn displacement(self, coefficients: Tensor<2>, time: f32) -> Tensor<2> {
         combine(coefficients, &[self.at(time)])
+    }
+
+    /// How far each trajectory goes, `|dp|` of the paper: the square root of
+    /// [`TrajectoryBasis::squared_extent`].
+    ///
+    /// # Shapes
+    /// `coefficients [N, B * 3] -> [N]`, world units.
+    pub fn extent(self, coefficients: Tensor<2>) -> Tensor<1> {
+        (self.squared_extent(coefficients) + EXTENT_EPSILON).sqrt()
     }
 
     /// Mean square distance from where the trajectory starts, in units that make it `|dp|^2` for a

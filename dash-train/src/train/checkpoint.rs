@@ -129,6 +129,7 @@ pub fn load_checkpoint(
     trainer.motion_space = state.motion_space;
     trainer.motion = match state.motion_space {
         None => None,
+        Some(_) if trainer.scene.static_set.trajectories.is_some() => None,
         Some(space) => {
             let config = &trainer.config.decomposition;
             // Its start is replaced by what was trained; any generator does.

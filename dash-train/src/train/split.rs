@@ -6,9 +6,11 @@ use dash_model::{
     SpaceBox,
 };
 
+use super::coarse;
 use super::config::SpaceRule;
 use super::density::DensityStatistics;
 use super::optimizer::to_host;
+use super::statistics;
 use super::trainer::{DYNAMIC, STATIC, Trainer};
 use crate::TrainError;
 
@@ -16,6 +18,8 @@ use crate::TrainError;
 const BOX_TAIL: f32 = 0.01;
 /// How much wider than its points a field's box is.
 const BOX_MARGIN: f32 = 0.15;
+/// Pixels' worth of a dynamic Gaussian that some picture must show.
+const MIN_SHARE: f32 = 0.1;
 /// Times at which a review looks where a Gaussian is.
 const REVIEW_TIMES: usize = 12;
 
@@ -40,21 +44,26 @@ pub(crate) fn start_motion(trainer: &mut Trainer) -> Result<(), TrainError> {
 
 /// Ends it: the Gaussians that move become the dynamic part.
 pub(crate) fn split(trainer: &mut Trainer) -> Result<(), TrainError> {
-    let Some(motion) = trainer.motion.take() else {
+    let Some(coefficients) = coarse::coefficients(trainer)? else {
         return Ok(());
     };
+    let mask = statistics::moving(trainer)?;
+    let width = coefficients.dims()[1];
+    let coefficients = to_host(coefficients);
+    trainer.motion = None;
     trainer.motion_space = None;
-    let mask = trainer.dynamic_mask();
-    let rows = trainer.scene.static_set.to_rows();
-    let coefficients = to_host(motion.coefficients(trainer.scene.static_set.means.val())?);
     trainer.optimizer.forget("motion.");
+    let mut rows = trainer.scene.static_set.to_rows();
+    rows.trajectory_width = 0;
+    rows.trajectories.clear();
     let (moving, still): (Vec<usize>, Vec<usize>) = (0..rows.len()).partition(|&row| mask[row]);
+    trainer.scene.static_set = Gaussians::from_rows(&rows.gather(&still), &trainer.device);
     if moving.is_empty() {
+        trainer.optimizer.forget(&format!("{STATIC}trajectories"));
         return Ok(());
     }
     let mut dynamic_rows = rows.gather(&moving);
     if trainer.config.decomposition.keep_trajectories {
-        let width = 3 * motion.basis().len();
         dynamic_rows.trajectory_width = width;
         dynamic_rows.trajectories = dash_model::gather_rows(&coefficients, width, &moving);
     }
@@ -64,7 +73,7 @@ pub(crate) fn split(trainer: &mut Trainer) -> Result<(), TrainError> {
     trainer
         .optimizer
         .edit_rows(STATIC, &still, &vec![false; still.len()], rows.len());
-    trainer.scene.static_set = Gaussians::from_rows(&rows.gather(&still), &trainer.device);
+    trainer.optimizer.forget(&format!("{STATIC}trajectories"));
     let space = space_for(trainer.config.field.space, &dynamic_rows.means);
     let field = DeformationField::new(
         &with_time_resolution(&trainer.config.field.deformation, trainer.dataset.n_frames),
@@ -80,12 +89,44 @@ pub(crate) fn split(trainer: &mut Trainer) -> Result<(), TrainError> {
     trainer.density_dynamic = DensityStatistics::new(moving.len());
     trainer.motion_statistics = MotionStatistics::default();
     trainer.held_still = Vec::new();
+    if trainer.config.decomposition.review_interval > 0 {
+        drop_hidden(trainer)?;
+    }
     Ok(())
 }
 
-/// Moves dynamic Gaussians that stay in place over the clip to the static set, as they look in the
+/// Removes dynamic Gaussians that no picture shows, such as those that strayed behind a wall.
+pub(crate) fn drop_hidden(trainer: &mut Trainer) -> Result<(), TrainError> {
+    let shares = statistics::largest_shares(trainer)?;
+    let (shown, hidden): (Vec<usize>, Vec<usize>) =
+        (0..shares.len()).partition(|&row| shares[row] >= MIN_SHARE);
+    if !hidden.is_empty() {
+        keep_dynamic(trainer, &shown);
+    }
+    Ok(())
+}
+
+/// Keeps these dynamic Gaussians only; without any, no dynamic part.
+fn keep_dynamic(trainer: &mut Trainer, stay: &[usize]) {
+    let (_, n) = trainer.scene.counts();
+    if stay.is_empty() {
+        trainer.optimizer.forget("scene.dynamic.");
+        trainer.scene.dynamic = None;
+        trainer.density_dynamic = DensityStatistics::new(0);
+    } else if let Some(dynamic) = &mut trainer.scene.dynamic {
+        let rows: GaussianRows = dynamic.gaussians.to_rows().gather(stay);
+        dynamic.gaussians = Gaussians::from_rows(&rows, &trainer.device);
+        trainer.density_dynamic = trainer.density_dynamic.gather(stay);
+        trainer
+            .optimizer
+            .edit_rows(DYNAMIC, stay, &vec![false; stay.len()], n);
+    }
+}
+
+/// Removes dynamic Gaussians that no picture shows, and moves those that stay in place over the clip to the static set, as they look in the
 /// middle of it.
 pub(crate) fn review(trainer: &mut Trainer) -> Result<(), TrainError> {
+    drop_hidden(trainer)?;
     let Some(dynamic) = trainer
         .scene
         .dynamic
@@ -138,17 +179,7 @@ pub(crate) fn review(trainer: &mut Trainer) -> Result<(), TrainError> {
     trainer.optimizer.extend_rows(STATIC, n_static, leave.len());
     trainer.scene.static_set = Gaussians::from_rows(&static_rows, &trainer.device);
     trainer.density_static.grow(leave.len());
-    trainer
-        .optimizer
-        .edit_rows(DYNAMIC, &stay, &vec![false; stay.len()], n);
-    trainer.density_dynamic = trainer.density_dynamic.gather(&stay);
-    if stay.is_empty() {
-        trainer.optimizer.forget("scene.dynamic.");
-        trainer.scene.dynamic = None;
-    } else if let Some(dynamic) = &mut trainer.scene.dynamic {
-        let rows: GaussianRows = dynamic.gaussians.to_rows().gather(&stay);
-        dynamic.gaussians = Gaussians::from_rows(&rows, &trainer.device);
-    }
+    keep_dynamic(trainer, &stay);
     Ok(())
 }
 

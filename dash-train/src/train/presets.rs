@@ -1,0 +1,261 @@
+//! The values of the presets.
+
+use dash_model::{DeformationConfig, HashEncoderConfig, OffsetPlacement, TrajectoryBasis};
+
+use super::config::{
+    DecompositionConfig, DensityConfig, FieldConfig, LearningRates, LossConfig, MotionMeasure,
+    Preset, SpaceRule, StageConfig, TimeWindow, TrainConfig,
+};
+
+impl TrainConfig {
+    /// The values of a preset.
+    pub fn preset(preset: Preset) -> Self {
+        let mut config = Self::ours();
+        config.preset = preset;
+        match preset {
+            Preset::Default => {}
+            Preset::Quick => config.shorten(),
+            Preset::Paper => config.as_in_the_paper(),
+            Preset::Reference => config.as_released(),
+        }
+        config
+    }
+
+    fn ours() -> Self {
+        Self {
+            preset: Preset::Default,
+            iterations: 15_000,
+            seed: 0,
+            sh_degree: 3,
+            sh_interval: 1.0 / 15.0,
+            background: None,
+            max_initial_points: 100_000,
+            min_initial_points: 20_000,
+            checkpoint_interval: 1_000,
+            validation_interval: 500,
+            stages: StageConfig {
+                warmup: 0.1,
+                decomposition: 0.35,
+                settle: 0.7,
+                window: TimeWindow::Growing,
+            },
+            loss: LossConfig {
+                dssim: 0.2,
+                static_motion: 0.01,
+                smoothness: 0.01,
+                own_motion: 0.01,
+                smoothness_step: [5e-3, 1e-4],
+            },
+            learning_rates: LearningRates {
+                means: 1.6e-4,
+                means_final: 1.6e-6,
+                quats: 1e-3,
+                scales: 5e-3,
+                opacities: 0.05,
+                sh_dc: 2.5e-3,
+                sh_rest: 2.5e-3 / 20.0,
+                trajectories: 1.6e-4,
+                grid: 5e-3,
+                network: 1e-3,
+                motion_grid: 0.02,
+                motion_network: 3e-3,
+                field_final: 0.1,
+                extent: None,
+            },
+            decomposition: DecompositionConfig {
+                enabled: true,
+                measure: MotionMeasure::Screen,
+                quantile: 0.0,
+                floor: 0.015,
+                keep_trajectories: true,
+                basis: TrajectoryBasis::Polyline { spans: 12 },
+                encoder: HashEncoderConfig {
+                    n_levels: 8,
+                    n_features_per_level: 2,
+                    log2_hashmap_size: 14,
+                    base_resolution: vec![8; 3],
+                    finest_resolution: vec![128; 3],
+                    smoothstep: false,
+                    reference_sizing: false,
+                },
+                hidden: 32,
+                review_interval: 500,
+                review_floor: 0.005,
+            },
+            field: FieldConfig {
+                deformation: DeformationConfig {
+                    encoder: HashEncoderConfig {
+                        n_levels: 8,
+                        n_features_per_level: 2,
+                        log2_hashmap_size: 15,
+                        base_resolution: vec![4, 4, 4, 4],
+                        finest_resolution: vec![64, 64, 64, 0],
+                        smoothstep: false,
+                        reference_sizing: false,
+                    },
+                    hidden: 64,
+                    layers: 2,
+                },
+                space: SpaceRule::Scene,
+                offsets: OffsetPlacement::BeforeActivation,
+            },
+            density_static: DensityConfig {
+                from: 500.0 / 15_000.0,
+                until: 0.6,
+                interval: 100,
+                gradient_threshold: 2e-4,
+                clone_scale: 0.01,
+                min_opacity: 0.005,
+                max_scale: 0.1,
+                opacity_reset_interval: 3_000,
+                max_gaussians: 300_000,
+            },
+            density_dynamic: DensityConfig {
+                from: 0.37,
+                until: 0.7,
+                interval: 100,
+                gradient_threshold: 2e-4,
+                clone_scale: 0.01,
+                min_opacity: 0.005,
+                max_scale: 0.1,
+                opacity_reset_interval: 3_000,
+                max_gaussians: 100_000,
+            },
+        }
+    }
+
+    fn shorten(&mut self) {
+        self.iterations = 4_000;
+        self.sh_degree = 1;
+        self.max_initial_points = 20_000;
+        self.min_initial_points = 6_000;
+        self.learning_rates.means_final = 1.6e-5;
+        self.density_static.opacity_reset_interval = 2_000;
+        self.density_dynamic.opacity_reset_interval = 800;
+        self.density_static.max_gaussians = 8_000;
+        self.density_dynamic.max_gaussians = 4_000;
+        self.decomposition.review_interval = 250;
+    }
+
+    fn as_in_the_paper(&mut self) {
+        self.iterations = 30_000;
+        self.stages = StageConfig {
+            warmup: 0.04,
+            decomposition: 0.08,
+            settle: 1.0,
+            window: TimeWindow::All,
+        };
+        self.decomposition.measure = MotionMeasure::World;
+        self.decomposition.quantile = 0.8;
+        self.decomposition.floor = 0.0;
+        self.decomposition.keep_trajectories = false;
+        self.decomposition.basis = TrajectoryBasis::Linear;
+        self.decomposition.review_interval = 0;
+        self.decomposition.encoder = HashEncoderConfig {
+            n_levels: 16,
+            n_features_per_level: 2,
+            log2_hashmap_size: 16,
+            base_resolution: vec![16; 3],
+            finest_resolution: vec![2048; 3],
+            smoothstep: false,
+            reference_sizing: false,
+        };
+        self.field.deformation = DeformationConfig {
+            encoder: HashEncoderConfig {
+                n_levels: 16,
+                n_features_per_level: 2,
+                log2_hashmap_size: 17,
+                base_resolution: vec![8; 4],
+                finest_resolution: vec![2048, 2048, 2048, 25],
+                smoothstep: false,
+                reference_sizing: false,
+            },
+            hidden: 128,
+            layers: 2,
+        };
+        self.field.offsets = OffsetPlacement::BeforeActivation;
+    }
+
+    fn as_released(&mut self) {
+        self.iterations = 50_000;
+        self.sh_interval = 1_000.0 / 50_000.0;
+        self.stages = StageConfig {
+            warmup: 0.04,
+            decomposition: 0.08,
+            settle: 1.0,
+            window: TimeWindow::All,
+        };
+        self.loss = LossConfig {
+            dssim: 0.0,
+            static_motion: 0.1,
+            smoothness: 1.0,
+            own_motion: 0.0,
+            smoothness_step: [5e-3, 1e-4],
+        };
+        self.learning_rates = LearningRates {
+            means: 1.6e-4,
+            means_final: 1.6e-6,
+            quats: 1e-3,
+            scales: 5e-3,
+            opacities: 0.05,
+            sh_dc: 2.5e-3,
+            sh_rest: 2.5e-3 / 20.0,
+            trajectories: 0.0,
+            grid: 50.0 * 1.6e-4,
+            network: 1.6e-4,
+            motion_grid: 50.0 * 1.6e-4,
+            motion_network: 1.6e-4,
+            field_final: 0.01,
+            extent: Some(5.0),
+        };
+        self.decomposition = DecompositionConfig {
+            enabled: true,
+            measure: MotionMeasure::DistanceWeighted,
+            quantile: 0.8,
+            floor: 0.0,
+            keep_trajectories: false,
+            basis: TrajectoryBasis::Linear,
+            encoder: HashEncoderConfig {
+                n_levels: 32,
+                n_features_per_level: 2,
+                log2_hashmap_size: 16,
+                base_resolution: vec![16; 3],
+                finest_resolution: vec![2048; 3],
+                smoothstep: true,
+                reference_sizing: true,
+            },
+            hidden: 64,
+            review_interval: 0,
+            review_floor: 0.0,
+        };
+        self.field = FieldConfig {
+            deformation: DeformationConfig {
+                encoder: HashEncoderConfig {
+                    n_levels: 32,
+                    n_features_per_level: 2,
+                    log2_hashmap_size: 19,
+                    base_resolution: vec![8; 4],
+                    finest_resolution: vec![2048, 2048, 2048, 25],
+                    smoothstep: true,
+                    reference_sizing: true,
+                },
+                hidden: 256,
+                layers: 2,
+            },
+            space: SpaceRule::Fixed(1.0),
+            offsets: OffsetPlacement::AfterActivation,
+        };
+        let density = DensityConfig {
+            from: 600.0 / 50_000.0,
+            until: 6_800.0 / 50_000.0,
+            interval: 200,
+            ..self.density_static.clone()
+        };
+        self.density_dynamic = DensityConfig {
+            from: 7_050.0 / 50_000.0,
+            until: 7_950.0 / 50_000.0,
+            ..density.clone()
+        };
+        self.density_static = density;
+    }
+}

@@ -1,0 +1,113 @@
+//! What is gathered beside the steps: gradients on the screen, how large motion appears, and which
+//! dynamic Gaussians any picture shows.
+
+use burn::tensor::{Gradients, Tensor};
+use dash_kernels::splats::{DEPTH, N_COLUMNS, RADIUS_X, RED};
+use dash_model::decomposition::select_dynamic;
+
+use super::coarse;
+use super::config::MotionMeasure;
+use super::optimizer::to_host;
+use super::trainer::{Forward, Trainer};
+use crate::TrainError;
+use crate::dataset::View;
+
+/// Steps between two looks at which Gaussians Eq. 5 holds still.
+const MASK_INTERVAL: usize = 50;
+/// Views that are asked whether they show a dynamic Gaussian.
+const WITNESSES: usize = 32;
+/// Step between them among all training views, as a share of these: the golden ratio, which spreads
+/// them over cameras and times whatever the order.
+const WITNESS_STEP: f64 = 0.618_033_988_749_895;
+
+/// Takes from a step's gradients what density control and the split need.
+pub(crate) fn gather(
+    trainer: &mut Trainer,
+    forward: &Forward,
+    view: &View,
+    gradients: &mut Gradients,
+) -> Result<(), TrainError> {
+    let camera = &view.camera;
+    let half_size = [camera.width as f32 / 2.0, camera.height as f32 / 2.0];
+    let splats = to_host(forward.static_probe.1.clone());
+    if let Some(v_splats) = forward.static_probe.0.grad_remove(gradients) {
+        trainer
+            .density_static
+            .add(&to_host(v_splats), &splats, half_size);
+    }
+    if let Some((leaf, splats)) = &forward.dynamic_probe
+        && let Some(v_splats) = leaf.grad_remove(gradients)
+    {
+        trainer
+            .density_dynamic
+            .add(&to_host(v_splats), &to_host(splats.clone()), half_size);
+    }
+    if trainer.motion_space.is_some() {
+        gather_scale(trainer, &splats, view);
+        if trainer.step.is_multiple_of(MASK_INTERVAL) {
+            trainer.held_still = moving(trainer)?.iter().map(|moves| !moves).collect();
+        }
+    }
+    Ok(())
+}
+
+/// How large a world unit of each visible Gaussian's motion appears in this view.
+fn gather_scale(trainer: &mut Trainer, splats: &[f32], view: &View) {
+    let focal = (view.camera.fx / view.camera.width as f64) as f32;
+    let measure = trainer.config.decomposition.measure;
+    let (scales, weights): (Vec<f32>, Vec<f32>) = splats
+        .chunks_exact(N_COLUMNS)
+        .map(|splat| {
+            let depth = splat[DEPTH];
+            let visible = splat[RADIUS_X] > 0.0 && depth > 0.0;
+            let scale = match measure {
+                MotionMeasure::World => 1.0,
+                MotionMeasure::DistanceWeighted => 1.0 / (depth * depth + 1e-6),
+                MotionMeasure::Screen => focal / depth,
+            };
+            (scale, if visible { 1.0 } else { 0.0 })
+        })
+        .unzip();
+    trainer.motion_statistics.add(&scales, &weights);
+}
+
+/// Which Gaussians move, as far as the coarse stages know.
+pub(crate) fn moving(trainer: &Trainer) -> Result<Vec<bool>, TrainError> {
+    let rule = &trainer.config.decomposition;
+    let Some(coefficients) = coarse::coefficients(trainer)? else {
+        return Ok(vec![false; trainer.scene.static_set.len()]);
+    };
+    let extents = to_host(rule.basis.extent(coefficients));
+    let motion: Vec<f32> = extents
+        .iter()
+        .zip(trainer.motion_statistics.means())
+        .map(|(extent, scale)| extent * scale)
+        .collect();
+    Ok(select_dynamic(&motion, rule.quantile, rule.floor))
+}
+
+/// For each dynamic Gaussian, the most pixels' worth of it that one of several training views shows:
+/// its blending weights summed over the picture.
+pub(crate) fn largest_shares(trainer: &Trainer) -> Result<Vec<f32>, TrainError> {
+    let (_, n) = trainer.scene.counts();
+    let mut largest = vec![0.0f32; n];
+    for k in 0..WITNESSES.min(trainer.train_views.len()) {
+        let place = (k as f64 * WITNESS_STEP).fract() * trainer.train_views.len() as f64;
+        let view = &trainer.dataset.views[trainer.train_views[place as usize]];
+        let Some(dynamic) = trainer.scene.dynamic_splats(&view.camera, view.time)? else {
+            break;
+        };
+        let still = trainer.scene.static_splats(&view.camera)?;
+        // The red of a splat enters a pixel with its weight: the gradient of the sum of all red.
+        let leaf = Tensor::from_inner(dynamic.inner()).require_grad();
+        let splats = Tensor::cat(vec![still.detach(), leaf.clone()], 0);
+        let red = trainer.scene.rasterize(splats, &view.camera)?.image.narrow(2, 0, 1);
+        if let Some(weights) = leaf.grad(&red.sum().backward()) {
+            let weights = to_host(weights);
+            for (share, row) in largest.iter_mut().zip(weights.chunks_exact(N_COLUMNS)) {
+                *share = share.max(row[RED]);
+            }
+        }
+    }
+    Ok(largest)
+}

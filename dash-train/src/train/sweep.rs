@@ -1,0 +1,224 @@
+//! Points where the dataset brings too few: along the rays of pixels, at the depth where other views
+//! show the same colour (a plane sweep, one ray at a time).
+
+use dash_kernels::Camera;
+use rand::Rng;
+use rand_pcg::Pcg64;
+use rayon::prelude::*;
+
+use super::initial::InitialPoints;
+use crate::cameras::focus_point;
+use crate::dataset::View;
+
+/// Depths between which points are looked for, in units of the distance to where the cameras look.
+const DEPTHS: [f64; 2] = [0.25, 8.0];
+/// Depths that are tried on a ray, evenly in inverse depth.
+const CANDIDATES: usize = 192;
+/// Views that a ray is compared with.
+const WITNESSES: usize = 12;
+/// Witnesses that must have a point in sight.
+const MIN_WITNESSES: usize = 2;
+/// Mean colour difference from which on views don't agree.
+const MAX_DIFFERENCE: f32 = 0.15;
+/// Differences this close count as equal; the farthest depth is taken, where a point hides nothing.
+const TIE: f32 = 0.01;
+/// Rays that are drawn for each point that is wanted.
+const DRAWS_PER_POINT: usize = 3;
+/// Pixels more transparent than this show nothing.
+const MIN_ALPHA: f32 = 0.5;
+
+/// A view with its colours smoothed, so that one pixel stands for its surroundings.
+struct Picture<'a> {
+    camera: &'a Camera,
+    colors: Vec<[f32; 3]>,
+    alpha: Option<Vec<f32>>,
+    witnesses: Vec<usize>,
+}
+
+/// At most `n` points that several of the views agree on; the views show one time, or are so many
+/// that what moves is outvoted.
+pub(crate) fn swept_points(
+    views: &[&View],
+    background: [f32; 3],
+    n: usize,
+    rng: &mut Pcg64,
+) -> InitialPoints {
+    let cameras: Vec<Camera> = views.iter().map(|view| view.camera.clone()).collect();
+    let focus = glam::DVec3::from(focus_point(&cameras));
+    let pictures: Vec<Picture> = views
+        .par_iter()
+        .enumerate()
+        .map(|(index, view)| Picture {
+            camera: &view.camera,
+            colors: smoothed(&view.rgb(background), &view.camera),
+            alpha: view.alpha(),
+            witnesses: witnesses(&cameras, index),
+        })
+        .collect();
+    let rays: Vec<(usize, usize, usize)> = (0..DRAWS_PER_POINT * n)
+        .map(|draw| {
+            let picture = draw % pictures.len();
+            let camera = pictures[picture].camera;
+            let (x, y) = (
+                rng.random_range(0..camera.width),
+                rng.random_range(0..camera.height),
+            );
+            (picture, x, y)
+        })
+        .collect();
+    let found: Vec<([f32; 3], [f32; 3])> = rays
+        .par_iter()
+        .filter_map(|&(picture, x, y)| sweep(&pictures, picture, x, y, focus))
+        .collect();
+    let (positions, colors) = found.into_iter().take(n).unzip();
+    InitialPoints { positions, colors }
+}
+
+/// The point on a pixel's ray on which views agree most, and its colour.
+fn sweep(
+    pictures: &[Picture],
+    index: usize,
+    x: usize,
+    y: usize,
+    focus: glam::DVec3,
+) -> Option<([f32; 3], [f32; 3])> {
+    let picture = &pictures[index];
+    let camera = picture.camera;
+    let pixel = y * camera.width + x;
+    if picture.alpha.as_ref().is_some_and(|alpha| alpha[pixel] < MIN_ALPHA) {
+        return None;
+    }
+    let color = picture.colors[pixel];
+    let position = glam::DVec3::from(camera.position());
+    let distance = focus.distance(position).max(1e-6);
+    let local = glam::DVec3::new(
+        (x as f64 + 0.5 - camera.cx) / camera.fx,
+        (y as f64 + 0.5 - camera.cy) / camera.fy,
+        1.0,
+    );
+    let rows = camera.rotation.map(glam::DVec3::from);
+    let ray = rows[0] * local.x + rows[1] * local.y + rows[2] * local.z;
+    let [near, far] = DEPTHS.map(|depth| 1.0 / depth);
+    // From far to near, so that the first of equals is the farthest.
+    let mut tried = Vec::with_capacity(CANDIDATES);
+    for k in 0..CANDIDATES {
+        let inverse = far + (near - far) * (k as f64 + 0.5) / CANDIDATES as f64;
+        let point = position + ray * (distance / inverse);
+        if let Some(difference) = disagreement(pictures, picture, point.to_array(), color) {
+            tried.push((difference, point));
+        }
+    }
+    let least = tried.iter().map(|t| t.0).fold(f32::INFINITY, f32::min);
+    let (_, point) = tried.into_iter().find(|t| t.0 <= least + TIE)?;
+    (least < MAX_DIFFERENCE).then(|| (point.as_vec3().to_array(), color))
+}
+
+/// Mean colour difference over the half of the witnesses that agree best: the others may have
+/// something in front. `None` when too few have the point in sight.
+fn disagreement(
+    pictures: &[Picture],
+    picture: &Picture,
+    point: [f64; 3],
+    color: [f32; 3],
+) -> Option<f32> {
+    let mut differences = [f32::INFINITY; WITNESSES];
+    let mut seen = 0;
+    for &witness in &picture.witnesses {
+        let (camera, colors) = (pictures[witness].camera, &pictures[witness].colors);
+        let Some(([u, v], _)) = camera.project(point) else {
+            continue;
+        };
+        let inside = (0.0..camera.width as f64).contains(&u) && (0.0..camera.height as f64).contains(&v);
+        if inside {
+            let other = colors[v as usize * camera.width + u as usize];
+            differences[seen] = (0..3).map(|c| (other[c] - color[c]).abs()).sum::<f32>() / 3.0;
+            seen += 1;
+        }
+    }
+    if seen < MIN_WITNESSES.min(picture.witnesses.len()).max(1) {
+        return None;
+    }
+    differences[..seen].sort_by(f32::total_cmp);
+    let half = seen.div_ceil(2);
+    Some(differences[..half].iter().sum::<f32>() / half as f32)
+}
+
+/// Evenly chosen views among the nearer half of the others.
+fn witnesses(cameras: &[Camera], index: usize) -> Vec<usize> {
+    let place = |camera: &Camera| glam::DVec3::from(camera.position());
+    let here = place(&cameras[index]);
+    let mut others: Vec<usize> = (0..cameras.len()).filter(|&other| other != index).collect();
+    others.sort_by(|&a, &b| {
+        let distance = |other: usize| place(&cameras[other]).distance_squared(here);
+        distance(a).total_cmp(&distance(b)).then(a.cmp(&b))
+    });
+    others.truncate(others.len().div_ceil(2).max(WITNESSES));
+    let kept = others.len().min(WITNESSES);
+    (0..kept).map(|k| others[k * others.len() / kept]).collect()
+}
+
+/// Colours averaged over 3 x 3 pixels.
+fn smoothed(rgb: &[f32], camera: &Camera) -> Vec<[f32; 3]> {
+    let (width, height) = (camera.width, camera.height);
+    let around = |at: usize, end: usize| at.saturating_sub(1)..(at + 2).min(end);
+    let mut colors = Vec::with_capacity(width * height);
+    for y in 0..height {
+        for x in 0..width {
+            let (mut sum, mut count) = ([0.0f32; 3], 0.0);
+            for row in around(y, height) {
+                for column in around(x, width) {
+                    let pixel = 3 * (row * width + column);
+                    for (c, sum) in sum.iter_mut().enumerate() {
+                        *sum += rgb[pixel + c];
+                    }
+                    count += 1.0;
+                }
+            }
+            colors.push(sum.map(|s| s / count));
+        }
+    }
+    colors
+}
+
+#[cfg(test)]
+mod tests {
+    use rand::SeedableRng;
+
+    use super::*;
+
+    /// A wall at z = 0 whose colour tells its place, seen by cameras 4 units in front of it.
+    fn wall(eye: [f64; 3]) -> View {
+        let camera =
+            Camera::new(60.0, 60.0, 30.0, 24.0, 60, 48).look_at(eye, [eye[0], eye[1], 0.0], [0.0, -1.0, 0.0]);
+        let mut pixels = Vec::new();
+        let position = camera.position();
+        for y in 0..48 {
+            for x in 0..60 {
+                let local = [(x as f64 + 0.5 - 30.0) / 60.0, (y as f64 + 0.5 - 24.0) / 60.0, 1.0];
+                let ray: [f64; 3] = std::array::from_fn(|a| {
+                    (0..3).map(|row| camera.rotation[row][a] * local[row]).sum()
+                });
+                let depth = -position[2] / ray[2];
+                let at = [position[0] + depth * ray[0], position[1] + depth * ray[1]];
+                let shade = |v: f64| (127.5 + 127.5 * (2.0 * v).sin()) as u8;
+                pixels.extend([shade(at[0]), shade(at[1]), shade(at[0] + at[1])]);
+            }
+        }
+        View::from_rgb8("wall", camera, 0.0, pixels)
+    }
+
+    #[test]
+    fn points_lie_on_a_textured_wall() {
+        let views: Vec<View> = [-0.9, -0.3, 0.3, 0.9]
+            .iter()
+            .flat_map(|&x| [-0.5, 0.5].map(|y| wall([x, y, -4.0])))
+            .collect();
+        let views: Vec<&View> = views.iter().collect();
+        let points = swept_points(&views, [0.0; 3], 300, &mut Pcg64::seed_from_u64(5));
+        assert!(points.positions.len() > 200, "{}", points.positions.len());
+        let mut off: Vec<f32> = points.positions.iter().map(|p| p[2].abs()).collect();
+        off.sort_by(f32::total_cmp);
+        let median = off[off.len() / 2];
+        assert!(median < 0.2, "median distance from the wall {median}, expected < 0.2 of 4");
+    }
+}

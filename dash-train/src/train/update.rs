@@ -1,0 +1,130 @@
+//! What follows a backward pass: a step of Adam, then density control of both sets.
+
+use burn::tensor::{Gradients, Tensor};
+use dash_model::Gaussians;
+
+use super::coarse::Stages;
+use super::config::DensityConfig;
+use super::density::{DensityStatistics, RESET_OPACITY, control_density};
+use super::trainer::{DYNAMIC, STATIC, Trainer};
+
+/// One step of Adam on everything that has a gradient, at the rates of the trainer's step.
+pub(crate) fn parameters(trainer: &mut Trainer, gradients: &mut Gradients) {
+    let rates = trainer.config.learning_rates.clone();
+    let progress = trainer.step as f32 / trainer.config.iterations as f32;
+    let decay = |from: f32, to: f32| {
+        if from <= 0.0 || to <= 0.0 {
+            from
+        } else {
+            from * (to / from).powf(progress)
+        }
+    };
+    let means_left = decay(rates.means, rates.means_final) / rates.means.max(1e-30);
+    let means = rates.means * means_left * trainer.extent;
+    let trajectories = rates.trajectories * means_left * trainer.extent;
+    let field = decay(1.0, rates.field_final);
+    let stages = Stages::of(trainer);
+    let settling = stages.trajectory_rate(trainer.step);
+    let rate = move |name: &str| match name.rsplit('.').next() {
+        Some("means") => means,
+        Some("quats") => rates.quats,
+        Some("log_scales") => rates.scales,
+        Some("opacity_logits") => rates.opacities,
+        Some("sh_dc") => rates.sh_dc,
+        Some("sh_rest") => rates.sh_rest,
+        Some("trajectories") if name.starts_with(STATIC) => trajectories * settling,
+        Some("trajectories") => trajectories,
+        Some("table") if name.starts_with("motion.") => rates.motion_grid,
+        Some("table") => rates.grid * field,
+        _ if name.starts_with("motion.") => rates.motion_network,
+        _ => rates.network * field,
+    };
+    let optimizer = &mut trainer.optimizer;
+    trainer.scene = optimizer.step("scene", trainer.scene.clone(), gradients, &rate);
+    if let Some(motion) = trainer.motion.take() {
+        let left = stages.field_rate(trainer.step);
+        trainer.motion =
+            Some(optimizer.step("motion", motion, gradients, |name| rate(name) * left));
+    }
+}
+
+/// Rounds of density control and opacity resets that are due at the trainer's step.
+pub(crate) fn densities(trainer: &mut Trainer) {
+    let config = trainer.config.clone();
+    let step = trainer.step;
+    let (from_start, from_split) = (0, config.step_at(config.stages.decomposition));
+    let control = |rows: &_, statistics: &_, density: &DensityConfig, since, rng: &mut _| {
+        let interval = density.opacity_reset_interval;
+        let was_reset = interval > 0 && step > since + interval;
+        control_density(rows, statistics, density, trainer.extent, was_reset, rng)
+    };
+    let due = |density: &DensityConfig| {
+        step >= config.step_at(density.from)
+            && step < config.step_at(density.until)
+            && step.is_multiple_of(density.interval)
+    };
+    if due(&config.density_static) {
+        let rows = trainer.scene.static_set.to_rows();
+        let round = control(
+            &rows,
+            &trainer.density_static,
+            &config.density_static,
+            from_start,
+            &mut trainer.rng,
+        );
+        trainer
+            .optimizer
+            .edit_rows(STATIC, &round.sources, &round.fresh, rows.len());
+        trainer.scene.static_set = Gaussians::from_rows(&round.rows, &trainer.device);
+        trainer.density_static = DensityStatistics::new(round.rows.len());
+        if trainer.motion_space.is_some() {
+            trainer.motion_statistics = trainer.motion_statistics.gather(&round.sources);
+            let held_still = &trainer.held_still;
+            trainer.held_still = round.sources.iter().map(|&row| held_still[row]).collect();
+        }
+    }
+    if due(&config.density_dynamic)
+        && let Some(dynamic) = &mut trainer.scene.dynamic
+    {
+        let rows = dynamic.gaussians.to_rows();
+        let round = control(
+            &rows,
+            &trainer.density_dynamic,
+            &config.density_dynamic,
+            from_split,
+            &mut trainer.rng,
+        );
+        trainer
+            .optimizer
+            .edit_rows(DYNAMIC, &round.sources, &round.fresh, rows.len());
+        dynamic.gaussians = Gaussians::from_rows(&round.rows, &trainer.device);
+        trainer.density_dynamic = DensityStatistics::new(round.rows.len());
+    }
+    let reset_due = |density: &DensityConfig, since: usize| {
+        let interval = density.opacity_reset_interval;
+        interval > 0
+            && step > since
+            && step < config.step_at(density.until)
+            && (step - since).is_multiple_of(interval)
+    };
+    // While motion is being followed, what it follows must stay in sight.
+    if trainer.motion_space.is_none() && reset_due(&config.density_static, from_start) {
+        trainer.scene.static_set = with_low_opacity(trainer.scene.static_set.clone());
+        trainer.optimizer.reset(&format!("{STATIC}opacity_logits"));
+    }
+    if reset_due(&config.density_dynamic, from_split)
+        && let Some(dynamic) = &mut trainer.scene.dynamic
+    {
+        dynamic.gaussians = with_low_opacity(dynamic.gaussians.clone());
+        trainer.optimizer.reset(&format!("{DYNAMIC}opacity_logits"));
+    }
+}
+
+/// The same Gaussians, none more opaque than [`RESET_OPACITY`].
+fn with_low_opacity(mut set: Gaussians) -> Gaussians {
+    let limit = dash_model::logit(RESET_OPACITY);
+    set.opacity_logits = set
+        .opacity_logits
+        .map(|logits| Tensor::from_inner(logits.inner().clamp_max(limit)).require_grad());
+    set
+}
