@@ -1,42 +1,85 @@
-//! Makes the synthetic scene `bounce`, trains the 4D model on it and says how far it got.
+//! Makes the synthetic scene `bounce`, trains the 4D model on it, scores it on the camera that was
+//! held out, and writes pictures, a video (where ffmpeg is there) and `results.json`.
 //!
-//! `cargo run --release --example quickstart -- [--out DIR] [--iterations N]`
+//! `cargo run --release --example quickstart -- [--out DIR] [--iterations N] [--scene NAME]`
 
 use std::path::PathBuf;
 use std::sync::Arc;
 
-use burn::tensor::Device;
-use dash_train::dataset::{self, LoadOptions};
+use dash_train::dataset::{self, LoadOptions, Split};
+use dash_train::device::DeviceChoice;
+use dash_train::evaluate::{Process, evaluate_run};
+use dash_train::render::{
+    PictureFormat, PictureLayer, RenderJob, spiral_shots, test_shots, write_pictures, write_video,
+};
 use dash_train::synth::{self, SynthConfig};
-use dash_train::train::{Preset, TrainConfig, Trainer};
+use dash_train::train::{
+    DataConfig, Preset, RunConfig, RunFolder, TrainConfig, TrainOptions, train,
+};
+use dash_train::video::ffmpeg_available;
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {
-    let mut out = PathBuf::from("out/quickstart");
+    let (mut out, mut synth) = (PathBuf::from("out/quickstart"), SynthConfig::default());
     let mut config = TrainConfig::preset(Preset::Quick);
     let mut arguments = std::env::args().skip(1);
     while let (Some(name), Some(value)) = (arguments.next(), arguments.next()) {
         match name.as_str() {
             "--out" => out = PathBuf::from(value),
             "--iterations" => config.set(&format!("iterations={value}"))?,
+            "--scene" => synth.scene = value.parse()?,
             other => return Err(format!("unknown option {other}").into()),
         }
     }
-    let data = out.join("bounce");
-    if !data.exists() {
-        println!("{}", synth::write(&data, &SynthConfig::default())?);
+
+    let data = out.join("data");
+    println!("{}", synth::write(&data, &synth)?);
+    let dataset = Arc::new(dataset::load(&data, &LoadOptions::default())?);
+
+    let choice = DeviceChoice::Auto.resolved();
+    let (device, name) = (choice.device()?, choice.to_string());
+    let run_config = RunConfig {
+        data: DataConfig {
+            dataset: data.canonicalize()?,
+            layout: None,
+            downscale: 1.0,
+            test_cameras: None,
+            device: name.clone(),
+        },
+        train: config.clone(),
+    };
+    let run = RunFolder::create(&out.join("run"), &run_config)?;
+    let options = TrainOptions {
+        resume: false,
+        on_step: &mut |report, seconds| {
+            if report.step.is_multiple_of(500) || report.step == config.iterations {
+                println!(
+                    "{seconds:4.0} s  step {:5}  training PSNR {:5.2} dB  {} static, {} dynamic",
+                    report.step, report.psnr, report.n_static, report.n_dynamic
+                );
+            }
+        },
+    };
+    let (trainer, _) = train(&run, &config, dataset.clone(), &device, options)?;
+
+    let results = evaluate_run(&run, &dataset, Split::Test, (&device, &name), Process::Trained)?;
+    let scores = &results.evaluation;
+    println!(
+        "test camera: PSNR {:.2} dB, moving pixels {:.2} dB; split F1 {:.3}",
+        scores.psnr.unwrap_or(f64::NAN),
+        scores.psnr_dynamic.unwrap_or(f64::NAN),
+        scores.decomposition.as_ref().map_or(f64::NAN, |split| split.f1),
+    );
+
+    let scene = trainer.scene();
+    let (test, path) = (test_shots(&dataset), spiral_shots(&dataset, 60));
+    let job = |shots| RenderJob { scene, shots, on_shot: &mut |_| {} };
+    let layers = [PictureLayer::Full, PictureLayer::Static, PictureLayer::Dynamic, PictureLayer::Depth];
+    write_pictures(job(&test), &layers, PictureFormat::Png, &run.root().join("renders"))?;
+    if ffmpeg_available() {
+        write_video(job(&path), PictureLayer::Full, &run.root().join("spiral.mp4"))?;
+    } else {
+        println!("no ffmpeg on this machine: no video");
     }
-    let data = Arc::new(dataset::load(&data, &LoadOptions::default())?);
-    let mut trainer = Trainer::new(config, data, &Device::flex())?;
-    while !trainer.is_finished() {
-        let report = trainer.step()?;
-        if report.step.is_multiple_of(200) || trainer.is_finished() {
-            println!(
-                "step {:5}  training PSNR {:5.2} dB  {} static, {} dynamic Gaussians",
-                report.step, report.psnr, report.n_static, report.n_dynamic
-            );
-        }
-    }
-    println!("validation PSNR {:?} dB", trainer.validation_psnr()?);
-    trainer.scene().save(&out.join("scene"))?;
+    println!("pictures, the model and results.json are in {}", run.root().display());
     Ok(())
 }

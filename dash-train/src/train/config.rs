@@ -1,9 +1,13 @@
 //! Everything that decides a training run.
 
+use dash_kernels::hash_encode::HashGridLayout;
 use dash_model::{DeformationConfig, HashEncoderConfig, OffsetPlacement, TrajectoryBasis};
 use serde::{Deserialize, Serialize};
 
 use crate::TrainError;
+
+/// Most spans that a polyline gets by itself.
+const MAX_SPANS: usize = 48;
 
 /// Named starting points for a [`TrainConfig`].
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, clap::ValueEnum)]
@@ -97,9 +101,9 @@ pub struct LossConfig {
     pub static_motion: f32,
     /// Weight of the field's smoothness, `lambda_r`.
     pub smoothness: f32,
-    /// Weight of the motion of all Gaussians, in the same units, once each has a trajectory of its
-    /// own: what moves without need comes to rest. Ours.
-    pub own_motion: f32,
+    /// Weight of the motion of all Gaussians as it appears on the screen, in shares of the image's
+    /// width, once each has a trajectory of its own: what moves without need comes to rest. Ours.
+    pub visible_motion: f32,
     /// Half-widths of the random step of Eq. 11 in the unit cube, space then time (released code).
     pub smoothness_step: [f32; 2],
 }
@@ -165,7 +169,8 @@ pub struct DecompositionConfig {
     pub floor: f32,
     /// Whether the coarse trajectories carry on into the 4D stage instead of being thrown away.
     pub keep_trajectories: bool,
-    /// Form of the coarse trajectories.
+    /// Form of the coarse trajectories; a polyline of 0 spans gets as many as suit the number of
+    /// frames.
     pub basis: TrajectoryBasis,
     /// The 3D encoder.
     pub encoder: HashEncoderConfig,
@@ -320,6 +325,18 @@ impl TrainConfig {
                 .is_none_or(|b| b.iter().all(|v| (0.0..=1.0).contains(v))),
             "background must be three numbers in [0, 1]",
         )?;
+        let fitted = self.for_frames(2);
+        for (name, encoder, dimensions) in [
+            ("decomposition.encoder", &fitted.decomposition.encoder, 3),
+            ("field.deformation.encoder", &fitted.field.deformation.encoder, 4),
+        ] {
+            let layout = HashGridLayout::new(&encoder.grid())
+                .map_err(|e| TrainError::Config(format!("{name}: {e}")))?;
+            check(
+                layout.dims() == dimensions,
+                &format!("{name} must have {dimensions} resolutions in base and in finest"),
+            )?;
+        }
         let rates = &self.learning_rates;
         check(
             [
@@ -341,6 +358,25 @@ impl TrainConfig {
             .all(|r| r.is_finite() && *r >= 0.0),
             "learning_rates.* must be finite and not negative",
         )
+    }
+
+    /// This configuration with what follows from the number of frames in place of zeros: one span of
+    /// a polyline, and one cell of the 4D field's finest time resolution, for every two frames.
+    pub fn for_frames(&self, n_frames: usize) -> Self {
+        let mut config = self.clone();
+        let cells = (n_frames as u32).div_ceil(2).max(2);
+        if let TrajectoryBasis::Polyline { spans: spans @ 0 } = &mut config.decomposition.basis {
+            *spans = (cells as usize).min(MAX_SPANS);
+        }
+        let encoder = &mut config.field.deformation.encoder;
+        if let ([.., base], [.., finest @ 0]) = (
+            encoder.base_resolution.as_mut_slice(),
+            encoder.finest_resolution.as_mut_slice(),
+        ) {
+            *finest = cells;
+            *base = cells.min(*base);
+        }
+        config
     }
 
     /// The step at a share of the run.

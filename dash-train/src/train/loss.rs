@@ -1,10 +1,13 @@
 //! The losses of Eqs. 6, 11 and 12.
 
 use burn::tensor::{Tensor, TensorData};
-use dash_kernels::KernelError;
+use dash_kernels::splats::{CONIC_A, CONIC_B, CONIC_C, DEPTH, N_COLUMNS, OPACITY, RADIUS_X};
 use dash_kernels::ssim::ssim;
+use dash_kernels::{Camera, KernelError};
 use dash_model::{DeformationField, ModelError, SpaceBox};
 use rand::Rng;
+
+use super::optimizer::to_host;
 
 /// `(1 - lambda_c) L1 + lambda_c (1 - SSIM)` of two images `[H, W, 3]`.
 pub(crate) fn photometric(
@@ -32,6 +35,35 @@ pub(crate) fn static_motion(extents: Tensor<1>, is_static: &[bool], space: &Spac
     let n = weights.len();
     let weights = Tensor::<1>::from_data(TensorData::new(weights, [n]), &extents.device());
     (extents * weights).sum()
+}
+
+/// Mean motion on the screen, in shares of the image's width, each Gaussian by the area that it
+/// covers: so that moving costs a small one as much of what it does for the picture as a large one.
+/// `extents [N]` in world units, `splats [N, C]` as projected.
+pub(crate) fn visible_motion(
+    extents: Tensor<1>,
+    splats: &Tensor<2>,
+    camera: &Camera,
+) -> Tensor<1> {
+    let focal = (camera.fx / camera.width as f64) as f32;
+    let rows = to_host(splats.clone());
+    let rows = rows.chunks_exact(N_COLUMNS);
+    let (weights, areas): (Vec<f32>, Vec<f32>) = rows
+        .map(|splat| {
+            let det = splat[CONIC_A] * splat[CONIC_C] - splat[CONIC_B].powi(2);
+            let area = splat[OPACITY] / det.sqrt();
+            let counts = splat[RADIUS_X] > 0.0 && area.is_finite() && splat[DEPTH] > 0.0;
+            if counts {
+                (area * focal / splat[DEPTH], area)
+            } else {
+                (0.0, 0.0)
+            }
+        })
+        .unzip();
+    let all: f32 = areas.iter().sum();
+    let n = weights.len();
+    let weights = Tensor::<1>::from_data(TensorData::new(weights, [n]), &extents.device());
+    (extents * weights).sum() / all.max(f32::MIN_POSITIVE)
 }
 
 /// Eq. 11: mean over Gaussians of the squared distance between the field's features at a point

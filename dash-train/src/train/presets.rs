@@ -43,7 +43,7 @@ impl TrainConfig {
                 dssim: 0.2,
                 static_motion: 0.01,
                 smoothness: 0.01,
-                own_motion: 0.01,
+                visible_motion: 5.0,
                 smoothness_step: [5e-3, 1e-4],
             },
             learning_rates: LearningRates {
@@ -68,7 +68,7 @@ impl TrainConfig {
                 quantile: 0.0,
                 floor: 0.015,
                 keep_trajectories: true,
-                basis: TrajectoryBasis::Polyline { spans: 12 },
+                basis: TrajectoryBasis::Polyline { spans: 0 },
                 encoder: HashEncoderConfig {
                     n_levels: 8,
                     n_features_per_level: 2,
@@ -125,7 +125,8 @@ impl TrainConfig {
     }
 
     fn shorten(&mut self) {
-        self.iterations = 4_000;
+        self.iterations = 6_000;
+        self.stages.decomposition = 0.45;
         self.sh_degree = 1;
         self.max_initial_points = 20_000;
         self.min_initial_points = 6_000;
@@ -189,7 +190,7 @@ impl TrainConfig {
             dssim: 0.0,
             static_motion: 0.1,
             smoothness: 1.0,
-            own_motion: 0.0,
+            visible_motion: 0.0,
             smoothness_step: [5e-3, 1e-4],
         };
         self.learning_rates = LearningRates {

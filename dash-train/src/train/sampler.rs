@@ -6,6 +6,8 @@ use serde::{Deserialize, Serialize};
 
 /// Views that are drawn before the candidates are looked at again, while these change.
 const ROUND: usize = 32;
+/// How many of them are new.
+const NEW: usize = 16;
 
 /// Draws every candidate once, in random order, before any comes again.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
@@ -14,23 +16,35 @@ pub(crate) struct ViewSampler {
 }
 
 impl ViewSampler {
-    /// The next of the views for which `is_candidate` holds. While `changing`, only a few are drawn
-    /// before candidates are listed anew.
+    /// The next of the views for which `is_candidate` holds.
     pub(crate) fn next(
         &mut self,
         n: usize,
         is_candidate: impl Fn(usize) -> bool,
-        changing: bool,
         rng: &mut Pcg64,
     ) -> usize {
         if self.left.is_empty() {
-            self.left = (0..n as u32)
-                .filter(|&view| is_candidate(view as usize))
-                .collect();
+            self.left = shuffled(n, is_candidate, rng);
+        }
+        self.left.pop().map_or(0, |view| view as usize)
+    }
+
+    /// The next while candidates become more: only a few are drawn before they are listed anew, half
+    /// of them from those that are new.
+    pub(crate) fn next_of_growing(
+        &mut self,
+        n: usize,
+        is_candidate: impl Fn(usize) -> bool,
+        is_new: impl Fn(usize) -> bool,
+        rng: &mut Pcg64,
+    ) -> usize {
+        if self.left.is_empty() {
+            self.left = shuffled(n, |view| is_candidate(view) && is_new(view), rng);
+            self.left.truncate(NEW);
+            let mut others = shuffled(n, is_candidate, rng);
+            others.truncate(ROUND - self.left.len());
+            self.left.extend(others);
             self.left.shuffle(rng);
-            if changing {
-                self.left.truncate(ROUND);
-            }
         }
         self.left.pop().map_or(0, |view| view as usize)
     }
@@ -39,6 +53,14 @@ impl ViewSampler {
     pub(crate) fn restart(&mut self) {
         self.left.clear();
     }
+}
+
+fn shuffled(n: usize, is_candidate: impl Fn(usize) -> bool, rng: &mut Pcg64) -> Vec<u32> {
+    let mut views: Vec<u32> = (0..n as u32)
+        .filter(|&view| is_candidate(view as usize))
+        .collect();
+    views.shuffle(rng);
+    views
 }
 
 #[cfg(test)]
@@ -53,10 +75,23 @@ mod tests {
         let mut sampler = ViewSampler::default();
         for _ in 0..3 {
             let mut round: Vec<usize> = (0..7)
-                .map(|_| sampler.next(9, |view| view < 7, false, &mut rng))
+                .map(|_| sampler.next(9, |view| view < 7, &mut rng))
                 .collect();
             round.sort_unstable();
             assert_eq!(round, [0, 1, 2, 3, 4, 5, 6]);
         }
+    }
+
+    #[test]
+    fn half_of_a_growing_round_is_new() {
+        let mut rng = Pcg64::seed_from_u64(4);
+        let mut sampler = ViewSampler::default();
+        let new = (0..ROUND)
+            .filter(|_| sampler.next_of_growing(99, |v| v < 90, |v| v >= 80, &mut rng) >= 80)
+            .count();
+        // Ten views are new, and among the 22 others are new ones by chance too.
+        assert!((10..=20).contains(&new), "{new}");
+        let mut sampler = ViewSampler::default();
+        assert!((0..ROUND).all(|_| sampler.next_of_growing(9, |v| v < 3, |_| false, &mut rng) < 3));
     }
 }

@@ -2,7 +2,7 @@
 
 use dash_model::decomposition::MotionStatistics;
 use dash_model::{
-    DeformationConfig, DeformationField, DynamicPart, GaussianRows, Gaussians, MotionField,
+    DeformationField, DynamicPart, GaussianRows, Gaussians, MotionField,
     SpaceBox,
 };
 
@@ -76,7 +76,7 @@ pub(crate) fn split(trainer: &mut Trainer) -> Result<(), TrainError> {
     trainer.optimizer.forget(&format!("{STATIC}trajectories"));
     let space = space_for(trainer.config.field.space, &dynamic_rows.means);
     let field = DeformationField::new(
-        &with_time_resolution(&trainer.config.field.deformation, trainer.dataset.n_frames),
+        &trainer.config.field.deformation,
         space,
         &mut trainer.rng,
         &trainer.device,
@@ -218,16 +218,4 @@ fn space_for(rule: SpaceRule, means: &[[f32; 3]]) -> SpaceBox {
         SpaceRule::Fixed(bound) => SpaceBox::fixed(bound),
         SpaceRule::Scene => SpaceBox::around(means, BOX_TAIL, BOX_MARGIN),
     }
-}
-
-/// Replaces a time resolution of 0 by one cell for every two frames.
-fn with_time_resolution(config: &DeformationConfig, n_frames: usize) -> DeformationConfig {
-    let mut config = config.clone();
-    let encoder = &mut config.encoder;
-    if encoder.finest_resolution[3] == 0 {
-        let cells = (n_frames as u32).div_ceil(2).max(2);
-        encoder.finest_resolution[3] = cells;
-        encoder.base_resolution[3] = encoder.base_resolution[3].min(cells);
-    }
-    config
 }

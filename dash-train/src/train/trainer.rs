@@ -3,6 +3,7 @@
 use std::sync::Arc;
 
 use burn::tensor::{Device, Tensor, TensorData};
+use dash_kernels::Camera;
 use dash_model::decomposition::MotionStatistics;
 use dash_model::{DynamicScene, GaussianRows, Gaussians, MotionField, SceneSettings, SpaceBox};
 use rand::SeedableRng;
@@ -12,7 +13,7 @@ use super::coarse::Stages;
 use super::config::TrainConfig;
 use super::density::DensityStatistics;
 use super::initial::{initial_points, scene_extent};
-use super::loss::{photometric, smoothness, static_motion};
+use super::loss::{photometric, smoothness, static_motion, visible_motion};
 use super::optimizer::{Optimizer, to_host};
 use super::sampler::ViewSampler;
 use super::{coarse, split, statistics, update, validation};
@@ -85,6 +86,7 @@ impl Trainer {
         device: &Device,
     ) -> Result<Self, TrainError> {
         config.validate()?;
+        let config = config.for_frames(dataset.n_frames);
         let device = device.clone().autodiff();
         let (train_views, validation_views) = validation::hold_out(&dataset);
         if train_views.is_empty() {
@@ -223,12 +225,16 @@ impl Trainer {
     fn next_view(&mut self) -> usize {
         let window = coarse::time_window(self, self.step);
         let (views, train_views) = (&self.dataset.views, &self.train_views);
-        let index = self.sampler.next(
-            train_views.len(),
-            |index| views[train_views[index]].time <= window,
-            window < 1.0,
-            &mut self.rng,
-        );
+        let time = |index: usize| views[train_views[index]].time;
+        let n = train_views.len();
+        let index = if window < 1.0 {
+            // The newest two frames.
+            let recent = window - 2.0 / (self.dataset.n_frames - 1).max(1) as f32;
+            let (seen, new) = (|i| time(i) <= window, |i| time(i) > recent);
+            self.sampler.next_of_growing(n, seen, new, &mut self.rng)
+        } else {
+            self.sampler.next(n, |_| true, &mut self.rng)
+        };
         train_views[index]
     }
 
@@ -241,8 +247,9 @@ impl Trainer {
                 let basis = self.config.decomposition.basis;
                 let means = self.scene.static_set.means.val();
                 let moved = means + basis.displacement(coefficients.clone(), time);
-                regularisers.extend(self.motion_cost(basis.extent(coefficients)));
-                self.scene.static_splats_at(moved, camera)?
+                let splats = self.scene.static_splats_at(moved, camera)?;
+                regularisers.extend(self.motion_cost(basis.extent(coefficients), &splats, camera));
+                splats
             }
         };
         let static_leaf = self.probe(&static_splats);
@@ -296,15 +303,19 @@ impl Trainer {
         Tensor::zeros(splats.dims(), &self.device).require_grad()
     }
 
-    /// What Eq. 5 asks of motions `[N]`: of Gaussians held still while the field looks for motion, of
-    /// all once each has a trajectory of its own.
-    fn motion_cost(&self, extents: Tensor<1>) -> Option<Tensor<1>> {
+    /// The cost of motions `[N]`: Eq. 5 while the field looks for motion; of every Gaussian as it
+    /// appears in this view, once each has a trajectory of its own.
+    fn motion_cost(
+        &self,
+        extents: Tensor<1>,
+        splats: &Tensor<2>,
+        camera: &Camera,
+    ) -> Option<Tensor<1>> {
         let (space, loss) = (self.motion_space.as_ref()?, &self.config.loss);
         Some(if self.motion.is_some() {
             static_motion(extents, &self.held_still, space) * loss.static_motion
         } else {
-            let all = vec![true; self.held_still.len()];
-            static_motion(extents, &all, space) * loss.own_motion
+            visible_motion(extents, splats, camera) * loss.visible_motion
         })
     }
 

@@ -1,0 +1,55 @@
+//! A capture in the Neural 3D Video layout (`poses_bounds.npy` with one folder of images or one
+//! video per camera): trains, scores camera 0, and writes a video along a path between the cameras.
+//!
+//! `cargo run --release --example neural_3d_video -- FOLDER RUN [DOWNSCALE]`
+
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+use dash_train::dataset::{self, Layout, LoadOptions, Split};
+use dash_train::device::DeviceChoice;
+use dash_train::evaluate::{Process, evaluate_run};
+use dash_train::render::{PictureLayer, RenderJob, spiral_shots, write_video};
+use dash_train::train::{
+    DataConfig, Preset, RunConfig, RunFolder, TrainConfig, TrainOptions, train,
+};
+
+fn main() -> Result<(), Box<dyn std::error::Error>> {
+    let arguments: Vec<String> = std::env::args().skip(1).collect();
+    let [folder, out, rest @ ..] = arguments.as_slice() else {
+        return Err("expected FOLDER RUN [DOWNSCALE]".into());
+    };
+    let choice = DeviceChoice::Auto.resolved();
+    let data = DataConfig {
+        dataset: PathBuf::from(folder).canonicalize()?,
+        layout: Some(Layout::N3dv),
+        downscale: rest.first().map_or(Ok(2.0), |factor| factor.parse())?,
+        test_cameras: Some(vec![0]),
+        device: choice.to_string(),
+    };
+    let dataset = Arc::new(dataset::load(&data.dataset, &LoadOptions { ..data.load_options() })?);
+    println!("{} cameras, {} frames", dataset.n_cameras, dataset.n_frames);
+
+    // The quick preset with more Gaussians and steps: some minutes on a CPU at a small size.
+    let mut train_config = TrainConfig::preset(Preset::Quick);
+    train_config.set("iterations=8000")?;
+    train_config.set("density_static.max_gaussians=20000")?;
+    let config = RunConfig { data, train: train_config };
+    let run = RunFolder::create(Path::new(out), &config)?;
+    let device = choice.device()?;
+    let options = TrainOptions {
+        resume: false,
+        on_step: &mut |report, seconds| {
+            if report.step.is_multiple_of(500) {
+                println!("{seconds:5.0} s  step {:6}  {:5.2} dB", report.step, report.psnr);
+            }
+        },
+    };
+    let (trainer, _) = train(&run, &config.train, dataset.clone(), &device, options)?;
+    let name = config.data.device.as_str();
+    let results = evaluate_run(&run, &dataset, Split::Test, (&device, name), Process::Trained)?;
+    println!("PSNR {:?}, moving pixels {:?}", results.evaluation.psnr, results.evaluation.psnr_dynamic);
+    let shots = spiral_shots(&dataset, dataset.n_frames.max(2));
+    let job = RenderJob { scene: trainer.scene(), shots: &shots, on_shot: &mut |_| {} };
+    Ok(write_video(job, PictureLayer::Full, &run.root().join("spiral.mp4"))?)
+}
