@@ -1,9 +1,9 @@
 //! The coarse motion field of the decomposition stage.
 
-use burn::module::{Module, Param};
+use burn::module::Module;
 use burn::nn::Linear;
 use burn::tensor::activation::relu;
-use burn::tensor::{Device, Tensor, TensorData};
+use burn::tensor::{Device, Tensor};
 use rand::Rng;
 
 use crate::mlp::{Mlp, linear};
@@ -71,33 +71,6 @@ impl MotionField {
         let features = self.encoder.forward(self.space.normalize(means.detach()))?;
         let hidden = relu(self.trunk.forward(features));
         Ok(self.head.forward(hidden) * (OUTPUT_SCALE * self.space.diagonal()))
-    }
-
-    /// The same field, in which the polyline's span `to` moves as its span `from` does. What comes
-    /// next then starts from where the motion so far leads.
-    ///
-    /// # Panics
-    /// When there is no such span.
-    pub fn with_span_copied(mut self, from: usize, to: usize) -> Self {
-        let spans = self.basis.len();
-        assert!(from < spans && to < spans, "spans {from}, {to} of {spans}");
-        let device = self.head.weight.device();
-        let copy = |values: TensorData| {
-            let shape = values.shape().clone();
-            let mut values = values
-                .try_into_vec::<f32>()
-                .unwrap_or_else(|error| panic!("the head is f32: {error:?}"));
-            for row in values.chunks_exact_mut(3 * spans) {
-                row.copy_within(3 * from..3 * from + 3, 3 * to);
-            }
-            TensorData::new(values, shape)
-        };
-        self.head = Linear {
-            weight: Param::from_data(copy(self.head.weight.val().into_data()), &device),
-            bias: (self.head.bias.as_ref())
-                .map(|bias| Param::from_data(copy(bias.val().into_data()), &device)),
-        };
-        self
     }
 
     /// The basis of the trajectories.

@@ -2,7 +2,7 @@
 //! trajectory of its own, which it keeps only as far as the pictures pay for it.
 
 use burn::tensor::Tensor;
-use dash_model::{Gaussians, TrajectoryBasis};
+use dash_model::Gaussians;
 
 use super::config::TimeWindow;
 use super::optimizer::to_host;
@@ -12,6 +12,8 @@ use crate::TrainError;
 
 /// Share of the field's time after which a growing window has all times.
 const GROWN: f32 = 0.8;
+/// Frames that count as new when the window reaches them.
+const NEW_FRAMES: f32 = 2.0;
 /// Cameras at the first time that a growing window needs.
 const MIN_CAMERAS: usize = 4;
 
@@ -66,9 +68,6 @@ pub(crate) fn enter_stage(trainer: &mut Trainer) -> Result<(), TrainError> {
         split::start_motion(trainer)?;
         trainer.sampler.restart();
     }
-    if trainer.step > stages.warmup && trainer.step < stages.settle {
-        carry_velocity_on(trainer);
-    }
     if trainer.step == stages.settle && stages.settle < stages.end {
         settle(trainer)?;
     }
@@ -90,8 +89,11 @@ pub(crate) fn coefficients(trainer: &Trainer) -> Result<Option<Tensor<2>>, Train
     })
 }
 
-/// The latest time that is trained on at `step`.
-pub(crate) fn time_window(trainer: &Trainer, step: usize) -> f32 {
+/// The latest time that is trained on at `step`, and the time after which frames are new. New frames
+/// teach the coarse field only: until it has followed what moves, they would teach the Gaussians to
+/// fade where they should be moved.
+pub(crate) fn time_window(trainer: &Trainer, step: usize) -> (f32, f32) {
+    const ALL: (f32, f32) = (1.0, 1.0);
     let times = || {
         trainer
             .train_views
@@ -104,32 +106,19 @@ pub(crate) fn time_window(trainer: &Trainer, step: usize) -> f32 {
         || !trainer.may_move()
         || at_first < MIN_CAMERAS
     {
-        return 1.0;
+        return ALL;
     }
     let stages = Stages::of(trainer);
     if step < stages.warmup {
-        return first;
+        return (first, first);
     }
     let grown = share(stages.warmup, stages.settle, step) / GROWN;
-    (first + (1.0 - first) * grown).min(1.0)
-}
-
-/// A span of the polyline that comes into the window starts with the velocity of the one before.
-fn carry_velocity_on(trainer: &mut Trainer) {
-    let TrajectoryBasis::Polyline { spans } = trainer.config.decomposition.basis else {
-        return;
-    };
-    let last_span = |step| {
-        let window = time_window(trainer, step);
-        ((window * spans as f32).ceil() as usize).clamp(1, spans) - 1
-    };
-    let (before, now) = (last_span(trainer.step - 1), last_span(trainer.step));
-    for span in before + 1..=now {
-        if let Some(field) = trainer.motion.take() {
-            trainer.motion = Some(field.with_span_copied(span - 1, span));
-            trainer.optimizer.copy_columns("motion.head.", 3 * spans, 3 * (span - 1), 3 * span, 3);
-        }
+    if grown >= 1.0 {
+        return ALL;
     }
+    let window = first + (1.0 - first) * grown;
+    let frame = 1.0 / (trainer.dataset.n_frames - 1).max(1) as f32;
+    (window, (window - NEW_FRAMES * frame).max(first))
 }
 
 /// Gives every Gaussian the trajectory that the field has for it.

@@ -37,33 +37,46 @@ pub(crate) fn static_motion(extents: Tensor<1>, is_static: &[bool], space: &Spac
     (extents * weights).sum()
 }
 
-/// Mean motion on the screen, in shares of the image's width, each Gaussian by the area that it
-/// covers: so that moving costs a small one as much of what it does for the picture as a large one.
+/// The area that each splat covers, px^2, by its opacity; 0 for what is not drawn.
+/// `splats [N, C]` as projected -> `N`
+pub(crate) fn areas(splats: &Tensor<2>) -> Vec<f32> {
+    to_host(splats.clone())
+        .chunks_exact(N_COLUMNS)
+        .map(|splat| {
+            let det = splat[CONIC_A] * splat[CONIC_C] - splat[CONIC_B].powi(2);
+            let area = splat[OPACITY] / det.sqrt();
+            let drawn = splat[RADIUS_X] > 0.0 && area.is_finite();
+            if drawn { area } else { 0.0 }
+        })
+        .collect()
+}
+
+/// Motion on the screen, in shares of the image's width, each Gaussian by the area that it covers:
+/// so that moving costs a small one as much of what it does for the picture as a large one. Divided
+/// by `all`, the area of all Gaussians in the picture.
 /// `extents [N]` in world units, `splats [N, C]` as projected.
 pub(crate) fn visible_motion(
     extents: Tensor<1>,
     splats: &Tensor<2>,
+    all: f32,
     camera: &Camera,
 ) -> Tensor<1> {
     let focal = (camera.fx / camera.width as f64) as f32;
-    let rows = to_host(splats.clone());
-    let rows = rows.chunks_exact(N_COLUMNS);
-    let (weights, areas): (Vec<f32>, Vec<f32>) = rows
-        .map(|splat| {
-            let det = splat[CONIC_A] * splat[CONIC_C] - splat[CONIC_B].powi(2);
-            let area = splat[OPACITY] / det.sqrt();
-            let counts = splat[RADIUS_X] > 0.0 && area.is_finite() && splat[DEPTH] > 0.0;
-            if counts {
-                (area * focal / splat[DEPTH], area)
+    let depths = to_host(splats.clone().narrow(1, DEPTH, 1));
+    let weights: Vec<f32> = areas(splats)
+        .iter()
+        .zip(depths)
+        .map(|(area, depth)| {
+            if *area > 0.0 && depth > 0.0 {
+                area * focal / (depth * all.max(f32::MIN_POSITIVE))
             } else {
-                (0.0, 0.0)
+                0.0
             }
         })
-        .unzip();
-    let all: f32 = areas.iter().sum();
+        .collect();
     let n = weights.len();
     let weights = Tensor::<1>::from_data(TensorData::new(weights, [n]), &extents.device());
-    (extents * weights).sum() / all.max(f32::MIN_POSITIVE)
+    (extents * weights).sum()
 }
 
 /// Eq. 11: mean over Gaussians of the squared distance between the field's features at a point

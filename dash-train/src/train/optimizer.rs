@@ -73,31 +73,6 @@ impl Optimizer {
         }
     }
 
-    /// Copies `count` columns of the moments under `prefix`, of rows of `width` values.
-    pub(crate) fn copy_columns(
-        &mut self,
-        prefix: &str,
-        width: usize,
-        from: usize,
-        to: usize,
-        count: usize,
-    ) {
-        for (_, moments) in self
-            .moments
-            .range_mut(prefix.to_string()..)
-            .take_while(|(n, _)| n.starts_with(prefix))
-        {
-            let device = moments.first.device();
-            for tensor in [&mut moments.first, &mut moments.second] {
-                let mut values = to_host(tensor.clone());
-                for row in values.chunks_exact_mut(width) {
-                    row.copy_within(from..from + count, to);
-                }
-                *tensor = upload(values, &device);
-            }
-        }
-    }
-
     /// Forgets the moments under `prefix` (all of one parameter group).
     pub(crate) fn forget(&mut self, prefix: &str) {
         self.moments.retain(|name, _| !name.starts_with(prefix));

@@ -133,7 +133,7 @@ impl TrainConfig {
         self.learning_rates.means_final = 1.6e-5;
         self.density_static.opacity_reset_interval = 2_000;
         self.density_dynamic.opacity_reset_interval = 800;
-        self.density_static.max_gaussians = 8_000;
+        self.density_static.max_gaussians = 10_000;
         self.density_dynamic.max_gaussians = 4_000;
         self.decomposition.review_interval = 250;
     }

@@ -13,7 +13,7 @@ use super::coarse::Stages;
 use super::config::TrainConfig;
 use super::density::DensityStatistics;
 use super::initial::{initial_points, scene_extent};
-use super::loss::{photometric, smoothness, static_motion, visible_motion};
+use super::loss::{areas, photometric, smoothness, static_motion, visible_motion};
 use super::optimizer::{Optimizer, to_host};
 use super::sampler::ViewSampler;
 use super::{coarse, split, statistics, update, validation};
@@ -206,7 +206,7 @@ impl Trainer {
         let mut gradients = forward.loss.backward();
         statistics::gather(self, &forward, view, &mut gradients)?;
         drop(forward);
-        update::parameters(self, &mut gradients);
+        update::parameters(self, view.time, &mut gradients);
         self.step += 1;
         update::densities(self);
         self.review()?;
@@ -223,13 +223,11 @@ impl Trainer {
 
     /// The view to train on.
     fn next_view(&mut self) -> usize {
-        let window = coarse::time_window(self, self.step);
         let (views, train_views) = (&self.dataset.views, &self.train_views);
         let time = |index: usize| views[train_views[index]].time;
         let n = train_views.len();
+        let (window, recent) = coarse::time_window(self, self.step);
         let index = if window < 1.0 {
-            // The newest two frames.
-            let recent = window - 2.0 / (self.dataset.n_frames - 1).max(1) as f32;
             let (seen, new) = (|i| time(i) <= window, |i| time(i) > recent);
             self.sampler.next_of_growing(n, seen, new, &mut self.rng)
         } else {
@@ -255,9 +253,19 @@ impl Trainer {
         let static_leaf = self.probe(&static_splats);
         let joined = static_splats.clone() + static_leaf.clone();
         let mut dynamic_probe = None;
-        let splats = match self.scene.dynamic_splats(camera, time)? {
+        let dynamic = self.scene.dynamic.as_ref();
+        let splats = match dynamic.filter(|dynamic| !dynamic.gaussians.is_empty()) {
             None => joined,
-            Some(splats) => {
+            Some(dynamic) => {
+                let deformed = dynamic.deform(&self.scene.settings, time)?;
+                let moved = deformed.means.clone() - dynamic.gaussians.means.val();
+                let splats = self.scene.deformed_splats(dynamic, deformed, camera)?;
+                if self.config.loss.visible_motion > 0.0 {
+                    let way = (moved.powi_scalar(2).sum_dim(1).squeeze_dim::<1>(1) + 1e-12).sqrt();
+                    let all = areas(&static_splats).iter().chain(&areas(&splats)).sum();
+                    let term = visible_motion(way, &splats, all, camera);
+                    regularisers.push(term * self.config.loss.visible_motion * std::env::var("COST4").map_or(1.0, |v| v.parse::<f32>().unwrap()));
+                }
                 let leaf = self.probe(&splats);
                 let probed = splats.clone() + leaf.clone();
                 dynamic_probe = Some((leaf, splats));
@@ -315,7 +323,8 @@ impl Trainer {
         Some(if self.motion.is_some() {
             static_motion(extents, &self.held_still, space) * loss.static_motion
         } else {
-            visible_motion(extents, splats, camera) * loss.visible_motion
+            let all = areas(splats).iter().sum();
+            visible_motion(extents, splats, all, camera) * loss.visible_motion
         })
     }
 

@@ -3,13 +3,18 @@
 use burn::tensor::{Gradients, Tensor};
 use dash_model::Gaussians;
 
-use super::coarse::Stages;
+use super::coarse::{Stages, time_window};
 use super::config::DensityConfig;
 use super::density::{DensityStatistics, RESET_OPACITY, control_density};
 use super::trainer::{DYNAMIC, STATIC, Trainer};
 
-/// One step of Adam on everything that has a gradient, at the rates of the trainer's step.
-pub(crate) fn parameters(trainer: &mut Trainer, gradients: &mut Gradients) {
+/// Share of the static Gaussians that is not used before the split: without room, what the static set
+/// still lacks would be filled by dynamic Gaussians.
+const KEPT_BACK: f32 = 0.25;
+
+/// One step of Adam on everything that has a gradient, at the rates of the trainer's step, after a
+/// view at `time`.
+pub(crate) fn parameters(trainer: &mut Trainer, time: f32, gradients: &mut Gradients) {
     let rates = trainer.config.learning_rates.clone();
     let progress = trainer.step as f32 / trainer.config.iterations as f32;
     let decay = |from: f32, to: f32| {
@@ -39,8 +44,11 @@ pub(crate) fn parameters(trainer: &mut Trainer, gradients: &mut Gradients) {
         _ if name.starts_with("motion.") => rates.motion_network,
         _ => rates.network * field,
     };
+    let (_, recent) = time_window(trainer, trainer.step);
     let optimizer = &mut trainer.optimizer;
-    trainer.scene = optimizer.step("scene", trainer.scene.clone(), gradients, &rate);
+    if time <= recent {
+        trainer.scene = optimizer.step("scene", trainer.scene.clone(), gradients, &rate);
+    }
     if let Some(motion) = trainer.motion.take() {
         let left = stages.field_rate(trainer.step);
         trainer.motion =
@@ -64,11 +72,15 @@ pub(crate) fn densities(trainer: &mut Trainer) {
             && step.is_multiple_of(density.interval)
     };
     if due(&config.density_static) {
+        let mut density = config.density_static.clone();
+        if trainer.may_move() && step < from_split {
+            density.max_gaussians -= (KEPT_BACK * density.max_gaussians as f32) as usize;
+        }
         let rows = trainer.scene.static_set.to_rows();
         let round = control(
             &rows,
             &trainer.density_static,
-            &config.density_static,
+            &density,
             from_start,
             &mut trainer.rng,
         );
