@@ -461,7 +461,7 @@ impl Trainer {
         };
         self.scene = self
             .optimizer
-            .step("scene", self.scene.clone(), gradients, &rate);
+            .step("scene", self.scene.clone(), gradients, rate);
         if let Some(motion) = self.motion.take() {
             // The coarse field comes to rest by the end of its stage: Adam's steps do not get
             // smaller by themselves, and what still jitters would pass for motion.
