@@ -1,5 +1,13 @@
 //! A whole scene: rendering, layers, files, export, on every backend.
 
+#![cfg_attr(
+    feature = "ndarray",
+    expect(
+        deprecated,
+        reason = "burn-ndarray gives way to burn-flex; users still ask for it"
+    )
+)]
+
 use burn::tensor::Device;
 use dash_model::{
     Camera, DeformationConfig, DeformationField, DynamicPart, DynamicScene, GaussianRows,

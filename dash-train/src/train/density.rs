@@ -146,14 +146,10 @@ pub(crate) fn control_density(
     fresh.resize(sources.len(), true);
 
     let mut edited = rows.gather(&sources);
-    for child in first_child..sources.len() {
-        let offset = sample(
-            &rows.quats[sources[child]],
-            &rows.log_scales[sources[child]],
-            rng,
-        );
-        for axis in 0..3 {
-            edited.means[child][axis] += offset[axis];
+    for (child, &parent) in sources.iter().enumerate().skip(first_child) {
+        let offset = sample(&rows.quats[parent], &rows.log_scales[parent], rng);
+        for (axis, offset) in offset.into_iter().enumerate() {
+            edited.means[child][axis] += offset;
             edited.log_scales[child][axis] -= SPLIT_SHRINK.ln();
         }
     }

@@ -1,0 +1,166 @@
+//! A run that is killed at any moment, also while it writes a checkpoint, loses no checkpoint and
+//! resumes to the same bits.
+
+mod common;
+
+use std::fs;
+use std::path::Path;
+use std::process::{Child, ExitStatus, Stdio};
+use std::sync::Arc;
+use std::thread::sleep;
+use std::time::{Duration, Instant};
+
+use burn::tensor::Device;
+use common::{Bench, TINY, text};
+use dash_train::dataset::{Dataset, LoadOptions, load};
+use dash_train::train::{RunFolder, latest_checkpoint, load_checkpoint};
+use rand::{Rng, SeedableRng};
+use rand_pcg::Pcg64;
+
+const STEPS: usize = 300;
+const CHECKPOINT_INTERVAL: usize = 3;
+
+/// Where the last kill comes at the latest, so that it does not come after the end if the machine
+/// is slow to notice.
+const LAST_KILL: usize = 270;
+
+/// Every other one is meant for the writing of a checkpoint.
+const KILLS: usize = 20;
+
+/// How often the run's folder is looked at: well under the time that a checkpoint takes.
+const GLANCE: Duration = Duration::from_micros(50);
+
+/// [`TINY`], with density control and opacity resets of both sets.
+fn arguments(run: &str) -> Vec<&str> {
+    let mut args = vec!["train", "room", "--out", run, "--preset", "quick"];
+    args.extend(["--iterations", "300", "--seed", "7"]);
+    args.extend(TINY);
+    for assignment in [
+        "checkpoint_interval=3",
+        "density_static.interval=10",
+        "density_static.opacity_reset_interval=40",
+        "density_dynamic.interval=10",
+        "density_dynamic.opacity_reset_interval=40",
+    ] {
+        args.extend(["--set", assignment]);
+    }
+    args
+}
+
+/// The step of the newest complete checkpoint.
+fn newest(run: &RunFolder) -> usize {
+    let path = latest_checkpoint(&run.checkpoints_path()).expect("listed");
+    path.map_or(0, |path| {
+        let name = path.file_name().and_then(|name| name.to_str());
+        name.and_then(|name| name.parse().ok()).expect("a number")
+    })
+}
+
+/// Whether a checkpoint is begun and not complete.
+fn is_writing(run: &RunFolder) -> bool {
+    fs::read_dir(run.checkpoints_path()).is_ok_and(|mut entries| {
+        entries
+            .any(|entry| entry.is_ok_and(|e| e.path().extension().is_some_and(|x| x == "partial")))
+    })
+}
+
+/// Looks at the run's folder until `arrived`, and fails if the process ends before.
+#[track_caller]
+fn watch(child: &mut Child, arrived: impl Fn() -> bool) {
+    while !arrived() {
+        if let Some(status) = child.try_wait().expect("our own child") {
+            let mut stderr = Vec::new();
+            let pipe = child.stderr.as_mut().expect("piped");
+            std::io::Read::read_to_end(pipe, &mut stderr).expect("read");
+            panic!("ended by itself, {status}: {}", text(&stderr));
+        }
+        sleep(GLANCE);
+    }
+}
+
+/// The newest checkpoint must be whole: its step, after everything in it was read.
+fn readable(run: &RunFolder, dataset: &Arc<Dataset>) -> usize {
+    let Some(path) = latest_checkpoint(&run.checkpoints_path()).expect("listed") else {
+        return 0;
+    };
+    let (trainer, _) =
+        load_checkpoint(&path, dataset.clone(), &Device::flex()).unwrap_or_else(|e| panic!("{e}"));
+    trainer.steps_done()
+}
+
+fn killed(mut child: Child) -> ExitStatus {
+    child.kill().expect("our own child");
+    child.wait().expect("our own child")
+}
+
+fn scene(run: &Path) -> [Vec<u8>; 2] {
+    ["scene.safetensors", "scene.json"].map(|name| {
+        let path = run.join("scene").join(name);
+        fs::read(&path).unwrap_or_else(|e| panic!("{}: {e}", path.display()))
+    })
+}
+
+#[test]
+fn a_run_killed_at_random_moments_loses_no_checkpoint_and_ends_with_the_same_bits() {
+    let bench = Bench::with_room("n3dv");
+    let dataset = Arc::new(load(&bench.path("room"), &LoadOptions::default()).expect("sound"));
+    let start = Instant::now();
+    bench.ok(&arguments("whole"));
+    let n_checkpoints = (STEPS / CHECKPOINT_INTERVAL) as u32;
+    let between_checkpoints = start.elapsed() / n_checkpoints;
+
+    let mut rng = Pcg64::seed_from_u64(11);
+    let mut while_writing = 0;
+    for kill in 0..KILLS {
+        let mut args = vec!["train", "room", "--out", "killed", "--resume"];
+        if kill == 0 {
+            args = arguments("killed");
+        }
+        let mut command = bench.command(&args);
+        command.stdout(Stdio::null()).stderr(Stdio::piped());
+        let mut child = command.spawn().expect("the binary starts");
+        watch(&mut child, || bench.path("killed/config.toml").is_file());
+        let run = RunFolder::open(&bench.path("killed")).expect("just seen");
+
+        // The first before there is a checkpoint, the others spread over the whole run.
+        if kill > 0 {
+            let [from, to] = [kill, kill + 1].map(|part| part * LAST_KILL / KILLS);
+            let step = rng.random_range(from..to);
+            watch(&mut child, || newest(&run) >= step);
+        }
+        if kill % 2 == 1 {
+            watch(&mut child, || is_writing(&run));
+        } else if kill > 0 {
+            sleep(between_checkpoints.mul_f64(rng.random_range(0.0..1.0)));
+        }
+        let before = newest(&run);
+        let status = killed(child);
+        assert!(!status.success(), "the run was over before kill {kill}");
+        let was_writing = is_writing(&run);
+        while_writing += usize::from(was_writing);
+        let after = readable(&run, &dataset);
+        eprintln!("kill {kill}: step {before} -> {after}, while writing: {was_writing}");
+        assert!(
+            after >= before && after == newest(&run),
+            "kill {kill}: step {after} can be read, step {before} was there before"
+        );
+    }
+    assert!(
+        while_writing > 0,
+        "no kill fell into the writing of a checkpoint"
+    );
+
+    bench.ok(&["train", "room", "--out", "killed", "--resume"]);
+    let (whole, resumed) = (bench.path("whole"), bench.path("killed"));
+    let same = scene(&whole) == scene(&resumed);
+    assert!(same, "the resumed run's scene has other bits");
+    let left = RunFolder::open(&resumed).expect("a run");
+    let counts = left.scene(&Device::flex()).expect("a scene").counts();
+    assert!(counts.0 > 0 && counts.1 > 0, "an empty set: {counts:?}");
+    assert!(!is_writing(&left), "half a checkpoint is left behind");
+    let steps = |run: &Path| -> Vec<usize> {
+        let lines = RunFolder::open(run).and_then(|run| run.log());
+        lines.expect("a log").iter().map(|line| line.step).collect()
+    };
+    assert_eq!(steps(&whole), steps(&resumed), "lines of the log");
+}

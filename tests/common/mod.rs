@@ -1,0 +1,35 @@
+//! What the tests across crates share.
+
+use burn::tensor::{Device, Tensor};
+
+/// The devices of the enabled backends by name.
+#[cfg_attr(
+    feature = "ndarray",
+    expect(
+        deprecated,
+        reason = "burn-ndarray gives way to burn-flex; users still ask for it"
+    )
+)]
+pub fn devices() -> Vec<(&'static str, Device)> {
+    vec![
+        #[cfg(feature = "ndarray")]
+        ("ndarray", Device::ndarray()),
+        #[cfg(feature = "flex")]
+        ("flex", Device::flex()),
+    ]
+}
+
+/// A tensor's values, all of them finite.
+#[track_caller]
+pub fn host<const R: usize>(tensor: Tensor<R>) -> Vec<f32> {
+    let values = tensor.into_data().try_into_vec::<f32>().expect("f32");
+    if let Some(index) = values.iter().position(|value| !value.is_finite()) {
+        panic!("value {index} is {}", values[index]);
+    }
+    values
+}
+
+/// The same values in the precision of the references.
+pub fn widen(values: &[f32]) -> Vec<f64> {
+    values.iter().map(|&value| f64::from(value)).collect()
+}

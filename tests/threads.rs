@@ -1,0 +1,179 @@
+//! Training gives the same bits whatever the number of threads, through all stages, density
+//! control, opacity resets and the split.
+
+#[expect(dead_code, reason = "each test file uses its part")]
+mod common;
+
+use std::path::Path;
+use std::sync::Arc;
+
+use burn::tensor::Device;
+use dash_model::Gaussians;
+use dash_train::dataset::{self, Dataset, LoadOptions};
+use dash_train::synth::{self, SynthConfig};
+use dash_train::train::{Preset, TrainConfig, Trainer};
+
+const STEPS: usize = 500;
+/// Steps that reset opacities of the static and of the dynamic set, as [`config`] has them.
+const RESETS: [usize; 2] = [240, 260];
+
+/// `quick`, with every event of a run within [`STEPS`] steps.
+fn config(seed: u64) -> TrainConfig {
+    let mut config = TrainConfig::preset(Preset::Quick);
+    for assignment in [
+        "iterations=500",
+        "max_initial_points=600",
+        "stages.warmup=0.1",
+        "stages.decomposition=0.35",
+        "density_static.until=0.6",
+        "density_static.interval=20",
+        "density_static.opacity_reset_interval=120",
+        "density_static.max_gaussians=1500",
+        "density_dynamic.from=0.37",
+        "density_dynamic.until=0.7",
+        "density_dynamic.interval=20",
+        "density_dynamic.opacity_reset_interval=85",
+        "density_dynamic.max_gaussians=1200",
+        "decomposition.review_interval=150",
+        "decomposition.encoder.log2_hashmap_size=10",
+        "field.deformation.encoder.log2_hashmap_size=10",
+        "field.deformation.hidden=16",
+    ] {
+        config.set(assignment).expect("a known key");
+    }
+    config.seed = seed;
+    config
+}
+
+/// The dataset: `bounce`, 6 cameras, 8 frames, 64x48 pixels.
+fn bounce(folder: &Path) -> Arc<Dataset> {
+    let config = SynthConfig {
+        cameras: 6,
+        frames: 8,
+        width: 64,
+        height: 48,
+        ..SynthConfig::default()
+    };
+    synth::write(folder, &config).expect("writes");
+    Arc::new(dataset::load(folder, &LoadOptions::default()).expect("sound"))
+}
+
+/// A run's numbers of static and dynamic Gaussians after every step, and its scene's files.
+struct Run {
+    counts: Vec<(usize, usize)>,
+    files: [Vec<u8>; 2],
+}
+
+fn run(threads: usize, seed: u64, steps: usize, dataset: &Arc<Dataset>, device: &Device) -> Run {
+    let pool = rayon::ThreadPoolBuilder::new()
+        .num_threads(threads)
+        .build()
+        .expect("the machine can start a few threads");
+    let folder = tempfile::tempdir().expect("a scratch folder");
+    pool.install(|| {
+        let mut trainer = Trainer::new(config(seed), dataset.clone(), device).expect("valid");
+        let mut counts = Vec::new();
+        for _ in 0..steps {
+            let report = trainer.step().expect("trains");
+            counts.push((report.n_static, report.n_dynamic));
+            let dynamic = trainer.scene().dynamic.as_ref().map(|d| &d.gaussians);
+            let sets = [Some(&trainer.scene().static_set), dynamic];
+            for (set, reset) in sets.into_iter().zip(RESETS) {
+                if report.step == reset {
+                    assert_transparent(set.expect("split by now"), reset);
+                }
+            }
+        }
+        trainer.scene().save(folder.path()).expect("writes");
+        let read = |name: &str| std::fs::read(folder.path().join(name)).expect("written");
+        Run {
+            counts,
+            files: [read("scene.safetensors"), read("scene.json")],
+        }
+    })
+}
+
+fn assert_transparent(set: &Gaussians, step: usize) {
+    let logits = common::host(set.opacity_logits.val());
+    let most = logits.iter().copied().fold(f32::MIN, f32::max);
+    let limit = dash_model::logit(0.01);
+    assert!(
+        !logits.is_empty() && most <= limit,
+        "no reset at step {step}: logits up to {most}, not {limit}"
+    );
+}
+
+/// Fails unless the counts show density control of all, of the static and of the dynamic set.
+fn assert_eventful(name: &str, counts: &[(usize, usize)]) {
+    let split = counts.iter().position(|&(_, dynamic)| dynamic > 0);
+    let split = split.unwrap_or_else(|| panic!("{name}: nothing was found to move"));
+    let (before, after) = counts.split_at(split);
+    let unzipped =
+        |counts: &[(usize, usize)]| -> (Vec<usize>, Vec<usize>) { counts.iter().copied().unzip() };
+    let ((all, _), (fixed, moving)) = (unzipped(before), unzipped(after));
+    for (set, counts) in [("all", all), ("static", fixed), ("dynamic", moving)] {
+        let rounds = |changed: fn(usize, usize) -> bool| {
+            let pairs = counts.windows(2);
+            pairs.filter(|pair| changed(pair[0], pair[1])).count()
+        };
+        let (grew, shrank) = (rounds(|a, b| b > a), rounds(|a, b| b < a));
+        let last = counts[counts.len() - 1];
+        let found =
+            format!("{name}, {set}: grew {grew} times, shrank {shrank} times, {last} at the end");
+        eprintln!("{found}");
+        assert!(grew > 0 && grew + shrank >= 3 && last > 0, "{found}");
+    }
+}
+
+fn assert_same_for_any_thread_count(name: &str, device: &Device) {
+    let folder = tempfile::tempdir().expect("a scratch folder");
+    let dataset = bounce(&folder.path().join("bounce"));
+    let expected = run(1, 0, STEPS, &dataset, device);
+    assert_eventful(name, &expected.counts);
+    for threads in [2, 8] {
+        let got = run(threads, 0, STEPS, &dataset, device);
+        let step = got
+            .counts
+            .iter()
+            .zip(&expected.counts)
+            .position(|(got, expected)| got != expected);
+        assert_eq!(step, None, "{name}: {threads} threads differ in the counts");
+        for (got, expected) in got.files.iter().zip(&expected.files) {
+            let differing = got.iter().zip(expected).filter(|(a, b)| a != b).count();
+            assert!(
+                got == expected,
+                "{name}: with {threads} threads {differing} of {} bytes differ from one thread's",
+                expected.len()
+            );
+        }
+    }
+}
+
+#[test]
+#[cfg(feature = "ndarray")]
+fn ndarray_trains_to_the_same_bits_on_1_2_and_8_threads() {
+    #[expect(
+        deprecated,
+        reason = "burn-ndarray gives way to burn-flex; users still ask for it"
+    )]
+    assert_same_for_any_thread_count("ndarray", &Device::ndarray());
+}
+
+#[test]
+#[cfg(feature = "flex")]
+fn flex_trains_to_the_same_bits_on_1_2_and_8_threads() {
+    assert_same_for_any_thread_count("flex", &Device::flex());
+}
+
+/// The files tell runs apart that are as alike as two seeds.
+#[test]
+fn another_seed_gives_other_bits() {
+    let folder = tempfile::tempdir().expect("a scratch folder");
+    let dataset = bounce(&folder.path().join("bounce"));
+    for (name, device) in common::devices() {
+        // Until density control begins, the seed decides the order of views and no more.
+        let [a, b] = [0, 1].map(|seed| run(2, seed, 15, &dataset, &device));
+        assert_eq!(a.counts, b.counts, "{name}");
+        assert!(a.files[0] != b.files[0], "{name}: seeds 0 and 1 agree");
+    }
+}
