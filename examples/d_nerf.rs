@@ -41,10 +41,19 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     }
     let scene = trainer.scene();
     let scores = evaluate(scene, &dataset, Split::Test, options.downscale)?;
-    println!("{} test views: PSNR {:?}, SSIM {:?}", scores.per_view.len(), scores.psnr, scores.ssim);
+    println!(
+        "{} test views: PSNR {:?}, SSIM {:?}",
+        scores.per_view.len(),
+        scores.psnr,
+        scores.ssim
+    );
 
     let shots = at_times(&test_shots(&dataset)[..1], 5);
-    let job = RenderJob { scene, shots: &shots, on_shot: &mut |_| {} };
+    let job = RenderJob {
+        scene,
+        shots: &shots,
+        on_shot: &mut |_| {},
+    };
     let layers = [PictureLayer::Full, PictureLayer::Dynamic];
     write_pictures(job, &layers, PictureFormat::Png, Path::new(out))?;
     Ok(())

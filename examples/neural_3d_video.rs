@@ -27,29 +27,57 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         test_cameras: Some(vec![0]),
         device: choice.to_string(),
     };
-    let dataset = Arc::new(dataset::load(&data.dataset, &LoadOptions { ..data.load_options() })?);
+    let dataset = Arc::new(dataset::load(
+        &data.dataset,
+        &LoadOptions {
+            ..data.load_options()
+        },
+    )?);
     println!("{} cameras, {} frames", dataset.n_cameras, dataset.n_frames);
 
     // The quick preset with more Gaussians and steps: some minutes on a CPU at a small size.
     let mut train_config = TrainConfig::preset(Preset::Quick);
     train_config.set("iterations=8000")?;
     train_config.set("density_static.max_gaussians=20000")?;
-    let config = RunConfig { data, train: train_config };
+    let config = RunConfig {
+        data,
+        train: train_config,
+    };
     let run = RunFolder::create(Path::new(out), &config)?;
     let device = choice.device()?;
     let options = TrainOptions {
         resume: false,
         on_step: &mut |report, seconds| {
             if report.step.is_multiple_of(500) {
-                println!("{seconds:5.0} s  step {:6}  {:5.2} dB", report.step, report.psnr);
+                println!(
+                    "{seconds:5.0} s  step {:6}  {:5.2} dB",
+                    report.step, report.psnr
+                );
             }
         },
     };
     let (trainer, _) = train(&run, &config.train, dataset.clone(), &device, options)?;
     let name = config.data.device.as_str();
-    let results = evaluate_run(&run, &dataset, Split::Test, (&device, name), Process::Trained)?;
-    println!("PSNR {:?}, moving pixels {:?}", results.evaluation.psnr, results.evaluation.psnr_dynamic);
+    let results = evaluate_run(
+        &run,
+        &dataset,
+        Split::Test,
+        (&device, name),
+        Process::Trained,
+    )?;
+    println!(
+        "PSNR {:?}, moving pixels {:?}",
+        results.evaluation.psnr, results.evaluation.psnr_dynamic
+    );
     let shots = spiral_shots(&dataset, dataset.n_frames.max(2));
-    let job = RenderJob { scene: trainer.scene(), shots: &shots, on_shot: &mut |_| {} };
-    Ok(write_video(job, PictureLayer::Full, &run.root().join("spiral.mp4"))?)
+    let job = RenderJob {
+        scene: trainer.scene(),
+        shots: &shots,
+        on_shot: &mut |_| {},
+    };
+    Ok(write_video(
+        job,
+        PictureLayer::Full,
+        &run.root().join("spiral.mp4"),
+    )?)
 }

@@ -61,25 +61,56 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     };
     let (trainer, _) = train(&run, &config, dataset.clone(), &device, options)?;
 
-    let results = evaluate_run(&run, &dataset, Split::Test, (&device, &name), Process::Trained)?;
+    let results = evaluate_run(
+        &run,
+        &dataset,
+        Split::Test,
+        (&device, &name),
+        Process::Trained,
+    )?;
     let scores = &results.evaluation;
     println!(
         "test camera: PSNR {:.2} dB, moving pixels {:.2} dB; split F1 {:.3}",
         scores.psnr.unwrap_or(f64::NAN),
         scores.psnr_dynamic.unwrap_or(f64::NAN),
-        scores.decomposition.as_ref().map_or(f64::NAN, |split| split.f1),
+        scores
+            .decomposition
+            .as_ref()
+            .map_or(f64::NAN, |split| split.f1),
     );
 
     let scene = trainer.scene();
     let (test, path) = (test_shots(&dataset), spiral_shots(&dataset, 60));
-    let job = |shots| RenderJob { scene, shots, on_shot: &mut |_| {} };
-    let layers = [PictureLayer::Full, PictureLayer::Static, PictureLayer::Dynamic, PictureLayer::Depth];
-    write_pictures(job(&test), &layers, PictureFormat::Png, &run.root().join("renders"))?;
+    let layers = [
+        PictureLayer::Full,
+        PictureLayer::Static,
+        PictureLayer::Dynamic,
+        PictureLayer::Depth,
+    ];
+    let pictures = RenderJob {
+        scene,
+        shots: &test,
+        on_shot: &mut |_| {},
+    };
+    write_pictures(
+        pictures,
+        &layers,
+        PictureFormat::Png,
+        &run.root().join("renders"),
+    )?;
     if ffmpeg_available() {
-        write_video(job(&path), PictureLayer::Full, &run.root().join("spiral.mp4"))?;
+        let video = RenderJob {
+            scene,
+            shots: &path,
+            on_shot: &mut |_| {},
+        };
+        write_video(video, PictureLayer::Full, &run.root().join("spiral.mp4"))?;
     } else {
         println!("no ffmpeg on this machine: no video");
     }
-    println!("pictures, the model and results.json are in {}", run.root().display());
+    println!(
+        "pictures, the model and results.json are in {}",
+        run.root().display()
+    );
     Ok(())
 }

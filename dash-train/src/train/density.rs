@@ -76,6 +76,24 @@ impl DensityStatistics {
     }
 }
 
+/// What lengths are measured by.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Measure {
+    /// Centre of the scene.
+    pub(crate) centre: [f32; 3],
+    /// Its size, world units.
+    pub(crate) extent: f32,
+}
+
+impl Measure {
+    /// The extent, and farther out the distance: what is behind the scene may be larger as it is
+    /// farther.
+    fn at(self, mean: [f32; 3]) -> f32 {
+        let distance = glam::Vec3::from(mean).distance(self.centre.into());
+        self.extent.max(distance)
+    }
+}
+
 /// The rows after a round, and where each came from.
 pub(crate) struct Round {
     pub(crate) rows: GaussianRows,
@@ -90,7 +108,7 @@ pub(crate) fn control_density(
     rows: &GaussianRows,
     statistics: &DensityStatistics,
     config: &DensityConfig,
-    extent: f32,
+    measure: Measure,
     prune_large: bool,
     rng: &mut impl Rng,
 ) -> Round {
@@ -119,7 +137,7 @@ pub(crate) fn control_density(
     let mut split = vec![false; n];
     let mut clones = Vec::new();
     for &row in &grow {
-        if largest(row) <= config.clone_scale * extent {
+        if largest(row) <= config.clone_scale * measure.at(rows.means[row]) {
             clones.push(row);
         } else {
             split[row] = true;
@@ -132,7 +150,8 @@ pub(crate) fn control_density(
             .chain(&rows.log_scales[row])
             .all(|v| v.is_finite())
             && rows.opacity_logits[row].is_finite();
-        let oversized = prune_large && largest(row) > config.max_scale * extent;
+        let oversized =
+            prune_large && largest(row) > config.max_scale * measure.at(rows.means[row]);
         finite && !oversized && rows.opacity_logits[row] >= min_logit
     };
 
@@ -184,6 +203,11 @@ mod tests {
     use super::super::config::{Preset, TrainConfig};
     use super::*;
 
+    const UNIT: Measure = Measure {
+        centre: [1.5, 0.0, 0.0],
+        extent: 1.0,
+    };
+
     fn rows() -> GaussianRows {
         let points: Vec<[f32; 3]> = (0..4).map(|i| [i as f32, 0.0, 0.0]).collect();
         let mut rows = GaussianRows::from_points(&points, &[[0.5; 3]; 4], 0, 0.1);
@@ -210,7 +234,14 @@ mod tests {
     fn small_are_cloned_large_are_split_and_transparent_are_pruned() {
         let config = TrainConfig::preset(Preset::Default).density_static;
         let mut rng = Pcg64::seed_from_u64(1);
-        let round = control_density(&rows(), &statistics(&[0, 1]), &config, 1.0, false, &mut rng);
+        let round = control_density(
+            &rows(),
+            &statistics(&[0, 1]),
+            &config,
+            UNIT,
+            false,
+            &mut rng,
+        );
         assert_eq!(round.sources, [0, 2, 0, 1, 1]);
         assert_eq!(round.fresh, [false, false, true, true, true]);
         assert_eq!(
@@ -234,7 +265,7 @@ mod tests {
         let mut many = statistics(&[0, 1, 2]);
         many.gradient[2] = 9.0;
         let mut rng = Pcg64::seed_from_u64(1);
-        let round = control_density(&rows(), &many, &config, 1.0, false, &mut rng);
+        let round = control_density(&rows(), &many, &config, UNIT, false, &mut rng);
         assert_eq!(round.sources, [0, 1, 2, 2]);
     }
 
@@ -244,7 +275,7 @@ mod tests {
         let mut broken = rows();
         broken.means[0][1] = f32::NAN;
         let mut rng = Pcg64::seed_from_u64(1);
-        let round = control_density(&broken, &statistics(&[]), &config, 1.0, true, &mut rng);
+        let round = control_density(&broken, &statistics(&[]), &config, UNIT, true, &mut rng);
         assert_eq!(round.sources, [2]);
     }
 }

@@ -3,7 +3,7 @@
 use dash_model::SpaceBox;
 use rand_pcg::Pcg64;
 
-use super::sweep::swept_points;
+use super::sweep::Sweep;
 use crate::cameras::focus_point;
 use crate::dataset::{Dataset, View};
 
@@ -12,13 +12,17 @@ const MIN_CAMERAS: usize = 4;
 /// Most views that points are looked for in.
 const MAX_VIEWS: usize = 64;
 /// Share of the points on either side that do not count for the scene's size.
-const EXTENT_TAIL: f32 = 0.05;
+const CORE_TAIL: f32 = 0.02;
+/// How much wider the scene is than its points.
+const CORE_MARGIN: f32 = 0.1;
 
 /// Points in world units with colours in [0, 1].
 #[derive(Debug, Default)]
 pub(crate) struct InitialPoints {
     pub(crate) positions: Vec<[f32; 3]>,
     pub(crate) colors: Vec<[f32; 3]>,
+    /// Those of them, the first, that the dataset brought.
+    pub(crate) given: usize,
 }
 
 /// The dataset's points, at most `limits[1]`, and where they are fewer than `limits[0]`, points that
@@ -33,7 +37,10 @@ pub(crate) fn initial_points(
     let cloud = dataset.points.as_ref();
     let n = cloud.map_or(0, |cloud| cloud.positions.len());
     let kept = n.min(limits[1]);
-    let mut points = InitialPoints::default();
+    let mut points = InitialPoints {
+        given: kept,
+        ..Default::default()
+    };
     if let Some(cloud) = cloud {
         for row in (0..kept).map(|k| k * n / kept) {
             points.positions.push(cloud.positions[row]);
@@ -44,7 +51,8 @@ pub(crate) fn initial_points(
     }
     let missing = limits[0].min(limits[1]).saturating_sub(kept);
     if missing > 0 {
-        let swept = swept_points(&views_at_start(dataset, train_views), background, missing, rng);
+        let views = views_at_start(dataset, train_views);
+        let swept = Sweep::new(&views, background).points(missing, rng);
         points.positions.extend(swept.positions);
         points.colors.extend(swept.colors);
     }
@@ -63,20 +71,31 @@ fn views_at_start<'a>(dataset: &'a Dataset, train_views: &[usize]) -> Vec<&'a Vi
     views().step_by(stride).collect()
 }
 
-/// Half the diagonal of the box that holds most points, world units: what learning rates and
-/// density control measure lengths by.
-pub(crate) fn scene_extent(dataset: &Dataset, points: &[[f32; 3]]) -> f32 {
-    if points.is_empty() {
-        let cameras: Vec<_> = dataset
-            .views
-            .iter()
-            .map(|view| view.camera.clone())
-            .collect();
-        let (focus, first) = (focus_point(&cameras), cameras[0].position());
-        return (0..3)
-            .map(|a| (focus[a] - first[a]).powi(2))
-            .sum::<f64>()
-            .sqrt() as f32;
+/// The box of what the capture is about: around the points that the dataset brought, or without
+/// these around what was found near where the cameras look. Backgrounds far behind do not count.
+pub(crate) fn core_box(dataset: &Dataset, points: &InitialPoints) -> SpaceBox {
+    if points.given > 0 {
+        return SpaceBox::around(&points.positions[..points.given], CORE_TAIL, CORE_MARGIN);
     }
-    0.5 * SpaceBox::around(points, EXTENT_TAIL, 0.0).diagonal()
+    let cameras: Vec<_> = dataset
+        .views
+        .iter()
+        .map(|view| view.camera.clone())
+        .collect();
+    let focus = glam::DVec3::from(focus_point(&cameras));
+    let distances = cameras
+        .iter()
+        .map(|camera| focus.distance(camera.position().into()));
+    let reach = distances.sum::<f64>() / cameras.len().max(1) as f64;
+    let mut near: Vec<[f32; 3]> = points
+        .positions
+        .iter()
+        .copied()
+        .filter(|&p| glam::Vec3::from(p).as_dvec3().distance(focus) <= reach)
+        .collect();
+    if near.is_empty() {
+        let corner = |sign: f64| (focus + sign * 0.5 * reach.max(1e-3)).as_vec3().to_array();
+        near = vec![corner(-1.0), corner(1.0)];
+    }
+    SpaceBox::around(&near, CORE_TAIL, CORE_MARGIN)
 }

@@ -37,16 +37,17 @@ pub(crate) fn static_motion(extents: Tensor<1>, is_static: &[bool], space: &Spac
     (extents * weights).sum()
 }
 
-/// The area that each splat covers, px^2, by its opacity; 0 for what is not drawn.
-/// `splats [N, C]` as projected -> `N`
-pub(crate) fn areas(splats: &Tensor<2>) -> Vec<f32> {
+/// The area that each splat covers, px^2, by its opacity and at most the picture's; 0 for what is not
+/// drawn. `splats [N, C]` as projected -> `N`
+pub(crate) fn areas(splats: &Tensor<2>, camera: &Camera) -> Vec<f32> {
+    let picture = (camera.width * camera.height) as f32;
     to_host(splats.clone())
         .chunks_exact(N_COLUMNS)
         .map(|splat| {
             let det = splat[CONIC_A] * splat[CONIC_C] - splat[CONIC_B].powi(2);
             let area = splat[OPACITY] / det.sqrt();
             let drawn = splat[RADIUS_X] > 0.0 && area.is_finite();
-            if drawn { area } else { 0.0 }
+            if drawn { area.min(picture) } else { 0.0 }
         })
         .collect()
 }
@@ -63,7 +64,7 @@ pub(crate) fn visible_motion(
 ) -> Tensor<1> {
     let focal = (camera.fx / camera.width as f64) as f32;
     let depths = to_host(splats.clone().narrow(1, DEPTH, 1));
-    let weights: Vec<f32> = areas(splats)
+    let weights: Vec<f32> = areas(splats, camera)
         .iter()
         .zip(depths)
         .map(|(area, depth)| {

@@ -43,6 +43,7 @@ impl TrainConfig {
                 dssim: 0.2,
                 static_motion: 0.01,
                 smoothness: 0.01,
+                field_motion: 0.1,
                 visible_motion: 5.0,
                 smoothness_step: [5e-3, 1e-4],
             },
@@ -190,6 +191,7 @@ impl TrainConfig {
             dssim: 0.0,
             static_motion: 0.1,
             smoothness: 1.0,
+            field_motion: 0.0,
             visible_motion: 0.0,
             smoothness_step: [5e-3, 1e-4],
         };

@@ -112,7 +112,10 @@ impl RunFolder {
             root: root.to_path_buf(),
         };
         let occupied = match fs::read_dir(root) {
-            Ok(mut entries) => entries.next().is_some(),
+            // A run that was killed before its first file was complete left a scratch file only.
+            Ok(entries) => entries
+                .filter_map(Result::ok)
+                .any(|entry| entry.path().extension() != Some("partial".as_ref())),
             Err(e) if e.kind() == std::io::ErrorKind::NotFound => false,
             Err(e) => return Err(TrainError::io(root, "list", e)),
         };

@@ -1,10 +1,7 @@
 //! Stage changes: motion field on, split into static and dynamic, and its review.
 
 use dash_model::decomposition::MotionStatistics;
-use dash_model::{
-    DeformationField, DynamicPart, GaussianRows, Gaussians, MotionField,
-    SpaceBox,
-};
+use dash_model::{DeformationField, DynamicPart, GaussianRows, Gaussians, MotionField, SpaceBox};
 
 use super::coarse;
 use super::config::SpaceRule;
@@ -27,7 +24,10 @@ const REVIEW_TIMES: usize = 12;
 pub(crate) fn start_motion(trainer: &mut Trainer) -> Result<(), TrainError> {
     let rows = trainer.scene.static_set.to_rows();
     let config = &trainer.config.decomposition;
-    let space = space_for(trainer.config.field.space, &rows.means);
+    let space = match trainer.config.field.space {
+        SpaceRule::Fixed(bound) => SpaceBox::fixed(bound),
+        SpaceRule::Scene => trainer.core,
+    };
     trainer.motion = Some(MotionField::new(
         &config.encoder,
         config.hidden,

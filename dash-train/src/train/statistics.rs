@@ -101,7 +101,11 @@ pub(crate) fn largest_shares(trainer: &Trainer) -> Result<Vec<f32>, TrainError> 
         // The red of a splat enters a pixel with its weight: the gradient of the sum of all red.
         let leaf = Tensor::from_inner(dynamic.inner()).require_grad();
         let splats = Tensor::cat(vec![still.detach(), leaf.clone()], 0);
-        let red = trainer.scene.rasterize(splats, &view.camera)?.image.narrow(2, 0, 1);
+        let red = trainer
+            .scene
+            .rasterize(splats, &view.camera)?
+            .image
+            .narrow(2, 0, 1);
         if let Some(weights) = leaf.grad(&red.sum().backward()) {
             let weights = to_host(weights);
             for (share, row) in largest.iter_mut().zip(weights.chunks_exact(N_COLUMNS)) {

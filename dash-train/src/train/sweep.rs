@@ -35,82 +35,86 @@ struct Picture<'a> {
     witnesses: Vec<usize>,
 }
 
-/// At most `n` points that several of the views agree on; the views show one time, or are so many
-/// that what moves is outvoted.
-pub(crate) fn swept_points(
-    views: &[&View],
-    background: [f32; 3],
-    n: usize,
-    rng: &mut Pcg64,
-) -> InitialPoints {
-    let cameras: Vec<Camera> = views.iter().map(|view| view.camera.clone()).collect();
-    let focus = glam::DVec3::from(focus_point(&cameras));
-    let pictures: Vec<Picture> = views
-        .par_iter()
-        .enumerate()
-        .map(|(index, view)| Picture {
-            camera: &view.camera,
-            colors: smoothed(&view.rgb(background), &view.camera),
-            alpha: view.alpha(),
-            witnesses: witnesses(&cameras, index),
-        })
-        .collect();
-    let rays: Vec<(usize, usize, usize)> = (0..DRAWS_PER_POINT * n)
-        .map(|draw| {
-            let picture = draw % pictures.len();
-            let camera = pictures[picture].camera;
-            let (x, y) = (
-                rng.random_range(0..camera.width),
-                rng.random_range(0..camera.height),
-            );
-            (picture, x, y)
-        })
-        .collect();
-    let found: Vec<([f32; 3], [f32; 3])> = rays
-        .par_iter()
-        .filter_map(|&(picture, x, y)| sweep(&pictures, picture, x, y, focus))
-        .collect();
-    let (positions, colors) = found.into_iter().take(n).unzip();
-    InitialPoints { positions, colors }
+/// Views to look for points in.
+pub(crate) struct Sweep<'a> {
+    pictures: Vec<Picture<'a>>,
+    focus: glam::DVec3,
 }
 
-/// The point on a pixel's ray on which views agree most, and its colour.
-fn sweep(
-    pictures: &[Picture],
-    index: usize,
-    x: usize,
-    y: usize,
-    focus: glam::DVec3,
-) -> Option<([f32; 3], [f32; 3])> {
-    let picture = &pictures[index];
-    let camera = picture.camera;
-    let pixel = y * camera.width + x;
-    if picture.alpha.as_ref().is_some_and(|alpha| alpha[pixel] < MIN_ALPHA) {
-        return None;
+impl<'a> Sweep<'a> {
+    /// Prepares views.
+    pub(crate) fn new(views: &[&'a View], background: [f32; 3]) -> Self {
+        let cameras: Vec<Camera> = views.iter().map(|view| view.camera.clone()).collect();
+        let pictures = views
+            .par_iter()
+            .enumerate()
+            .map(|(index, view)| Picture {
+                camera: &view.camera,
+                colors: smoothed(&view.rgb(background), &view.camera),
+                alpha: view.alpha(),
+                witnesses: witnesses(&cameras, index),
+            })
+            .collect();
+        let focus = glam::DVec3::from(focus_point(&cameras));
+        Self { pictures, focus }
     }
-    let color = picture.colors[pixel];
-    let position = glam::DVec3::from(camera.position());
-    let distance = focus.distance(position).max(1e-6);
-    let local = glam::DVec3::new(
-        (x as f64 + 0.5 - camera.cx) / camera.fx,
-        (y as f64 + 0.5 - camera.cy) / camera.fy,
-        1.0,
-    );
-    let rows = camera.rotation.map(glam::DVec3::from);
-    let ray = rows[0] * local.x + rows[1] * local.y + rows[2] * local.z;
-    let [near, far] = DEPTHS.map(|depth| 1.0 / depth);
-    // From far to near, so that the first of equals is the farthest.
-    let mut tried = Vec::with_capacity(CANDIDATES);
-    for k in 0..CANDIDATES {
-        let inverse = far + (near - far) * (k as f64 + 0.5) / CANDIDATES as f64;
-        let point = position + ray * (distance / inverse);
-        if let Some(difference) = disagreement(pictures, picture, point.to_array(), color) {
-            tried.push((difference, point));
+
+    /// At most `n` points, and their colours, that several of the views agree on.
+    pub(crate) fn points(&self, n: usize, rng: &mut Pcg64) -> InitialPoints {
+        let rays: Vec<(usize, usize, usize)> = (0..DRAWS_PER_POINT * n)
+            .map(|draw| {
+                let picture = draw % self.pictures.len();
+                let camera = self.pictures[picture].camera;
+                let x = rng.random_range(0..camera.width);
+                (picture, x, rng.random_range(0..camera.height))
+            })
+            .collect();
+        let found: Vec<([f32; 3], [f32; 3])> = rays
+            .par_iter()
+            .filter_map(|&(index, x, y)| {
+                let picture = &self.pictures[index];
+                let pixel = y * picture.camera.width + x;
+                let (difference, point) = self.best(index, x, y)?;
+                let shows = picture.alpha.as_ref().is_none_or(|a| a[pixel] >= MIN_ALPHA);
+                let agrees = shows && difference < MAX_DIFFERENCE;
+                agrees.then(|| (point.as_vec3().to_array(), picture.colors[pixel]))
+            })
+            .collect();
+        let (positions, colors) = found.into_iter().take(n).unzip();
+        InitialPoints {
+            positions,
+            colors,
+            given: 0,
         }
     }
-    let least = tried.iter().map(|t| t.0).fold(f32::INFINITY, f32::min);
-    let (_, point) = tried.into_iter().find(|t| t.0 <= least + TIE)?;
-    (least < MAX_DIFFERENCE).then(|| (point.as_vec3().to_array(), color))
+
+    /// How much views differ at the point of a pixel's ray on which they agree most, and that point;
+    /// `None` when too few have any of the ray in sight.
+    pub(crate) fn best(&self, index: usize, x: usize, y: usize) -> Option<(f32, glam::DVec3)> {
+        let picture = &self.pictures[index];
+        let camera = picture.camera;
+        let color = picture.colors[y * camera.width + x];
+        let position = glam::DVec3::from(camera.position());
+        let distance = self.focus.distance(position).max(1e-6);
+        let local = glam::DVec3::new(
+            (x as f64 + 0.5 - camera.cx) / camera.fx,
+            (y as f64 + 0.5 - camera.cy) / camera.fy,
+            1.0,
+        );
+        let rows = camera.rotation.map(glam::DVec3::from);
+        let ray = rows[0] * local.x + rows[1] * local.y + rows[2] * local.z;
+        let [near, far] = DEPTHS.map(|depth| 1.0 / depth);
+        // From far to near, so that the first of equals is the farthest.
+        let mut tried = Vec::with_capacity(CANDIDATES);
+        for k in 0..CANDIDATES {
+            let inverse = far + (near - far) * (k as f64 + 0.5) / CANDIDATES as f64;
+            let point = position + ray * (distance / inverse);
+            let difference = disagreement(&self.pictures, picture, point.to_array(), color);
+            tried.extend(difference.map(|difference| (difference, point)));
+        }
+        let least = tried.iter().map(|t| t.0).fold(f32::INFINITY, f32::min);
+        tried.into_iter().find(|t| t.0 <= least + TIE)
+    }
 }
 
 /// Mean colour difference over the half of the witnesses that agree best: the others may have
@@ -128,7 +132,8 @@ fn disagreement(
         let Some(([u, v], _)) = camera.project(point) else {
             continue;
         };
-        let inside = (0.0..camera.width as f64).contains(&u) && (0.0..camera.height as f64).contains(&v);
+        let inside =
+            (0.0..camera.width as f64).contains(&u) && (0.0..camera.height as f64).contains(&v);
         if inside {
             let other = colors[v as usize * camera.width + u as usize];
             differences[seen] = (0..3).map(|c| (other[c] - color[c]).abs()).sum::<f32>() / 3.0;
@@ -143,7 +148,7 @@ fn disagreement(
     Some(differences[..half].iter().sum::<f32>() / half as f32)
 }
 
-/// Evenly chosen views among the nearer half of the others.
+/// Evenly chosen views among the nearer half of the others, which see a ray from similar directions.
 fn witnesses(cameras: &[Camera], index: usize) -> Vec<usize> {
     let place = |camera: &Camera| glam::DVec3::from(camera.position());
     let here = place(&cameras[index]);
@@ -188,13 +193,20 @@ mod tests {
 
     /// A wall at z = 0 whose colour tells its place, seen by cameras 4 units in front of it.
     fn wall(eye: [f64; 3]) -> View {
-        let camera =
-            Camera::new(60.0, 60.0, 30.0, 24.0, 60, 48).look_at(eye, [eye[0], eye[1], 0.0], [0.0, -1.0, 0.0]);
+        let camera = Camera::new(60.0, 60.0, 30.0, 24.0, 60, 48).look_at(
+            eye,
+            [eye[0], eye[1], 0.0],
+            [0.0, -1.0, 0.0],
+        );
         let mut pixels = Vec::new();
         let position = camera.position();
         for y in 0..48 {
             for x in 0..60 {
-                let local = [(x as f64 + 0.5 - 30.0) / 60.0, (y as f64 + 0.5 - 24.0) / 60.0, 1.0];
+                let local = [
+                    (x as f64 + 0.5 - 30.0) / 60.0,
+                    (y as f64 + 0.5 - 24.0) / 60.0,
+                    1.0,
+                ];
                 let ray: [f64; 3] = std::array::from_fn(|a| {
                     (0..3).map(|row| camera.rotation[row][a] * local[row]).sum()
                 });
@@ -214,11 +226,18 @@ mod tests {
             .flat_map(|&x| [-0.5, 0.5].map(|y| wall([x, y, -4.0])))
             .collect();
         let views: Vec<&View> = views.iter().collect();
-        let points = swept_points(&views, [0.0; 3], 300, &mut Pcg64::seed_from_u64(5));
+        let sweep = Sweep::new(&views, [0.0; 3]);
+        let points = sweep.points(300, &mut Pcg64::seed_from_u64(5));
         assert!(points.positions.len() > 200, "{}", points.positions.len());
         let mut off: Vec<f32> = points.positions.iter().map(|p| p[2].abs()).collect();
         off.sort_by(f32::total_cmp);
+        // The farthest of colours that differ by no more than TIE is taken: the texture's slope is 0.5
+        // per unit and the views are 0.6 apart, which makes 0.02 / 0.6 of the distance, 4; and
+        // candidates lie 2 % apart.
         let median = off[off.len() / 2];
-        assert!(median < 0.2, "median distance from the wall {median}, expected < 0.2 of 4");
+        assert!(
+            median < 0.3,
+            "median distance from the wall {median}, expected < 0.3"
+        );
     }
 }

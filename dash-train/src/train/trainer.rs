@@ -12,7 +12,7 @@ use rand_pcg::Pcg64;
 use super::coarse::Stages;
 use super::config::TrainConfig;
 use super::density::DensityStatistics;
-use super::initial::{initial_points, scene_extent};
+use super::initial::{core_box, initial_points};
 use super::loss::{areas, photometric, smoothness, static_motion, visible_motion};
 use super::optimizer::{Optimizer, to_host};
 use super::sampler::ViewSampler;
@@ -49,6 +49,8 @@ pub struct Trainer {
     pub(crate) validation_views: Vec<usize>,
     /// Size of the scene, world units.
     pub(crate) extent: f32,
+    /// The box of what the capture is about.
+    pub(crate) core: SpaceBox,
     pub(crate) scene: DynamicScene,
     /// The coarse field, from the warm-up until Gaussians have trajectories of their own.
     pub(crate) motion: Option<MotionField>,
@@ -103,10 +105,11 @@ impl Trainer {
             [config.min_initial_points, config.max_initial_points],
             &mut rng,
         );
+        let core = core_box(&dataset, &points);
         let extent = config
             .learning_rates
             .extent
-            .unwrap_or_else(|| scene_extent(&dataset, &points.positions));
+            .unwrap_or_else(|| 0.5 * core.diagonal());
         let rows = GaussianRows::from_points(
             &points.positions,
             &points.colors,
@@ -131,6 +134,7 @@ impl Trainer {
             train_views,
             validation_views,
             extent,
+            core,
             scene,
             motion: None,
             motion_space: None,
@@ -262,9 +266,15 @@ impl Trainer {
                 let splats = self.scene.deformed_splats(dynamic, deformed, camera)?;
                 if self.config.loss.visible_motion > 0.0 {
                     let way = (moved.powi_scalar(2).sum_dim(1).squeeze_dim::<1>(1) + 1e-12).sqrt();
-                    let all = areas(&static_splats).iter().chain(&areas(&splats)).sum();
+                    let all = [&static_splats, &splats]
+                        .iter()
+                        .flat_map(|splats| areas(splats, camera))
+                        .sum();
                     let term = visible_motion(way, &splats, all, camera);
-                    regularisers.push(term * self.config.loss.visible_motion * std::env::var("COST4").map_or(1.0, |v| v.parse::<f32>().unwrap()));
+                    regularisers.push(
+                        term * self.config.loss.visible_motion
+                            * std::env::var("COST4").map_or(1.0, |v| v.parse::<f32>().unwrap()),
+                    );
                 }
                 let leaf = self.probe(&splats);
                 let probed = splats.clone() + leaf.clone();
@@ -320,11 +330,13 @@ impl Trainer {
         camera: &Camera,
     ) -> Option<Tensor<1>> {
         let (space, loss) = (self.motion_space.as_ref()?, &self.config.loss);
+        let all = areas(splats, camera).iter().sum();
+        let visible = visible_motion(extents.clone(), splats, all, camera);
         Some(if self.motion.is_some() {
             static_motion(extents, &self.held_still, space) * loss.static_motion
+                + visible * loss.field_motion
         } else {
-            let all = areas(splats).iter().sum();
-            visible_motion(extents, splats, all, camera) * loss.visible_motion
+            visible * loss.visible_motion
         })
     }
 

@@ -5,7 +5,7 @@ use dash_model::Gaussians;
 
 use super::coarse::{Stages, time_window};
 use super::config::DensityConfig;
-use super::density::{DensityStatistics, RESET_OPACITY, control_density};
+use super::density::{DensityStatistics, Measure, RESET_OPACITY, control_density};
 use super::trainer::{DYNAMIC, STATIC, Trainer};
 
 /// Share of the static Gaussians that is not used before the split: without room, what the static set
@@ -47,7 +47,7 @@ pub(crate) fn parameters(trainer: &mut Trainer, time: f32, gradients: &mut Gradi
     let (_, recent) = time_window(trainer, trainer.step);
     let optimizer = &mut trainer.optimizer;
     if time <= recent {
-        trainer.scene = optimizer.step("scene", trainer.scene.clone(), gradients, &rate);
+        trainer.scene = optimizer.step("scene", trainer.scene.clone(), gradients, rate);
     }
     if let Some(motion) = trainer.motion.take() {
         let left = stages.field_rate(trainer.step);
@@ -61,10 +61,15 @@ pub(crate) fn densities(trainer: &mut Trainer) {
     let config = trainer.config.clone();
     let step = trainer.step;
     let (from_start, from_split) = (0, config.step_at(config.stages.decomposition));
+    let core = trainer.core;
+    let measure = Measure {
+        centre: std::array::from_fn(|axis| 0.5 * (core.min[axis] + core.max[axis])),
+        extent: trainer.extent,
+    };
     let control = |rows: &_, statistics: &_, density: &DensityConfig, since, rng: &mut _| {
         let interval = density.opacity_reset_interval;
         let was_reset = interval > 0 && step > since + interval;
-        control_density(rows, statistics, density, trainer.extent, was_reset, rng)
+        control_density(rows, statistics, density, measure, was_reset, rng)
     };
     let due = |density: &DensityConfig| {
         step >= config.step_at(density.from)
