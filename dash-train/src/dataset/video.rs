@@ -8,6 +8,7 @@ use std::thread;
 
 use super::DatasetError;
 use super::image::{ImageData, MAX_IMAGE_SIDE};
+use crate::video::ffmpeg_program;
 
 /// As much of what `ffmpeg` complains is kept for the error message.
 const MAX_COMPLAINT_BYTES: u64 = 4096;
@@ -23,7 +24,8 @@ pub(super) fn decode_frames(
     max_frames: Option<usize>,
     on_frame: impl FnMut(usize, ImageData) -> Result<(), DatasetError>,
 ) -> Result<usize, DatasetError> {
-    decode_frames_with("ffmpeg", path, max_frames, on_frame)
+    let program = ffmpeg_program();
+    decode_frames_with(&program.to_string_lossy(), path, max_frames, on_frame)
 }
 
 fn decode_frames_with(

@@ -8,6 +8,7 @@ use super::render::{Rendered, render_over, render_rest};
 use super::rig::rig;
 use super::scene::Scene;
 use super::truth::{Truth, ViewStats};
+use crate::video::ffmpeg_program;
 use dash_kernels::Camera;
 use image::ExtendedColorType;
 use rayon::prelude::*;
@@ -53,7 +54,7 @@ impl fmt::Display for SynthSummary {
 /// A setting out of range, an `out` that exists and is not an empty folder, a folder that can't
 /// be written, or a missing ffmpeg when videos are asked for.
 pub fn write(out: &Path, config: &SynthConfig) -> Result<SynthSummary, SynthError> {
-    write_with(out, config, "ffmpeg")
+    write_with(out, config, &ffmpeg_program().to_string_lossy())
 }
 
 pub(super) fn write_with(

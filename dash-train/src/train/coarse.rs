@@ -89,11 +89,8 @@ pub(crate) fn coefficients(trainer: &Trainer) -> Result<Option<Tensor<2>>, Train
     })
 }
 
-/// The latest time that is trained on at `step`, and the time after which frames are new. New frames
-/// teach the coarse field only: until it has followed what moves, they would teach the Gaussians to
-/// fade where they should be moved.
-pub(crate) fn time_window(trainer: &Trainer, step: usize) -> (f32, f32) {
-    const ALL: (f32, f32) = (1.0, 1.0);
+/// Whether the first two stages start from the first time and see more and more.
+pub(crate) fn window_grows(trainer: &Trainer) -> bool {
     let times = || {
         trainer
             .train_views
@@ -102,12 +99,29 @@ pub(crate) fn time_window(trainer: &Trainer, step: usize) -> (f32, f32) {
     };
     let first = times().fold(1.0, f32::min);
     let at_first = times().filter(|&time| time == first).count();
-    if trainer.config.stages.window == TimeWindow::All
-        || !trainer.may_move()
-        || at_first < MIN_CAMERAS
-    {
+    trainer.config.stages.window == TimeWindow::Growing
+        && trainer.may_move()
+        && at_first >= MIN_CAMERAS
+}
+
+/// Whether a view at `time` teaches the Gaussians too, and not the coarse field alone: until the field
+/// has followed what moves into a new frame, that frame would teach them to fade where they should be
+/// moved.
+pub(crate) fn teaches_gaussians(trainer: &Trainer, time: f32) -> bool {
+    trainer.motion.is_none() || time <= time_window(trainer, trainer.step).1
+}
+
+/// The latest time that is trained on at `step`, and the time after which frames are new.
+pub(crate) fn time_window(trainer: &Trainer, step: usize) -> (f32, f32) {
+    const ALL: (f32, f32) = (1.0, 1.0);
+    if !window_grows(trainer) {
         return ALL;
     }
+    let times = trainer
+        .train_views
+        .iter()
+        .map(|&i| trainer.dataset.views[i].time);
+    let first = times.fold(1.0, f32::min);
     let stages = Stages::of(trainer);
     if step < stages.warmup {
         return (first, first);

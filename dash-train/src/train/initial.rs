@@ -12,9 +12,11 @@ const MIN_CAMERAS: usize = 4;
 /// Most views that points are looked for in.
 const MAX_VIEWS: usize = 64;
 /// Share of the points on either side that do not count for the scene's size.
-const CORE_TAIL: f32 = 0.02;
-/// How much wider the scene is than its points.
-const CORE_MARGIN: f32 = 0.1;
+const EXTENT_TAIL: f32 = 0.05;
+/// Share of the points on either side that the scene's box may leave out.
+const BOX_TAIL: f32 = 0.01;
+/// How much wider the box is than its points.
+const BOX_MARGIN: f32 = 0.15;
 
 /// Points in world units with colours in [0, 1].
 #[derive(Debug, Default)]
@@ -71,12 +73,37 @@ fn views_at_start<'a>(dataset: &'a Dataset, train_views: &[usize]) -> Vec<&'a Vi
     views().step_by(stride).collect()
 }
 
-/// The box of what the capture is about: around the points that the dataset brought, or without
-/// these around what was found near where the cameras look. Backgrounds far behind do not count.
-pub(crate) fn core_box(dataset: &Dataset, points: &InitialPoints) -> SpaceBox {
-    if points.given > 0 {
-        return SpaceBox::around(&points.positions[..points.given], CORE_TAIL, CORE_MARGIN);
+/// The part of space that a capture is about; backgrounds far behind do not count.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Core {
+    /// The box that the coarse field covers.
+    pub(crate) space: SpaceBox,
+    /// Diagonal of the box that holds most points, world units: what learning rates and
+    /// density control measure lengths by.
+    pub(crate) extent: f32,
+}
+
+impl Core {
+    /// Around the points that the dataset brought, or without these around what was found near where
+    /// the cameras look.
+    pub(crate) fn of(dataset: &Dataset, points: &InitialPoints) -> Self {
+        let near;
+        let core = if points.given > 0 {
+            &points.positions[..points.given]
+        } else {
+            near = near_focus(dataset, &points.positions);
+            &near
+        };
+        Self {
+            space: SpaceBox::around(core, BOX_TAIL, BOX_MARGIN),
+            extent: SpaceBox::around(core, EXTENT_TAIL, 0.0).diagonal(),
+        }
     }
+}
+
+/// The points that are nearer to where the cameras look than the cameras are; without any, corners
+/// of a box there.
+fn near_focus(dataset: &Dataset, points: &[[f32; 3]]) -> Vec<[f32; 3]> {
     let cameras: Vec<_> = dataset
         .views
         .iter()
@@ -87,15 +114,15 @@ pub(crate) fn core_box(dataset: &Dataset, points: &InitialPoints) -> SpaceBox {
         .iter()
         .map(|camera| focus.distance(camera.position().into()));
     let reach = distances.sum::<f64>() / cameras.len().max(1) as f64;
-    let mut near: Vec<[f32; 3]> = points
-        .positions
+    let near: Vec<[f32; 3]> = points
         .iter()
         .copied()
         .filter(|&p| glam::Vec3::from(p).as_dvec3().distance(focus) <= reach)
         .collect();
-    if near.is_empty() {
-        let corner = |sign: f64| (focus + sign * 0.5 * reach.max(1e-3)).as_vec3().to_array();
-        near = vec![corner(-1.0), corner(1.0)];
+    if !near.is_empty() {
+        return near;
     }
-    SpaceBox::around(&near, CORE_TAIL, CORE_MARGIN)
+    [-0.5, 0.5]
+        .map(|side: f64| (focus + side * reach.max(1e-3)).as_vec3().to_array())
+        .to_vec()
 }

@@ -67,7 +67,7 @@ impl TrainConfig {
                 enabled: true,
                 measure: MotionMeasure::Screen,
                 quantile: 0.0,
-                floor: 0.015,
+                floor: 0.005,
                 keep_trajectories: true,
                 basis: TrajectoryBasis::Polyline { spans: 0 },
                 encoder: HashEncoderConfig {

@@ -26,7 +26,7 @@ pub(crate) fn start_motion(trainer: &mut Trainer) -> Result<(), TrainError> {
     let config = &trainer.config.decomposition;
     let space = match trainer.config.field.space {
         SpaceRule::Fixed(bound) => SpaceBox::fixed(bound),
-        SpaceRule::Scene => trainer.core,
+        SpaceRule::Scene => trainer.core.space,
     };
     trainer.motion = Some(MotionField::new(
         &config.encoder,

@@ -12,7 +12,7 @@ use rand_pcg::Pcg64;
 use super::coarse::Stages;
 use super::config::TrainConfig;
 use super::density::DensityStatistics;
-use super::initial::{core_box, initial_points};
+use super::initial::{Core, initial_points};
 use super::loss::{areas, photometric, smoothness, static_motion, visible_motion};
 use super::optimizer::{Optimizer, to_host};
 use super::sampler::ViewSampler;
@@ -49,8 +49,8 @@ pub struct Trainer {
     pub(crate) validation_views: Vec<usize>,
     /// Size of the scene, world units.
     pub(crate) extent: f32,
-    /// The box of what the capture is about.
-    pub(crate) core: SpaceBox,
+    /// The part of space that the capture is about.
+    pub(crate) core: Core,
     pub(crate) scene: DynamicScene,
     /// The coarse field, from the warm-up until Gaussians have trajectories of their own.
     pub(crate) motion: Option<MotionField>,
@@ -105,11 +105,8 @@ impl Trainer {
             [config.min_initial_points, config.max_initial_points],
             &mut rng,
         );
-        let core = core_box(&dataset, &points);
-        let extent = config
-            .learning_rates
-            .extent
-            .unwrap_or_else(|| 0.5 * core.diagonal());
+        let core = Core::of(&dataset, &points);
+        let extent = config.learning_rates.extent.unwrap_or(core.extent);
         let rows = GaussianRows::from_points(
             &points.positions,
             &points.colors,
@@ -262,20 +259,7 @@ impl Trainer {
             None => joined,
             Some(dynamic) => {
                 let deformed = dynamic.deform(&self.scene.settings, time)?;
-                let moved = deformed.means.clone() - dynamic.gaussians.means.val();
                 let splats = self.scene.deformed_splats(dynamic, deformed, camera)?;
-                if self.config.loss.visible_motion > 0.0 {
-                    let way = (moved.powi_scalar(2).sum_dim(1).squeeze_dim::<1>(1) + 1e-12).sqrt();
-                    let all = [&static_splats, &splats]
-                        .iter()
-                        .flat_map(|splats| areas(splats, camera))
-                        .sum();
-                    let term = visible_motion(way, &splats, all, camera);
-                    regularisers.push(
-                        term * self.config.loss.visible_motion
-                            * std::env::var("COST4").map_or(1.0, |v| v.parse::<f32>().unwrap()),
-                    );
-                }
                 let leaf = self.probe(&splats);
                 let probed = splats.clone() + leaf.clone();
                 dynamic_probe = Some((leaf, splats));

@@ -3,7 +3,7 @@
 use burn::tensor::{Gradients, Tensor};
 use dash_model::Gaussians;
 
-use super::coarse::{Stages, time_window};
+use super::coarse::{Stages, teaches_gaussians};
 use super::config::DensityConfig;
 use super::density::{DensityStatistics, Measure, RESET_OPACITY, control_density};
 use super::trainer::{DYNAMIC, STATIC, Trainer};
@@ -44,9 +44,9 @@ pub(crate) fn parameters(trainer: &mut Trainer, time: f32, gradients: &mut Gradi
         _ if name.starts_with("motion.") => rates.motion_network,
         _ => rates.network * field,
     };
-    let (_, recent) = time_window(trainer, trainer.step);
+    let teaches_gaussians = teaches_gaussians(trainer, time);
     let optimizer = &mut trainer.optimizer;
-    if time <= recent {
+    if teaches_gaussians {
         trainer.scene = optimizer.step("scene", trainer.scene.clone(), gradients, rate);
     }
     if let Some(motion) = trainer.motion.take() {
@@ -61,7 +61,7 @@ pub(crate) fn densities(trainer: &mut Trainer) {
     let config = trainer.config.clone();
     let step = trainer.step;
     let (from_start, from_split) = (0, config.step_at(config.stages.decomposition));
-    let core = trainer.core;
+    let core = trainer.core.space;
     let measure = Measure {
         centre: std::array::from_fn(|axis| 0.5 * (core.min[axis] + core.max[axis])),
         extent: trainer.extent,
@@ -78,7 +78,7 @@ pub(crate) fn densities(trainer: &mut Trainer) {
     };
     if due(&config.density_static) {
         let mut density = config.density_static.clone();
-        if trainer.may_move() && step < from_split {
+        if trainer.may_move() && step <= from_split {
             density.max_gaussians -= (KEPT_BACK * density.max_gaussians as f32) as usize;
         }
         let rows = trainer.scene.static_set.to_rows();
