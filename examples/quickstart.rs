@@ -10,7 +10,8 @@ use dash_train::dataset::{self, LoadOptions, Split};
 use dash_train::device::DeviceChoice;
 use dash_train::evaluate::{Process, evaluate_run};
 use dash_train::render::{
-    PictureFormat, PictureLayer, RenderJob, spiral_shots, test_shots, write_pictures, write_video,
+    PictureFormat, PictureLayer, RenderJob, spiral_shots, test_shots, write_overview,
+    write_pictures, write_video,
 };
 use dash_train::synth::{self, SynthConfig};
 use dash_train::train::{
@@ -98,6 +99,8 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         PictureFormat::Png,
         &run.root().join("renders"),
     )?;
+    let views: Vec<_> = dataset.split(Split::Test).collect();
+    write_overview(scene, &views, &run.root().join("overview.png"))?;
     if ffmpeg_available() {
         let video = RenderJob {
             scene,

@@ -1,13 +1,15 @@
 //! Pictures of a scene in host memory, and whole sets of them on disk.
 //!
 //! `picture`: one camera at one time. `shots`: which cameras at which times. `output`: folders of
-//! pictures and videos, complete or absent.
+//! pictures and videos, complete or absent. `overview`: one picture of what came out.
 
 mod output;
+mod overview;
 mod picture;
 mod shots;
 
 pub use output::{PictureFormat, RenderJob, write_pictures, write_video};
+pub use overview::write_overview;
 pub(crate) use picture::render_timed;
 pub use picture::{NO_SURFACE_ALPHA, Picture, PictureLayer, render};
 pub use shots::{Shot, at_times, file_shots, spiral_shots, test_shots};
