@@ -8,6 +8,7 @@ mod initial;
 mod loss;
 mod optimizer;
 mod presets;
+mod review;
 mod run;
 mod sampler;
 mod split;

@@ -1,4 +1,4 @@
-//! Stage changes: motion field on, split into static and dynamic, and its review.
+//! Stage changes: motion field on, split into static and dynamic.
 
 use dash_model::decomposition::MotionStatistics;
 use dash_model::{DeformationField, DynamicPart, GaussianRows, Gaussians, MotionField, SpaceBox};
@@ -17,8 +17,6 @@ const BOX_TAIL: f32 = 0.01;
 const BOX_MARGIN: f32 = 0.15;
 /// Pixels' worth of a dynamic Gaussian that some picture must show.
 const MIN_SHARE: f32 = 0.1;
-/// Times at which a review looks where a Gaussian is.
-const REVIEW_TIMES: usize = 12;
 
 /// Starts the decomposition stage.
 pub(crate) fn start_motion(trainer: &mut Trainer) -> Result<(), TrainError> {
@@ -107,7 +105,7 @@ pub(crate) fn drop_hidden(trainer: &mut Trainer) -> Result<(), TrainError> {
 }
 
 /// Keeps these dynamic Gaussians only; without any, no dynamic part.
-fn keep_dynamic(trainer: &mut Trainer, stay: &[usize]) {
+pub(crate) fn keep_dynamic(trainer: &mut Trainer, stay: &[usize]) {
     let (_, n) = trainer.scene.counts();
     if stay.is_empty() {
         trainer.optimizer.forget("scene.dynamic.");
@@ -121,96 +119,6 @@ fn keep_dynamic(trainer: &mut Trainer, stay: &[usize]) {
             .optimizer
             .edit_rows(DYNAMIC, stay, &vec![false; stay.len()], n);
     }
-}
-
-/// Removes dynamic Gaussians that no picture shows, and moves those that stay in place over the clip to the static set, as they look in the
-/// middle of it.
-pub(crate) fn review(trainer: &mut Trainer) -> Result<(), TrainError> {
-    drop_hidden(trainer)?;
-    let Some(dynamic) = trainer
-        .scene
-        .dynamic
-        .as_ref()
-        .filter(|d| !d.gaussians.is_empty())
-    else {
-        return Ok(());
-    };
-    let n = dynamic.gaussians.len();
-    let settings = &trainer.scene.settings;
-    let mut low = vec![[f32::INFINITY; 3]; n];
-    let mut high = vec![[f32::NEG_INFINITY; 3]; n];
-    for k in 0..REVIEW_TIMES {
-        let time = k as f32 / (REVIEW_TIMES - 1) as f32;
-        let means = to_host(dynamic.deform(settings, time)?.means.detach());
-        for (row, mean) in means.chunks_exact(3).enumerate() {
-            for axis in 0..3 {
-                low[row][axis] = low[row][axis].min(mean[axis]);
-                high[row][axis] = high[row][axis].max(mean[axis]);
-            }
-        }
-    }
-    let centres: Vec<[f32; 3]> = low
-        .iter()
-        .zip(&high)
-        .map(|(l, h)| std::array::from_fn(|axis| 0.5 * (l[axis] + h[axis])))
-        .collect();
-    let screen = screen_scale(trainer, &centres);
-    let floor = trainer.config.decomposition.review_floor;
-    let moves = |row: usize| {
-        let range = (0..3)
-            .map(|a| (high[row][a] - low[row][a]).powi(2))
-            .sum::<f32>()
-            .sqrt();
-        // What is not finite is left to density control, which removes it.
-        !range.is_finite() || range * screen[row] >= floor
-    };
-    let (stay, leave): (Vec<usize>, Vec<usize>) = (0..n).partition(|&row| moves(row));
-    if leave.is_empty() {
-        return Ok(());
-    }
-    let frozen = trainer.scene.at(0.5)?;
-    let n_static = trainer.scene.static_set.len();
-    let mut leaving = frozen.gather(&leave.iter().map(|&row| n_static + row).collect::<Vec<_>>());
-    for (mean, &row) in leaving.means.iter_mut().zip(&leave) {
-        *mean = centres[row];
-    }
-    let mut static_rows = trainer.scene.static_set.to_rows();
-    static_rows.append(&leaving);
-    trainer.optimizer.extend_rows(STATIC, n_static, leave.len());
-    trainer.scene.static_set = Gaussians::from_rows(&static_rows, &trainer.device);
-    trainer.density_static.grow(leave.len());
-    keep_dynamic(trainer, &stay);
-    Ok(())
-}
-
-/// Shares of the image's width that a world unit takes at each point, median over the training
-/// views that have it in front of them.
-fn screen_scale(trainer: &Trainer, points: &[[f32; 3]]) -> Vec<f32> {
-    const VIEWS: usize = 16;
-    let stride = trainer.train_views.len().div_ceil(VIEWS).max(1);
-    let cameras: Vec<_> = trainer
-        .train_views
-        .iter()
-        .step_by(stride)
-        .map(|&view| &trainer.dataset.views[view].camera)
-        .collect();
-    points
-        .iter()
-        .map(|point| {
-            let mut scales: Vec<f32> = cameras
-                .iter()
-                .filter_map(|camera| {
-                    let depth = camera.transform(point.map(f64::from))[2];
-                    (depth > 1e-6).then(|| (camera.fx / (depth * camera.width as f64)) as f32)
-                })
-                .collect();
-            scales.sort_by(f32::total_cmp);
-            scales
-                .get(scales.len() / 2)
-                .copied()
-                .unwrap_or(f32::INFINITY)
-        })
-        .collect()
 }
 
 fn space_for(rule: SpaceRule, means: &[[f32; 3]]) -> SpaceBox {

@@ -14,7 +14,7 @@ use crate::dataset::View;
 
 /// Steps between two looks at which Gaussians Eq. 5 holds still.
 const MASK_INTERVAL: usize = 50;
-/// Views that are asked whether they show a dynamic Gaussian.
+/// Views that are asked what they show of the dynamic Gaussians.
 const WITNESSES: usize = 32;
 /// Step between them among all training views, as a share of these: the golden ratio, which spreads
 /// them over cameras and times whatever the order.
@@ -86,14 +86,21 @@ pub(crate) fn moving(trainer: &Trainer) -> Result<Vec<bool>, TrainError> {
     Ok(select_dynamic(&motion, rule.quantile, rule.floor))
 }
 
+/// Some training views of all cameras and times.
+pub(crate) fn witnesses(trainer: &Trainer) -> impl Iterator<Item = &View> {
+    let views = &trainer.train_views;
+    (0..WITNESSES.min(views.len())).map(move |k| {
+        let place = (k as f64 * WITNESS_STEP).fract() * views.len() as f64;
+        &trainer.dataset.views[views[place as usize]]
+    })
+}
+
 /// For each dynamic Gaussian, the most pixels' worth of it that one of several training views shows:
 /// its blending weights summed over the picture.
 pub(crate) fn largest_shares(trainer: &Trainer) -> Result<Vec<f32>, TrainError> {
     let (_, n) = trainer.scene.counts();
     let mut largest = vec![0.0f32; n];
-    for k in 0..WITNESSES.min(trainer.train_views.len()) {
-        let place = (k as f64 * WITNESS_STEP).fract() * trainer.train_views.len() as f64;
-        let view = &trainer.dataset.views[trainer.train_views[place as usize]];
+    for view in witnesses(trainer) {
         let Some(dynamic) = trainer.scene.dynamic_splats(&view.camera, view.time)? else {
             break;
         };

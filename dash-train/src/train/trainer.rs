@@ -16,7 +16,7 @@ use super::initial::{Core, initial_points};
 use super::loss::{areas, photometric, smoothness, static_motion, visible_motion};
 use super::optimizer::{Optimizer, to_host};
 use super::sampler::ViewSampler;
-use super::{coarse, split, statistics, update, validation};
+use super::{coarse, review, statistics, update, validation};
 use crate::TrainError;
 use crate::dataset::{Dataset, Split, View};
 
@@ -329,7 +329,7 @@ impl Trainer {
         let interval = self.config.decomposition.review_interval;
         let start = Stages::of(self).end;
         if interval > 0 && self.step > start && (self.step - start).is_multiple_of(interval) {
-            split::review(self)?;
+            review::review(self)?;
         }
         Ok(())
     }
