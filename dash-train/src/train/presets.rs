@@ -43,7 +43,6 @@ impl TrainConfig {
                 dssim: 0.2,
                 static_motion: 0.01,
                 smoothness: 0.01,
-                field_motion: 0.01,
                 visible_motion: 5.0,
                 smoothness_step: [5e-3, 1e-4],
             },
@@ -148,7 +147,6 @@ impl TrainConfig {
             density.clone_scale = 0.01;
             density.max_scale = 0.1;
         }
-        self.loss.field_motion = 0.0;
         self.loss.visible_motion = 0.0;
     }
 
@@ -206,7 +204,6 @@ impl TrainConfig {
             dssim: 0.0,
             static_motion: 0.1,
             smoothness: 1.0,
-            field_motion: 0.0,
             visible_motion: 0.0,
             smoothness_step: [5e-3, 1e-4],
         };
