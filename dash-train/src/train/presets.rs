@@ -43,18 +43,19 @@ impl TrainConfig {
                 dssim: 0.2,
                 static_motion: 0.01,
                 smoothness: 0.01,
+                field_motion: 0.1,
                 visible_motion: 5.0,
                 smoothness_step: [5e-3, 1e-4],
             },
             learning_rates: LearningRates {
-                means: 2.8e-4,
-                means_final: 2.8e-6,
+                means: 1.6e-4,
+                means_final: 1.6e-6,
                 quats: 1e-3,
                 scales: 5e-3,
                 opacities: 0.05,
                 sh_dc: 2.5e-3,
                 sh_rest: 2.5e-3 / 20.0,
-                trajectories: 2.8e-4,
+                trajectories: 1.6e-4,
                 grid: 5e-3,
                 network: 1e-3,
                 motion_grid: 0.02,
@@ -104,9 +105,9 @@ impl TrainConfig {
                 until: 0.6,
                 interval: 100,
                 gradient_threshold: 2e-4,
-                clone_scale: 0.0175,
+                clone_scale: 0.01,
                 min_opacity: 0.005,
-                max_scale: 0.175,
+                max_scale: 0.1,
                 opacity_reset_interval: 3_000,
                 max_gaussians: 300_000,
             },
@@ -115,9 +116,9 @@ impl TrainConfig {
                 until: 0.7,
                 interval: 100,
                 gradient_threshold: 2e-4,
-                clone_scale: 0.0175,
+                clone_scale: 0.01,
                 min_opacity: 0.005,
-                max_scale: 0.175,
+                max_scale: 0.1,
                 opacity_reset_interval: 3_000,
                 max_gaussians: 100_000,
             },
@@ -130,7 +131,7 @@ impl TrainConfig {
         self.sh_degree = 1;
         self.max_initial_points = 20_000;
         self.min_initial_points = 6_000;
-        self.learning_rates.means_final = 2.8e-5;
+        self.learning_rates.means_final = 1.6e-5;
         self.density_static.opacity_reset_interval = 2_000;
         self.density_dynamic.opacity_reset_interval = 800;
         self.density_static.max_gaussians = 10_000;
@@ -138,20 +139,9 @@ impl TrainConfig {
         self.decomposition.review_interval = 250;
     }
 
-    /// 3DGS' own rates and sizes, and no cost of motion but Eq. 5's.
-    fn use_plain_3dgs(&mut self) {
-        self.learning_rates.means = 1.6e-4;
-        self.learning_rates.means_final = 1.6e-6;
-        self.learning_rates.trajectories = 1.6e-4;
-        for density in [&mut self.density_static, &mut self.density_dynamic] {
-            density.clone_scale = 0.01;
-            density.max_scale = 0.1;
-        }
-        self.loss.visible_motion = 0.0;
-    }
-
     fn as_in_the_paper(&mut self) {
-        self.use_plain_3dgs();
+        self.loss.field_motion = 0.0;
+        self.loss.visible_motion = 0.0;
         self.iterations = 30_000;
         self.stages = StageConfig {
             warmup: 0.04,
@@ -191,7 +181,6 @@ impl TrainConfig {
     }
 
     fn as_released(&mut self) {
-        self.use_plain_3dgs();
         self.iterations = 50_000;
         self.sh_interval = 1_000.0 / 50_000.0;
         self.stages = StageConfig {
@@ -204,6 +193,7 @@ impl TrainConfig {
             dssim: 0.0,
             static_motion: 0.1,
             smoothness: 1.0,
+            field_motion: 0.0,
             visible_motion: 0.0,
             smoothness_step: [5e-3, 1e-4],
         };

@@ -314,11 +314,13 @@ impl Trainer {
         camera: &Camera,
     ) -> Option<Tensor<1>> {
         let (space, loss) = (self.motion_space.as_ref()?, &self.config.loss);
+        let all = areas(splats, camera).iter().sum();
+        let visible = visible_motion(extents.clone(), splats, all, camera);
         Some(if self.motion.is_some() {
             static_motion(extents, &self.held_still, space) * loss.static_motion
+                + visible * loss.field_motion
         } else {
-            let all = areas(splats, camera).iter().sum();
-            visible_motion(extents, splats, all, camera) * loss.visible_motion
+            visible * loss.visible_motion
         })
     }
 
