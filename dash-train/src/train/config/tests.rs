@@ -1,0 +1,40 @@
+use super::*;
+
+#[test]
+fn every_preset_is_valid_and_survives_toml() {
+    for preset in [
+        Preset::Default,
+        Preset::Paper,
+        Preset::Reference,
+        Preset::Quick,
+    ] {
+        let config = TrainConfig::preset(preset);
+        config.validate().expect("valid");
+        let text = toml::to_string(&config).expect("serialises");
+        assert_eq!(
+            toml::from_str::<TrainConfig>(&text).expect("parses"),
+            config
+        );
+    }
+}
+
+#[test]
+fn set_changes_one_value_and_refuses_others() {
+    let mut config = TrainConfig::preset(Preset::Default);
+    config.set("loss.dssim=0").expect("a number");
+    assert_eq!(config.loss.dssim, 0.0);
+    config.set("decomposition.basis=linear").expect("a word");
+    config.set("background=[1, 1.0, 1]").expect("a list");
+    config
+        .set("learning_rates.extent=5.0")
+        .expect("an absent option");
+    for bad in [
+        "loss.dsim=0",
+        "loss.dssim",
+        "loss.dssim=2",
+        "iterations=x",
+        "a.b=1",
+    ] {
+        assert!(config.set(bad).is_err(), "{bad}");
+    }
+}
