@@ -210,20 +210,7 @@ impl DynamicScene {
             return Ok(None);
         };
         let deformed = dynamic.deform(&self.settings, time)?;
-        self.deformed_splats(dynamic, deformed, camera).map(Some)
-    }
-
-    /// Packed splats of dynamic Gaussians that were deformed already.
-    ///
-    /// # Errors
-    /// When a shape does not fit.
-    pub fn deformed_splats(
-        &self,
-        dynamic: &DynamicPart,
-        deformed: Deformed,
-        camera: &Camera,
-    ) -> Result<Tensor<2>, ModelError> {
-        Ok(project(
+        Ok(Some(project(
             deformed.means,
             deformed.quats,
             deformed.scales,
@@ -235,7 +222,7 @@ impl DynamicScene {
                 activation: deformed.activation,
                 ..Default::default()
             },
-        )?)
+        )?))
     }
 
     /// Draws packed splats over the scene's background.

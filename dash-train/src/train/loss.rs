@@ -37,39 +37,29 @@ pub(crate) fn static_motion(extents: Tensor<1>, is_static: &[bool], space: &Spac
     (extents * weights).sum()
 }
 
-/// The area that each splat covers, px^2, by its opacity and at most the picture's; 0 for what is not
-/// drawn. `splats [N, C]` as projected -> `N`
-pub(crate) fn areas(splats: &Tensor<2>, camera: &Camera) -> Vec<f32> {
+/// Mean motion on the screen, in shares of the image's width, each Gaussian by the area that it covers
+/// (by its opacity, and at most the picture's): so that moving costs a small one as much of what it
+/// does for the picture as a large one.
+/// `extents [N]` in world units, `splats [N, C]` as projected.
+pub(crate) fn visible_motion(extents: Tensor<1>, splats: &Tensor<2>, camera: &Camera) -> Tensor<1> {
     let picture = (camera.width * camera.height) as f32;
-    to_host(splats.clone())
+    let focal = (camera.fx / camera.width as f64) as f32;
+    let (areas, depths): (Vec<f32>, Vec<f32>) = to_host(splats.clone())
         .chunks_exact(N_COLUMNS)
         .map(|splat| {
             let det = splat[CONIC_A] * splat[CONIC_C] - splat[CONIC_B].powi(2);
             let area = splat[OPACITY] / det.sqrt();
             let drawn = splat[RADIUS_X] > 0.0 && area.is_finite();
-            if drawn { area.min(picture) } else { 0.0 }
+            (if drawn { area.min(picture) } else { 0.0 }, splat[DEPTH])
         })
-        .collect()
-}
-
-/// Motion on the screen, in shares of the image's width, each Gaussian by the area that it covers:
-/// so that moving costs a small one as much of what it does for the picture as a large one. Divided
-/// by `all`, the area of all Gaussians in the picture.
-/// `extents [N]` in world units, `splats [N, C]` as projected.
-pub(crate) fn visible_motion(
-    extents: Tensor<1>,
-    splats: &Tensor<2>,
-    all: f32,
-    camera: &Camera,
-) -> Tensor<1> {
-    let focal = (camera.fx / camera.width as f64) as f32;
-    let depths = to_host(splats.clone().narrow(1, DEPTH, 1));
-    let weights: Vec<f32> = areas(splats, camera)
+        .unzip();
+    let all = areas.iter().sum::<f32>().max(f32::MIN_POSITIVE);
+    let weights: Vec<f32> = areas
         .iter()
         .zip(depths)
         .map(|(area, depth)| {
             if *area > 0.0 && depth > 0.0 {
-                area * focal / (depth * all.max(f32::MIN_POSITIVE))
+                area * focal / (depth * all)
             } else {
                 0.0
             }

@@ -13,7 +13,7 @@ use super::coarse::Stages;
 use super::config::TrainConfig;
 use super::density::DensityStatistics;
 use super::initial::{Core, initial_points};
-use super::loss::{areas, photometric, smoothness, static_motion, visible_motion};
+use super::loss::{photometric, smoothness, static_motion, visible_motion};
 use super::optimizer::{Optimizer, to_host};
 use super::sampler::ViewSampler;
 use super::{coarse, review, statistics, update, validation};
@@ -254,12 +254,9 @@ impl Trainer {
         let static_leaf = self.probe(&static_splats);
         let joined = static_splats.clone() + static_leaf.clone();
         let mut dynamic_probe = None;
-        let dynamic = self.scene.dynamic.as_ref();
-        let splats = match dynamic.filter(|dynamic| !dynamic.gaussians.is_empty()) {
+        let splats = match self.scene.dynamic_splats(camera, time)? {
             None => joined,
-            Some(dynamic) => {
-                let deformed = dynamic.deform(&self.scene.settings, time)?;
-                let splats = self.scene.deformed_splats(dynamic, deformed, camera)?;
+            Some(splats) => {
                 let leaf = self.probe(&splats);
                 let probed = splats.clone() + leaf.clone();
                 dynamic_probe = Some((leaf, splats));
@@ -314,13 +311,17 @@ impl Trainer {
         camera: &Camera,
     ) -> Option<Tensor<1>> {
         let (space, loss) = (self.motion_space.as_ref()?, &self.config.loss);
-        let all = areas(splats, camera).iter().sum();
-        let visible = visible_motion(extents.clone(), splats, all, camera);
-        Some(if self.motion.is_some() {
-            static_motion(extents, &self.held_still, space) * loss.static_motion
-                + visible * loss.field_motion
-        } else {
-            visible * loss.visible_motion
+        // A cost of no weight is not worked out.
+        let visible = |weight: f32| {
+            (weight > 0.0).then(|| visible_motion(extents.clone(), splats, camera) * weight)
+        };
+        if self.motion.is_none() {
+            return visible(loss.visible_motion);
+        }
+        let held = static_motion(extents.clone(), &self.held_still, space) * loss.static_motion;
+        Some(match visible(loss.field_motion) {
+            Some(cost) => held + cost,
+            None => held,
         })
     }
 
