@@ -139,6 +139,10 @@ pub struct LearningRates {
     pub motion_grid: f32,
     /// Networks of the coarse motion field.
     pub motion_network: f32,
+    /// Part of its typical gradient that is added to Adam's denominator in the networks of the coarse
+    /// motion field; 0 is plain Adam. The networks are shared by all of the scene: steps of full length
+    /// along next to no gradient would shake what is at rest. Ours.
+    pub motion_damping: f32,
     /// What is left of the rates of tables and decoders at the end, reached exponentially.
     pub field_final: f32,
     /// Replaces the scene's measured extent (released code: 5).
@@ -359,6 +363,7 @@ impl TrainConfig {
                 rates.network,
                 rates.motion_grid,
                 rates.motion_network,
+                rates.motion_damping,
                 rates.field_final,
             ]
             .iter()

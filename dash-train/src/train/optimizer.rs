@@ -13,11 +13,45 @@ const BETA2: f64 = 0.999;
 /// As in 3DGS: gradients of single Gaussians are tiny.
 const EPSILON: f64 = 1e-15;
 
+/// How a parameter learns.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) struct Pace {
+    /// Adam's learning rate.
+    pub(crate) rate: f32,
+    /// Part of the parameter's typical gradient that is added to Adam's denominator. Adam takes steps
+    /// of one length however small a gradient is; with this, elements that hardly matter hardly move.
+    pub(crate) damping: f32,
+}
+
+impl From<f32> for Pace {
+    /// Plain Adam.
+    fn from(rate: f32) -> Self {
+        Self { rate, damping: 0.0 }
+    }
+}
+
 /// First and second moments of one parameter, flattened.
 struct Moments {
     first: Tensor<1>,
     second: Tensor<1>,
     steps: u64,
+}
+
+impl Moments {
+    /// Root mean square of the gradients so far, over the elements that had one; of the first
+    /// `gradient` before any step.
+    fn typical_gradient(&self, gradient: &Tensor<1>) -> f64 {
+        let (squares, correction) = if self.steps == 0 {
+            (gradient.clone().powi_scalar(2), 1.0)
+        } else {
+            let correction = 1.0 - BETA2.powf(self.steps as f64);
+            (self.second.clone(), correction)
+        };
+        let squares = to_host(squares);
+        let with_one = squares.iter().filter(|square| **square > 0.0);
+        let sum: f64 = with_one.clone().map(|&square| f64::from(square)).sum();
+        (sum / with_one.count().max(1) as f64 / correction).sqrt()
+    }
 }
 
 /// Adam over the named parameters of modules.
@@ -28,13 +62,13 @@ pub(crate) struct Optimizer {
 
 impl Optimizer {
     /// One step on every parameter that has a gradient. `prefix` is put before the module's paths;
-    /// `rate` gives the learning rate of a path.
+    /// `pace` tells how a path learns.
     pub(crate) fn step<M: Module>(
         &mut self,
         prefix: &str,
         module: M,
         gradients: &mut Gradients,
-        rate: impl Fn(&str) -> f32,
+        pace: impl Fn(&str) -> Pace,
     ) -> M {
         let mut path = Path::default();
         path.push(prefix);
@@ -42,7 +76,7 @@ impl Optimizer {
             path,
             optimizer: self,
             gradients,
-            rate,
+            pace,
         })
     }
 
@@ -192,10 +226,10 @@ struct Stepper<'a, F> {
     path: Path,
     optimizer: &'a mut Optimizer,
     gradients: &'a mut Gradients,
-    rate: F,
+    pace: F,
 }
 
-impl<F: Fn(&str) -> f32> ModuleMapper for Stepper<'_, F> {
+impl<F: Fn(&str) -> Pace> ModuleMapper for Stepper<'_, F> {
     fn enter_module(&mut self, name: &str, _container_type: &str) {
         self.path.push(name);
     }
@@ -210,7 +244,7 @@ impl<F: Fn(&str) -> f32> ModuleMapper for Stepper<'_, F> {
             return Param::from_mapped_value(id, tensor, mapper);
         };
         let name = self.path.name();
-        let rate = (self.rate)(&name);
+        let pace = (self.pace)(&name);
         let shape = tensor.dims();
         let n: usize = shape.iter().product();
         let value = tensor.inner().reshape([n]);
@@ -224,11 +258,16 @@ impl<F: Fn(&str) -> f32> ModuleMapper for Stepper<'_, F> {
                 second: value.zeros_like(),
                 steps: 0,
             });
+        let typical = if pace.damping > 0.0 {
+            moments.typical_gradient(&gradient)
+        } else {
+            0.0
+        };
         let step = AdamStep {
-            learning_rate: f64::from(rate),
+            learning_rate: f64::from(pace.rate),
             beta1: BETA1,
             beta2: BETA2,
-            epsilon: EPSILON,
+            epsilon: EPSILON + f64::from(pace.damping) * typical,
             step: moments.steps + 1,
             skip_zero_grad: false,
         };
@@ -246,5 +285,46 @@ impl<F: Fn(&str) -> f32> ModuleMapper for Stepper<'_, F> {
         );
         let updated = Tensor::from_inner(value.reshape(shape)).require_grad();
         Param::from_mapped_value(id, updated, mapper)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[derive(Module, Debug)]
+    struct Weights {
+        values: Param<Tensor<1>>,
+    }
+
+    /// Where three steps along the same gradient lead.
+    fn after_steps(gradient: [f32; 3], damping: f32) -> Vec<f32> {
+        let device = Device::flex().autodiff();
+        let mut module = Weights {
+            values: Param::from_data(TensorData::new(vec![0.0f32; 3], [3]), &device),
+        };
+        let mut optimizer = Optimizer::default();
+        for _ in 0..3 {
+            let slope = Tensor::<1>::from_data(gradient, &device);
+            let loss = (module.values.val() * slope).sum();
+            let pace = Pace { rate: 0.1, damping };
+            module = optimizer.step("", module, &mut loss.backward(), |_| pace);
+        }
+        to_host(module.values.val())
+    }
+
+    #[test]
+    fn damping_stills_what_hardly_matters_and_hardly_slows_the_rest() {
+        let gradient = [1.0, 1e-4, 0.0];
+        let plain = after_steps(gradient, 0.0);
+        assert!(
+            (plain[0] + 0.3).abs() < 1e-3 && (plain[1] + 0.3).abs() < 1e-3,
+            "{plain:?}"
+        );
+        // The typical gradient, over the two that have one, is 0.707.
+        let damped = after_steps(gradient, 1.0);
+        assert!((damped[0] + 0.3 / 1.707).abs() < 1e-3, "{damped:?}");
+        assert!((damped[1] + 0.3e-4 / 0.7072).abs() < 1e-6, "{damped:?}");
+        assert_eq!((plain[2], damped[2]), (0.0, 0.0));
     }
 }

@@ -60,6 +60,7 @@ impl TrainConfig {
                 network: 1e-3,
                 motion_grid: 0.02,
                 motion_network: 3e-3,
+                motion_damping: 1.0,
                 field_final: 0.1,
                 extent: None,
             },
@@ -142,6 +143,7 @@ impl TrainConfig {
     fn as_in_the_paper(&mut self) {
         self.loss.field_motion = 0.0;
         self.loss.visible_motion = 0.0;
+        self.learning_rates.motion_damping = 0.0;
         self.iterations = 30_000;
         self.stages = StageConfig {
             warmup: 0.04,
@@ -210,6 +212,7 @@ impl TrainConfig {
             network: 1.6e-4,
             motion_grid: 50.0 * 1.6e-4,
             motion_network: 1.6e-4,
+            motion_damping: 0.0,
             field_final: 0.01,
             extent: Some(5.0),
         };

@@ -6,6 +6,7 @@ use dash_model::Gaussians;
 use super::coarse::{Stages, teaches_gaussians};
 use super::config::DensityConfig;
 use super::density::{DensityStatistics, Measure, RESET_OPACITY, control_density};
+use super::optimizer::Pace;
 use super::trainer::{DYNAMIC, STATIC, Trainer};
 
 /// Share of the static Gaussians that is not used before the split: without room, what the static set
@@ -30,7 +31,7 @@ pub(crate) fn parameters(trainer: &mut Trainer, time: f32, gradients: &mut Gradi
     let field = decay(1.0, rates.field_final);
     let stages = Stages::of(trainer);
     let settling = stages.trajectory_rate(trainer.step);
-    let rate = move |name: &str| match name.rsplit('.').next() {
+    let scene_rate = |name: &str| match name.rsplit('.').next() {
         Some("means") => means,
         Some("quats") => rates.quats,
         Some("log_scales") => rates.scales,
@@ -39,20 +40,29 @@ pub(crate) fn parameters(trainer: &mut Trainer, time: f32, gradients: &mut Gradi
         Some("sh_rest") => rates.sh_rest,
         Some("trajectories") if name.starts_with(STATIC) => trajectories * settling,
         Some("trajectories") => trajectories,
-        Some("table") if name.starts_with("motion.") => rates.motion_grid,
         Some("table") => rates.grid * field,
-        _ if name.starts_with("motion.") => rates.motion_network,
         _ => rates.network * field,
     };
     let teaches_gaussians = teaches_gaussians(trainer, time);
     let optimizer = &mut trainer.optimizer;
     if teaches_gaussians {
-        trainer.scene = optimizer.step("scene", trainer.scene.clone(), gradients, rate);
+        trainer.scene = optimizer.step("scene", trainer.scene.clone(), gradients, |name| {
+            Pace::from(scene_rate(name))
+        });
     }
     if let Some(motion) = trainer.motion.take() {
         let left = stages.field_rate(trainer.step);
-        trainer.motion =
-            Some(optimizer.step("motion", motion, gradients, |name| rate(name) * left));
+        let pace = |name: &str| {
+            if name.ends_with(".table") {
+                Pace::from(rates.motion_grid * left)
+            } else {
+                Pace {
+                    rate: rates.motion_network * left,
+                    damping: rates.motion_damping,
+                }
+            }
+        };
+        trainer.motion = Some(optimizer.step("motion", motion, gradients, pace));
     }
 }
 
