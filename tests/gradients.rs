@@ -15,6 +15,7 @@ use common::{devices, host, widen};
 use dash_kernels::hash_encode;
 use dash_kernels::project::{self, Activation, ProjectOptions, View};
 use dash_kernels::rasterize::{self, N_CHANNELS};
+use dash_kernels::splats::NEAR_PLANE;
 use dash_kernels::ssim::{self, ssim};
 use dash_model::parameters::{Path, named_parameters, with_parameters};
 use dash_model::{
@@ -101,6 +102,7 @@ fn scene((offsets, smoothstep): (OffsetPlacement, bool), device: &Device) -> Dyn
         settings: SceneSettings {
             background: BACKGROUND,
             sh_degree: SH_DEGREE,
+            near_plane: NEAR_PLANE,
             trajectory_basis: BASIS,
             offsets,
         },

@@ -9,6 +9,7 @@ use std::path::{Path, PathBuf};
 use common::{devices, host, widen};
 use dash_kernels::project::{self, ProjectOptions, View};
 use dash_kernels::rasterize::{self, N_CHANNELS};
+use dash_kernels::splats::NEAR_PLANE;
 use dash_kernels::splats::{MEAN_Y, N_COLUMNS};
 use dash_model::{
     Camera, DynamicScene, GaussianRows, Gaussians, OffsetPlacement, SceneSettings, TrajectoryBasis,
@@ -50,6 +51,7 @@ fn rendered(rows: &GaussianRows, camera: &Camera, device: &burn::tensor::Device)
         settings: SceneSettings {
             background: BACKGROUND,
             sh_degree: SH_DEGREE,
+            near_plane: NEAR_PLANE,
             trajectory_basis: TrajectoryBasis::Linear,
             offsets: OffsetPlacement::BeforeActivation,
         },

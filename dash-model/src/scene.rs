@@ -6,6 +6,7 @@ use burn::tensor::activation::sigmoid;
 use dash_kernels::Camera;
 use dash_kernels::project::{Activation, ProjectOptions, project};
 use dash_kernels::rasterize::{RasterizeOptions, rasterize};
+use dash_kernels::splats::NEAR_PLANE;
 use serde::{Deserialize, Serialize};
 
 use crate::deformation::Offsets;
@@ -30,10 +31,17 @@ pub struct SceneSettings {
     pub background: [f32; 3],
     /// Active spherical-harmonics degree, at most the stored one.
     pub sh_degree: usize,
+    /// Gaussians nearer than this along a camera's z are not drawn, world units.
+    #[serde(default = "default_near_plane")]
+    pub near_plane: f64,
     /// Functions of time of the coarse trajectories.
     pub trajectory_basis: TrajectoryBasis,
     /// Where rotation and scale offsets are added.
     pub offsets: OffsetPlacement,
+}
+
+fn default_near_plane() -> f64 {
+    NEAR_PLANE
 }
 
 /// The Gaussians that move, and the field that moves them.
@@ -192,6 +200,7 @@ impl DynamicScene {
             camera,
             &ProjectOptions {
                 sh_degree: Some(self.settings.sh_degree),
+                near_plane: self.settings.near_plane,
                 ..Default::default()
             },
         )?)
@@ -220,7 +229,7 @@ impl DynamicScene {
             &ProjectOptions {
                 sh_degree: Some(self.settings.sh_degree),
                 activation: deformed.activation,
-                ..Default::default()
+                near_plane: self.settings.near_plane,
             },
         )?))
     }

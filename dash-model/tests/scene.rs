@@ -91,6 +91,7 @@ fn scene(
         settings: SceneSettings {
             background: [0.1, 0.2, 0.3],
             sh_degree: 1,
+            near_plane: 0.2,
             trajectory_basis: BASIS,
             offsets,
         },
@@ -106,6 +107,21 @@ fn pixels(scene: &DynamicScene, time: f32, layer: Layer) -> Vec<f32> {
     let values = image.into_data().try_into_vec::<f32>().expect("f32");
     assert!(values.iter().all(|v| v.is_finite()));
     values
+}
+
+#[test]
+fn what_is_nearer_than_the_near_plane_is_not_drawn() {
+    for device in devices() {
+        let mut scene = scene(5, Some(7), OffsetPlacement::BeforeActivation, &device);
+        let before = pixels(&scene, 0.3, Layer::Full);
+        // The camera is 4 from the origin, and the Gaussians no farther than 2 from it.
+        scene.settings.near_plane = 1.9;
+        assert_eq!(pixels(&scene, 0.3, Layer::Full), before);
+        scene.settings.near_plane = 6.1;
+        let background = [0.1, 0.2, 0.3, 0.0, 0.0];
+        let empty = pixels(&scene, 0.3, Layer::Full);
+        assert!(empty.chunks_exact(5).all(|pixel| pixel == background));
+    }
 }
 
 #[test]

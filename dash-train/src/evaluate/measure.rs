@@ -284,6 +284,7 @@ mod tests {
             settings: SceneSettings {
                 background: [0.5; 3],
                 sh_degree: 0,
+                near_plane: 0.2,
                 trajectory_basis: TrajectoryBasis::Polyline { spans: 4 },
                 offsets: OffsetPlacement::BeforeActivation,
             },

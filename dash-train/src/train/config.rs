@@ -39,6 +39,9 @@ pub struct TrainConfig {
     pub sh_interval: f32,
     /// Colour behind everything, sRGB in [0, 1]. Absent: the dataset's own, or black.
     pub background: Option<[f32; 3]>,
+    /// Gaussians nearer to a camera than this are not drawn, world units. Absent: a part of the
+    /// distance at which the training cameras see something.
+    pub near_plane: Option<f64>,
     /// Most points that the first Gaussians are made of; more are thinned evenly.
     pub max_initial_points: usize,
     /// Where the dataset brings fewer points, others are added at which several views agree.
@@ -259,7 +262,8 @@ impl TrainConfig {
         let mut cursor = &mut table;
         while let Some(key) = keys.next() {
             if keys.peek().is_none() {
-                let optional = matches!(path, "background" | "learning_rates.extent");
+                let optional =
+                    matches!(path, "background" | "near_plane" | "learning_rates.extent");
                 if !cursor.contains_key(key) && !optional {
                     let known: Vec<&str> = cursor.keys().map(String::as_str).collect();
                     return Err(refuse(format!(
@@ -326,6 +330,11 @@ impl TrainConfig {
                 .iter()
                 .all(|d| d.interval > 0),
             "density_*.interval must be at least 1",
+        )?;
+        check(
+            self.near_plane
+                .is_none_or(|near| near > 0.0 && near.is_finite()),
+            "near_plane must be greater than 0",
         )?;
         check(
             self.background

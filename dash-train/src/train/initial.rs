@@ -1,6 +1,9 @@
 //! What the first Gaussians are made of.
 
-use dash_model::SpaceBox;
+use std::collections::BTreeMap;
+
+use dash_kernels::splats::NEAR_PLANE;
+use dash_model::{Camera, SpaceBox};
 use rand_pcg::Pcg64;
 
 use super::sweep::Sweep;
@@ -13,6 +16,10 @@ const MIN_CAMERAS: usize = 4;
 const MAX_VIEWS: usize = 64;
 /// Share of the points on either side that do not count for the scene's size.
 const EXTENT_TAIL: f32 = 0.05;
+/// Share of the points in a picture that may be nearer than what counts as its nearest.
+const NEAR_TAIL: f64 = 0.01;
+/// Part of the distance of the nearest at which Gaussians begin to be drawn.
+const NEAR_SHARE: f64 = 0.5;
 /// Share of the points on either side that the scene's box may leave out.
 const BOX_TAIL: f32 = 0.01;
 /// How much wider the box is than its points.
@@ -73,6 +80,39 @@ fn views_at_start<'a>(dataset: &'a Dataset, train_views: &[usize]) -> Vec<&'a Vi
     views().step_by(stride).collect()
 }
 
+/// How near a Gaussian may come to a camera and be drawn, world units: well before the first that any
+/// training camera sees. Where cameras see each other, their stands and lamps become part of the
+/// scene, and would block the view of a camera that takes their place.
+pub(crate) fn near_plane<'a>(views: impl Iterator<Item = &'a View>, points: &InitialPoints) -> f64 {
+    let shown = &points.positions[..match points.given {
+        0 => points.positions.len(),
+        given => given,
+    }];
+    let nearest = |camera: &Camera| {
+        let mut depths: Vec<f64> = shown
+            .iter()
+            .filter_map(|p| camera.project(p.map(f64::from)))
+            .filter(|([x, y], depth)| {
+                let inside = |at: f64, size: usize| (0.0..size as f64).contains(&at);
+                *depth > 0.0 && inside(*x, camera.width) && inside(*y, camera.height)
+            })
+            .map(|(_, depth)| depth)
+            .collect();
+        depths.sort_by(f64::total_cmp);
+        depths
+            .get((NEAR_TAIL * depths.len() as f64) as usize)
+            .copied()
+    };
+    let cameras: BTreeMap<usize, &Camera> = views
+        .map(|view| (view.camera_index, &view.camera))
+        .collect();
+    cameras
+        .values()
+        .filter_map(|camera| nearest(camera))
+        .reduce(f64::min)
+        .map_or(NEAR_PLANE, |depth| NEAR_SHARE * depth)
+}
+
 /// The part of space that a capture is about; backgrounds far behind do not count.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Core {
@@ -125,4 +165,37 @@ fn near_focus(dataset: &Dataset, points: &[[f32; 3]]) -> Vec<[f32; 3]> {
     [-0.5, 0.5]
         .map(|side: f64| (focus + side * reach.max(1e-3)).as_vec3().to_array())
         .to_vec()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn view(index: usize, eye: [f64; 3]) -> View {
+        let camera =
+            Camera::new(16.0, 16.0, 8.0, 8.0, 16, 16).look_at(eye, [0.0; 3], [0.0, 1.0, 0.0]);
+        View {
+            camera_index: index,
+            ..View::from_rgb8("made", camera, 0.0, vec![0; 16 * 16 * 3])
+        }
+    }
+
+    #[test]
+    fn the_near_plane_is_halfway_to_what_the_nearest_camera_sees() {
+        // A ball of radius 1 seen from 5 and 4 away, and a few points beside the nearer camera.
+        let mut points = InitialPoints::default();
+        for i in 0..400 {
+            let angle = i as f32;
+            points.positions.push([angle.cos(), 0.0, angle.sin()]);
+        }
+        points.positions.push([0.0, 0.0, -3.9]);
+        points.positions.push([0.0, 9.0, -4.0]);
+        let views = [view(0, [0.0, 0.0, -5.0]), view(1, [0.0, 0.0, -4.0])];
+        let near = near_plane(views.iter(), &points);
+        assert!((near - 1.5).abs() < 0.01, "{near}");
+        assert_eq!(
+            near_plane(views.iter(), &InitialPoints::default()),
+            NEAR_PLANE
+        );
+    }
 }

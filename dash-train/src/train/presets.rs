@@ -1,5 +1,6 @@
 //! The values of the presets.
 
+use dash_kernels::splats::NEAR_PLANE;
 use dash_model::{DeformationConfig, HashEncoderConfig, OffsetPlacement, TrajectoryBasis};
 
 use super::config::{
@@ -29,6 +30,7 @@ impl TrainConfig {
             sh_degree: 3,
             sh_interval: 1.0 / 15.0,
             background: None,
+            near_plane: None,
             max_initial_points: 100_000,
             min_initial_points: 20_000,
             checkpoint_interval: 1_000,
@@ -183,6 +185,7 @@ impl TrainConfig {
     }
 
     fn as_released(&mut self) {
+        self.near_plane = Some(NEAR_PLANE);
         self.iterations = 50_000;
         self.sh_interval = 1_000.0 / 50_000.0;
         self.stages = StageConfig {

@@ -12,7 +12,7 @@ use rand_pcg::Pcg64;
 use super::coarse::Stages;
 use super::config::TrainConfig;
 use super::density::DensityStatistics;
-use super::initial::{Core, initial_points};
+use super::initial::{Core, initial_points, near_plane};
 use super::loss::{photometric, smoothness, static_motion, visible_motion};
 use super::optimizer::{Optimizer, to_host};
 use super::sampler::ViewSampler;
@@ -106,6 +106,9 @@ impl Trainer {
             &mut rng,
         );
         let core = Core::of(&dataset, &points);
+        let near_plane = config
+            .near_plane
+            .unwrap_or_else(|| near_plane(train_views.iter().map(|&i| &dataset.views[i]), &points));
         let extent = config.learning_rates.extent.unwrap_or(core.extent);
         let rows = GaussianRows::from_points(
             &points.positions,
@@ -119,6 +122,7 @@ impl Trainer {
             settings: SceneSettings {
                 background,
                 sh_degree: 0,
+                near_plane,
                 trajectory_basis: config.decomposition.basis,
                 offsets: config.field.offsets,
             },

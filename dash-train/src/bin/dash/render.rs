@@ -4,6 +4,7 @@ use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 
 use clap::Args;
+use dash_kernels::splats::NEAR_PLANE;
 use dash_model::{
     DynamicScene, Gaussians, OffsetPlacement, SceneSettings, TrajectoryBasis, read_splat_ply,
 };
@@ -136,6 +137,7 @@ fn ply_scene(path: &Path, device: &burn::tensor::Device) -> Result<DynamicScene,
     let settings = SceneSettings {
         background: [0.0; 3],
         sh_degree: static_set.sh_degree(),
+        near_plane: NEAR_PLANE,
         // Nothing moves, so that these two change nothing.
         trajectory_basis: TrajectoryBasis::Polyline { spans: 4 },
         offsets: OffsetPlacement::BeforeActivation,
