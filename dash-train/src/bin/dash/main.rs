@@ -71,7 +71,24 @@ enum Command {
     Info(info::InfoArgs),
 }
 
+/// Makes the allocator keep what is freed. A training step takes and gives back gradients as large as
+/// the hash tables, and clearing their pages anew each time can cost more than the step.
+#[cfg(all(target_os = "linux", target_env = "gnu"))]
+fn keep_freed_memory() {
+    /// Blocks above this, in bytes, still go back to the system.
+    const LARGEST_KEPT: libc::c_int = 1 << 30;
+    // SAFETY: `mallopt` changes parameters of the allocator, before there is a second thread.
+    unsafe {
+        libc::mallopt(libc::M_MMAP_THRESHOLD, LARGEST_KEPT);
+        libc::mallopt(libc::M_TRIM_THRESHOLD, libc::c_int::MAX);
+    }
+}
+
+#[cfg(not(all(target_os = "linux", target_env = "gnu")))]
+fn keep_freed_memory() {}
+
 fn main() -> ExitCode {
+    keep_freed_memory();
     report_faults_on_one_line();
     let cli = Cli::parse();
     let outcome = std::panic::catch_unwind(|| run(&cli));
