@@ -13,6 +13,9 @@ use crate::metrics::{
 };
 use crate::render::{Picture, render_timed};
 
+/// Above this a mask is set.
+const MASK_HALF: u8 = 127;
+
 /// Steps of an 8-bit channel.
 const LEVELS: f32 = 255.0;
 
@@ -141,7 +144,7 @@ pub fn evaluate(
         per_view.push(score(view, &picture, moving, background));
         if let Some(truth) = view.mask() {
             let (dynamic, _) = render_timed(scene, &view.camera, view.time, Layer::Dynamic)?;
-            let truth: Vec<bool> = truth.iter().map(|&m| m > 127).collect();
+            let truth: Vec<bool> = truth.iter().map(|&m| m > MASK_HALF).collect();
             *counts.get_or_insert_default() += split_scores(&dynamic.alpha, &truth);
         }
     }
@@ -188,7 +191,8 @@ fn as_saved(value: f32) -> f32 {
     (value.clamp(0.0, 1.0) * LEVELS).round() / LEVELS
 }
 
-/// Which pixels move in the video of this view's camera, over all its frames.
+/// Which pixels move in the video of this view's camera, over all its frames; of a single picture,
+/// those that the dataset's mask of it marks.
 fn camera_moving_pixels(dataset: &Dataset, view: &View, background: [f32; 3]) -> Vec<bool> {
     let camera = &view.camera;
     // Views of one camera differ in size only if the dataset's images do.
@@ -198,6 +202,9 @@ fn camera_moving_pixels(dataset: &Dataset, view: &View, background: [f32; 3]) ->
     };
     let mut video: Vec<&View> = dataset.views.iter().filter(same).collect();
     video.sort_by_key(|view| view.frame);
+    if let ([_], Some(mask)) = (video.as_slice(), view.mask()) {
+        return mask.iter().map(|&m| m > MASK_HALF).collect();
+    }
     let frames: Vec<Vec<f32>> = video.iter().map(|view| view.rgb(background)).collect();
     let frames: Vec<&[f32]> = frames.iter().map(Vec::as_slice).collect();
     moving_pixels(&frames, camera.width, camera.height)
@@ -265,8 +272,8 @@ mod tests {
         assert_eq!(mean_of_some([].into_iter()), None);
     }
 
-    #[test]
-    fn an_empty_scene_scores_its_background() {
+    /// Two cameras and three frames of a room in which a ball moves.
+    fn room() -> Dataset {
         let folder = tempfile::tempdir().expect("a scratch folder");
         let room = folder.path().join("room");
         let clip = SynthConfig {
@@ -277,7 +284,26 @@ mod tests {
             ..Default::default()
         };
         synth::write(&room, &clip).expect("written");
-        let dataset = dataset::load(&room, &Default::default()).expect("loaded");
+        dataset::load(&room, &Default::default()).expect("loaded")
+    }
+
+    #[test]
+    fn of_a_single_picture_the_mask_says_what_moves() {
+        let mut dataset = room();
+        let all = dataset.split(Split::Test).next().expect("has one").clone();
+        let marked: Vec<bool> = all.mask().expect("true").iter().map(|&m| m > 0).collect();
+        let of_the_video = camera_moving_pixels(&dataset, &all, [0.0; 3]);
+        assert!(of_the_video != marked, "the video has other moments, too");
+        dataset.views.retain(|view| view.name == all.name);
+        assert_eq!(camera_moving_pixels(&dataset, &all, [0.0; 3]), marked);
+        dataset.views[0].mask = None;
+        let none = camera_moving_pixels(&dataset, &dataset.views[0], [0.0; 3]);
+        assert!(none.iter().all(|moves| !moves));
+    }
+
+    #[test]
+    fn an_empty_scene_scores_its_background() {
+        let dataset = room();
         let scene = DynamicScene {
             static_set: Gaussians::from_rows(&Default::default(), &Device::flex()),
             dynamic: None,

@@ -10,7 +10,8 @@ pub const MOVING_THRESHOLD: f32 = 0.1;
 /// How the moving pixels are found, for `metric_settings`.
 pub const MOVING_PIXELS_RULE: &str = "per camera, one mask for its whole video: after a 3x3 box blur (over the pixels that exist), a \
      pixel moves when in some frame some sRGB channel is more than 0.1 from its median over the \
-     video's frames (the lower of the two middle values); a camera with a single frame has none";
+     video's frames (the lower of the two middle values); of a camera with a single frame, the pixels that \
+     the dataset's mask of it marks, or none";
 
 /// The pixels that move in the video of one camera that stands still.
 ///
