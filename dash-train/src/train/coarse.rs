@@ -9,13 +9,22 @@ use super::optimizer::to_host;
 use super::split;
 use super::trainer::{STATIC, Trainer};
 use crate::TrainError;
+use crate::dataset::{Dataset, View};
 
 /// Share of the field's time after which a growing window has all times.
 const GROWN: f32 = 0.8;
 /// Frames that count as new when the window reaches them.
 const NEW_FRAMES: f32 = 2.0;
-/// Cameras at the first time that a growing window needs.
+/// Cameras at the first time that show its shape.
 const MIN_CAMERAS: usize = 4;
+/// Views of several times that do, if these are not far apart.
+const MIN_VIEWS: usize = 8;
+/// Spread of their positions, as a share of that of all.
+const MIN_SPREAD: f64 = 0.5;
+/// Spread of cameras that stand in one place, as a share of where they are.
+const NO_SPREAD: f64 = 1e-6;
+/// Most of the clip that its first part may be.
+const MAX_FIRST_PART: f32 = 0.1;
 
 /// The steps at which the stages before the 4D one change.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -89,19 +98,44 @@ pub(crate) fn coefficients(trainer: &Trainer) -> Result<Option<Tensor<2>>, Train
     })
 }
 
-/// Whether the first two stages start from the first time and see more and more.
-pub(crate) fn window_grows(trainer: &Trainer) -> bool {
-    let times = || {
-        trainer
-            .train_views
-            .iter()
-            .map(|&i| trainer.dataset.views[i].time)
+/// The end of the shortest first part of the clip in which the training cameras see the scene from
+/// sides enough to make out its shape: the first time of a rig, the first few of cameras that take
+/// turns, none of a camera that is carried along.
+pub(crate) fn first_part(dataset: &Dataset, train_views: &[usize]) -> Option<f32> {
+    let mut views: Vec<&View> = train_views.iter().map(|&i| &dataset.views[i]).collect();
+    views.sort_by(|a, b| a.time.total_cmp(&b.time));
+    let positions: Vec<glam::DVec3> = views
+        .iter()
+        .map(|view| view.camera.position().into())
+        .collect();
+    let spread = |positions: &[glam::DVec3]| {
+        let n = positions.len().max(1) as f64;
+        let centre = positions.iter().sum::<glam::DVec3>() / n;
+        let squares = positions.iter().map(|p| p.distance_squared(centre));
+        (squares.sum::<f64>() / n).sqrt()
     };
-    let first = times().fold(1.0, f32::min);
-    let at_first = times().filter(|&time| time == first).count();
+    let all = spread(&positions);
+    if all <= NO_SPREAD * positions.iter().map(|p| p.length()).fold(1.0, f64::max) {
+        return None;
+    }
+    let (first, last) = (views.first()?.time, views.last()?.time);
+    let at_once = views.iter().filter(|view| view.time == first).count();
+    let needed = if at_once >= MIN_CAMERAS {
+        at_once
+    } else {
+        MIN_VIEWS
+    };
+    (needed..=views.len())
+        .find(|&n| spread(&positions[..n]) >= MIN_SPREAD * all)
+        .map(|n| views[n - 1].time)
+        .filter(|end| end - first <= MAX_FIRST_PART * (last - first))
+}
+
+/// Whether the first two stages start from the first part of the clip and see more and more.
+pub(crate) fn window_grows(trainer: &Trainer) -> bool {
     trainer.config.stages.window == TimeWindow::Growing
         && trainer.may_move()
-        && at_first >= MIN_CAMERAS
+        && trainer.first_part.is_some()
 }
 
 /// Whether a view at `time` teaches the Gaussians too, and not the coarse field alone: until the field
@@ -114,14 +148,9 @@ pub(crate) fn teaches_gaussians(trainer: &Trainer, time: f32) -> bool {
 /// The latest time that is trained on at `step`, and the time after which frames are new.
 pub(crate) fn time_window(trainer: &Trainer, step: usize) -> (f32, f32) {
     const ALL: (f32, f32) = (1.0, 1.0);
-    if !window_grows(trainer) {
+    let Some(first) = trainer.first_part.filter(|_| window_grows(trainer)) else {
         return ALL;
-    }
-    let times = trainer
-        .train_views
-        .iter()
-        .map(|&i| trainer.dataset.views[i].time);
-    let first = times.fold(1.0, f32::min);
+    };
     let stages = Stages::of(trainer);
     if step < stages.warmup {
         return (first, first);
@@ -148,4 +177,59 @@ fn settle(trainer: &mut Trainer) -> Result<(), TrainError> {
     trainer.scene.static_set = Gaussians::from_rows(&rows, &trainer.device);
     trainer.optimizer.forget(&format!("{STATIC}trajectories"));
     Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use std::path::PathBuf;
+
+    use dash_kernels::Camera;
+
+    use super::*;
+    use crate::dataset::Layout;
+
+    /// One training view at each place and time.
+    fn part_of(views: impl Iterator<Item = ([f64; 3], f32)>) -> Option<f32> {
+        let views: Vec<View> = views
+            .map(|(eye, time)| {
+                let camera = Camera::new(2.0, 2.0, 1.0, 1.0, 2, 2);
+                let camera = camera.look_at(eye, [0.0; 3], [0.0, 1.0, 0.0]);
+                View::from_rgb8("made", camera, time, vec![0; 12])
+            })
+            .collect();
+        let all: Vec<usize> = (0..views.len()).collect();
+        let dataset = Dataset {
+            name: "made".into(),
+            root: PathBuf::new(),
+            layout: Layout::Blender,
+            n_frames: 100,
+            n_cameras: 1,
+            views,
+            points: None,
+            background: None,
+        };
+        first_part(&dataset, &all)
+    }
+
+    fn around(turn: f64) -> [f64; 3] {
+        let angle = turn * std::f64::consts::TAU;
+        [3.0 * angle.cos(), 1.0, 3.0 * angle.sin()]
+    }
+
+    #[test]
+    fn a_first_part_is_as_long_as_it_takes_to_see_the_shape() {
+        let times = || (0..100).map(|k| k as f32 / 99.0);
+        let rig = |n: u32| {
+            times().flat_map(move |t| (0..n).map(move |c| (around(f64::from(c) / f64::from(n)), t)))
+        };
+        assert_eq!(part_of(rig(4)), Some(0.0));
+        // Too few to show a shape at once, but enough within a few times.
+        assert_eq!(part_of(rig(2)), Some(3.0 / 99.0));
+        let in_turns = times().zip((0..).map(|k| around(f64::from(k * 5 % 12) / 12.0)));
+        assert_eq!(part_of(in_turns.map(|(t, eye)| (eye, t))), Some(7.0 / 99.0));
+        let carried = times().map(|t| (around(0.5 * f64::from(t)), t));
+        assert_eq!(part_of(carried), None);
+        assert_eq!(part_of(times().map(|t| (around(0.3), t))), None);
+        assert_eq!(part_of(std::iter::empty()), None);
+    }
 }

@@ -6,12 +6,11 @@ use dash_kernels::splats::NEAR_PLANE;
 use dash_model::{Camera, SpaceBox};
 use rand_pcg::Pcg64;
 
+use super::coarse::first_part;
 use super::sweep::Sweep;
 use crate::cameras::focus_point;
 use crate::dataset::{Dataset, View};
 
-/// Views of the first time from which on these alone are looked at.
-const MIN_CAMERAS: usize = 4;
 /// Most views that points are looked for in.
 const MAX_VIEWS: usize = 64;
 /// Share of the points on either side that do not count for the scene's size.
@@ -34,8 +33,8 @@ pub(crate) struct InitialPoints {
     pub(crate) given: usize,
 }
 
-/// The dataset's points, at most `limits[1]`, and where they are fewer than `limits[0]`, points that
-/// views agree on.
+/// The dataset's points, at most `limits[1]`, unless they are random; and where they are fewer than
+/// `limits[0]`, points that views agree on.
 pub(crate) fn initial_points(
     dataset: &Dataset,
     train_views: &[usize],
@@ -58,23 +57,28 @@ pub(crate) fn initial_points(
                 .push(cloud.colors[row].map(|c| f32::from(c) / 255.0));
         }
     }
-    let missing = limits[0].min(limits[1]).saturating_sub(kept);
+    let sweep = Sweep::new(&views_at_start(dataset, train_views), background);
+    if kept > 0 && !sweep.shows(&points) {
+        tracing::warn!(
+            "the {n} points of {} have other colours than the pictures where they are, as if drawn at random: they are not used",
+            dataset.root.display()
+        );
+        points = InitialPoints::default();
+    }
+    let missing = limits[0].min(limits[1]).saturating_sub(points.given);
     if missing > 0 {
-        let views = views_at_start(dataset, train_views);
-        let swept = Sweep::new(&views, background).points(missing, rng);
+        let swept = sweep.points(missing, rng);
         points.positions.extend(swept.positions);
         points.colors.extend(swept.colors);
     }
     points
 }
 
-/// The views of the first time, where there are several; else some of all times.
+/// The views of the first part of the clip, where it has one; else some of all times.
 fn views_at_start<'a>(dataset: &'a Dataset, train_views: &[usize]) -> Vec<&'a View> {
     let views = || train_views.iter().map(|&i| &dataset.views[i]);
-    let first = views().map(|view| view.time).fold(1.0, f32::min);
-    let at_first: Vec<&View> = views().filter(|view| view.time == first).collect();
-    if at_first.len() >= MIN_CAMERAS {
-        return at_first;
+    if let Some(end) = first_part(dataset, train_views) {
+        return views().filter(|view| view.time <= end).collect();
     }
     let stride = train_views.len().div_ceil(MAX_VIEWS).max(1);
     views().step_by(stride).collect()

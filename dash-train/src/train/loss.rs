@@ -37,37 +37,38 @@ pub(crate) fn static_motion(extents: Tensor<1>, is_static: &[bool], space: &Spac
     (extents * weights).sum()
 }
 
-/// Mean motion on the screen, in shares of the image's width, each Gaussian by the area that it covers
-/// (by its opacity, and at most the picture's): so that moving costs a small one as much of what it
-/// does for the picture as a large one.
+/// Motion from which on more of it costs little more, in shares of the image's width: far or not, a
+/// thing either moves or rests.
+const FAR: f32 = 0.05;
+
+/// Motion `m` on the screen, in shares of the image's width, as `m / (1 + m / FAR)`, each Gaussian's
+/// by the share of the picture that it covers (with its opacity, and at most all of it). Like the
+/// photometric loss this is a mean over the picture: what covers little costs and gains little.
 /// `extents [N]` in world units, `splats [N, C]` as projected.
 pub(crate) fn visible_motion(extents: Tensor<1>, splats: &Tensor<2>, camera: &Camera) -> Tensor<1> {
     let picture = (camera.width * camera.height) as f32;
     let focal = (camera.fx / camera.width as f64) as f32;
-    let (areas, depths): (Vec<f32>, Vec<f32>) = to_host(splats.clone())
+    let (scales, shares): (Vec<f32>, Vec<f32>) = to_host(splats.clone())
         .chunks_exact(N_COLUMNS)
         .map(|splat| {
             let det = splat[CONIC_A] * splat[CONIC_C] - splat[CONIC_B].powi(2);
             let area = splat[OPACITY] / det.sqrt();
-            let drawn = splat[RADIUS_X] > 0.0 && area.is_finite();
-            (if drawn { area.min(picture) } else { 0.0 }, splat[DEPTH])
-        })
-        .unzip();
-    let all = areas.iter().sum::<f32>().max(f32::MIN_POSITIVE);
-    let weights: Vec<f32> = areas
-        .iter()
-        .zip(depths)
-        .map(|(area, depth)| {
-            if *area > 0.0 && depth > 0.0 {
-                area * focal / (depth * all)
+            let drawn = splat[RADIUS_X] > 0.0 && splat[DEPTH] > 0.0 && area.is_finite();
+            if drawn {
+                (focal / splat[DEPTH], (area / picture).min(1.0))
             } else {
-                0.0
+                (0.0, 0.0)
             }
         })
-        .collect();
-    let n = weights.len();
-    let weights = Tensor::<1>::from_data(TensorData::new(weights, [n]), &extents.device());
-    (extents * weights).sum()
+        .unzip();
+    let device = extents.device();
+    let column = |values: Vec<f32>| {
+        let n = values.len();
+        Tensor::<1>::from_data(TensorData::new(values, [n]), &device)
+    };
+    let motion = extents * column(scales);
+    let cost = motion.clone() / (motion / FAR + 1.0);
+    (cost * column(shares)).sum()
 }
 
 /// Eq. 11: mean over Gaussians of the squared distance between the field's features at a point
@@ -93,4 +94,38 @@ pub(crate) fn smoothness(
     let nearby = (points.clone() + steps).clamp(0.0, 1.0);
     let difference = field.features_at(points)? - field.features_at(nearby)?;
     Ok(difference.powi_scalar(2).sum() / n.max(1) as f32)
+}
+
+#[cfg(test)]
+mod tests {
+    use burn::tensor::Device;
+
+    use super::*;
+
+    #[test]
+    fn visible_motion_is_a_mean_over_the_picture_and_saturates() {
+        let device = Device::flex();
+        let camera = Camera::new(20.0, 20.0, 10.0, 5.0, 20, 10);
+        let mut splats = vec![0.0f32; 4 * N_COLUMNS];
+        // Conics of 1/4: an area of 4 pixels, of 200. The last two are not drawn.
+        for (row, (depth, radius)) in [(2.0, 3.0), (4.0, 3.0), (0.0, 3.0), (2.0, 0.0)]
+            .iter()
+            .enumerate()
+        {
+            let splat = &mut splats[row * N_COLUMNS..(row + 1) * N_COLUMNS];
+            (splat[CONIC_A], splat[CONIC_C]) = (0.25, 0.25);
+            (splat[OPACITY], splat[DEPTH], splat[RADIUS_X]) = (0.5, *depth, *radius);
+        }
+        let splats = Tensor::<2>::from_data(TensorData::new(splats, [4, N_COLUMNS]), &device);
+        let cost = |extents: [f32; 4]| {
+            let extents = Tensor::<1>::from_data(extents, &device);
+            to_host(visible_motion(extents, &splats, &camera))[0]
+        };
+        // Half opaque, each covers 2 / 200; a unit is 1 / 2 and 1 / 4 of the width.
+        let half = 0.05 / 2.0;
+        assert!((cost([0.1, 0.0, 9.0, 9.0]) - 0.01 * half).abs() < 1e-8);
+        assert!((cost([0.1, 0.2, 9.0, 9.0]) - 0.02 * half).abs() < 1e-8);
+        assert!(cost([1e6, 1e6, 0.0, 0.0]) < 0.02 * 0.0501);
+        assert_eq!(cost([0.0; 4]), 0.0);
+    }
 }

@@ -45,8 +45,8 @@ impl TrainConfig {
                 dssim: 0.2,
                 static_motion: 0.01,
                 smoothness: 0.01,
-                field_motion: 0.1,
-                visible_motion: 5.0,
+                field_motion: 0.025,
+                visible_motion: 1.25,
                 smoothness_step: [5e-3, 1e-4],
             },
             learning_rates: LearningRates {

@@ -24,6 +24,13 @@ const MAX_DIFFERENCE: f32 = 0.15;
 const TIE: f32 = 0.01;
 /// Rays that are drawn for each point that is wanted.
 const DRAWS_PER_POINT: usize = 3;
+/// Points of a cloud that are compared with the pictures.
+const SAMPLES: usize = 2_000;
+/// Mean difference between colours of a cloud below which they are all alike.
+const MIN_CONTRAST: f32 = 0.02;
+/// Difference between a cloud and the pictures, as a share of that of a cloud with its colours
+/// interchanged, from which on it is a random one.
+const MAX_CHANCE: f32 = 0.9;
 /// Pixels more transparent than this show nothing.
 const MIN_ALPHA: f32 = 0.5;
 
@@ -33,6 +40,16 @@ struct Picture<'a> {
     colors: Vec<[f32; 3]>,
     alpha: Option<Vec<f32>>,
     witnesses: Vec<usize>,
+}
+
+impl Picture<'_> {
+    /// The colour where a point would be; `None` out of sight.
+    fn color_at(&self, point: [f32; 3]) -> Option<[f32; 3]> {
+        let ([u, v], _) = self.camera.project(point.map(f64::from))?;
+        let inside = |at: f64, size: usize| (0.0..size as f64).contains(&at);
+        (inside(u, self.camera.width) && inside(v, self.camera.height))
+            .then(|| self.colors[v as usize * self.camera.width + u as usize])
+    }
 }
 
 /// Views to look for points in.
@@ -86,6 +103,38 @@ impl<'a> Sweep<'a> {
             colors,
             given: 0,
         }
+    }
+
+    /// Whether the pictures show the colours of points where they are, better than the colours of
+    /// other points there. A cloud drawn at random, as some datasets carry, does no better.
+    pub(crate) fn shows(&self, points: &InitialPoints) -> bool {
+        let n = points.positions.len();
+        let sample = || (0..n).step_by(n.div_ceil(SAMPLES).max(1));
+        let difference = |a: [f32; 3], b: [f32; 3]| -> f32 {
+            (0..3).map(|c| (a[c] - b[c]).abs()).sum::<f32>() / 3.0
+        };
+        let (mut own, mut other, mut alike, mut count) = (0.0, 0.0, 0.0, 0);
+        for row in sample() {
+            let stranger = points.colors[(row + n / 2) % n];
+            let seen: Vec<[f32; 3]> = self
+                .pictures
+                .iter()
+                .filter_map(|picture| picture.color_at(points.positions[row]))
+                .collect();
+            // Nearer half only: the others may have something in front.
+            let nearest = |color: [f32; 3]| {
+                let mut all: Vec<f32> = seen.iter().map(|&s| difference(s, color)).collect();
+                all.sort_by(f32::total_cmp);
+                all.truncate(seen.len().div_ceil(2));
+                all.iter().sum::<f32>() / all.len().max(1) as f32
+            };
+            own += nearest(points.colors[row]);
+            other += nearest(stranger);
+            alike += difference(points.colors[row], stranger);
+            count += 1;
+        }
+        // Points all of one colour say nothing by it.
+        alike <= MIN_CONTRAST * count as f32 || own < MAX_CHANCE * other
     }
 
     /// How much views differ at the point of a pixel's ray on which they agree most, and that point;
@@ -219,12 +268,33 @@ mod tests {
         View::from_rgb8("wall", camera, 0.0, pixels)
     }
 
-    #[test]
-    fn points_lie_on_a_textured_wall() {
-        let views: Vec<View> = [-0.9, -0.3, 0.3, 0.9]
+    fn walls() -> Vec<View> {
+        [-0.9, -0.3, 0.3, 0.9]
             .iter()
             .flat_map(|&x| [-0.5, 0.5].map(|y| wall([x, y, -4.0])))
-            .collect();
+            .collect()
+    }
+
+    #[test]
+    fn a_cloud_of_random_colours_is_told_from_a_reconstruction() {
+        let views = walls();
+        let views: Vec<&View> = views.iter().collect();
+        let sweep = Sweep::new(&views, [0.0; 3]);
+        let mut rng = Pcg64::seed_from_u64(5);
+        let mut points = sweep.points(300, &mut rng);
+        assert!(sweep.shows(&points));
+        for color in &mut points.colors {
+            *color = std::array::from_fn(|_| rng.random());
+        }
+        assert!(!sweep.shows(&points));
+        points.colors.fill([0.5; 3]);
+        assert!(sweep.shows(&points), "one colour says nothing");
+        assert!(sweep.shows(&InitialPoints::default()));
+    }
+
+    #[test]
+    fn points_lie_on_a_textured_wall() {
+        let views = walls();
         let views: Vec<&View> = views.iter().collect();
         let sweep = Sweep::new(&views, [0.0; 3]);
         let points = sweep.points(300, &mut Pcg64::seed_from_u64(5));

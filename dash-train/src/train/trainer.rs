@@ -51,6 +51,8 @@ pub struct Trainer {
     pub(crate) extent: f32,
     /// The part of space that the capture is about.
     pub(crate) core: Core,
+    /// The end of the clip's first part, if it has one.
+    pub(crate) first_part: Option<f32>,
     pub(crate) scene: DynamicScene,
     /// The coarse field, from the warm-up until Gaussians have trajectories of their own.
     pub(crate) motion: Option<MotionField>,
@@ -105,6 +107,7 @@ impl Trainer {
             [config.min_initial_points, config.max_initial_points],
             &mut rng,
         );
+        let first_part = coarse::first_part(&dataset, &train_views);
         let core = Core::of(&dataset, &points);
         let near_plane = config
             .near_plane
@@ -136,6 +139,7 @@ impl Trainer {
             validation_views,
             extent,
             core,
+            first_part,
             scene,
             motion: None,
             motion_space: None,
