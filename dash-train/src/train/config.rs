@@ -105,10 +105,12 @@ pub struct LossConfig {
     /// Weight of the field's smoothness, `lambda_r`.
     pub smoothness: f32,
     /// Weight of the motion of all Gaussians as it appears on the screen, in shares of the image's
-    /// width, while the coarse field looks for motion: it keeps still what no picture moves. Ours.
+    /// width and as a mean over the picture, while the coarse field looks for motion: it keeps still
+    /// what no picture moves. Ours.
     pub field_motion: f32,
     /// Weight of the motion of all Gaussians as it appears on the screen, in shares of the image's
-    /// width, once each has a trajectory of its own: what moves without need comes to rest. Ours.
+    /// width and as a mean over the picture, once each has a trajectory of its own: what moves
+    /// without need comes to rest. Ours.
     pub visible_motion: f32,
     /// Half-widths of the random step of Eq. 11 in the unit cube, space then time (released code).
     pub smoothness_step: [f32; 2],

@@ -45,8 +45,8 @@ impl TrainConfig {
                 dssim: 0.2,
                 static_motion: 0.01,
                 smoothness: 0.01,
-                field_motion: 0.025,
-                visible_motion: 1.25,
+                field_motion: 0.01,
+                visible_motion: 2.5,
                 smoothness_step: [5e-3, 1e-4],
             },
             learning_rates: LearningRates {

@@ -25,6 +25,10 @@ pub(crate) const STATIC: &str = "scene.static_set.";
 /// Path prefix of the dynamic Gaussians' parameters.
 pub(crate) const DYNAMIC: &str = "scene.dynamic.gaussians.";
 
+/// Motion from which on more of it costs little more, in shares of the image's width, once every
+/// Gaussian has a trajectory of its own.
+const FAR: f32 = 0.05;
+
 /// What one step did.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct StepReport {
@@ -320,14 +324,14 @@ impl Trainer {
     ) -> Option<Tensor<1>> {
         let (space, loss) = (self.motion_space.as_ref()?, &self.config.loss);
         // A cost of no weight is not worked out.
-        let visible = |weight: f32| {
-            (weight > 0.0).then(|| visible_motion(extents.clone(), splats, camera) * weight)
+        let visible = |weight: f32, far: Option<f32>| {
+            (weight > 0.0).then(|| visible_motion(extents.clone(), splats, camera, far) * weight)
         };
         if self.motion.is_none() {
-            return visible(loss.visible_motion);
+            return visible(loss.visible_motion, Some(FAR));
         }
         let held = static_motion(extents.clone(), &self.held_still, space) * loss.static_motion;
-        Some(match visible(loss.field_motion) {
+        Some(match visible(loss.field_motion, None) {
             Some(cost) => held + cost,
             None => held,
         })
