@@ -45,7 +45,7 @@ impl TrainConfig {
                 dssim: 0.2,
                 static_motion: 0.01,
                 smoothness: 0.01,
-                field_motion: 0.01,
+                field_motion: 0.1,
                 visible_motion: 2.5,
                 smoothness_step: [5e-3, 1e-4],
             },

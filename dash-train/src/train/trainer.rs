@@ -25,9 +25,9 @@ pub(crate) const STATIC: &str = "scene.static_set.";
 /// Path prefix of the dynamic Gaussians' parameters.
 pub(crate) const DYNAMIC: &str = "scene.dynamic.gaussians.";
 
-/// Motion from which on more of it costs little more, in shares of the image's width, once every
-/// Gaussian has a trajectory of its own.
-const FAR: f32 = 0.05;
+/// Motion from which on more of it costs little more, in shares of the image's width: while the field
+/// looks for it, and once every Gaussian has a trajectory of its own.
+const FAR: [f32; 2] = [0.2, 0.05];
 
 /// What one step did.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -324,14 +324,14 @@ impl Trainer {
     ) -> Option<Tensor<1>> {
         let (space, loss) = (self.motion_space.as_ref()?, &self.config.loss);
         // A cost of no weight is not worked out.
-        let visible = |weight: f32, far: Option<f32>| {
+        let visible = |weight: f32, far: f32| {
             (weight > 0.0).then(|| visible_motion(extents.clone(), splats, camera, far) * weight)
         };
         if self.motion.is_none() {
-            return visible(loss.visible_motion, Some(FAR));
+            return visible(loss.visible_motion, FAR[1]);
         }
         let held = static_motion(extents.clone(), &self.held_still, space) * loss.static_motion;
-        Some(match visible(loss.field_motion, None) {
+        Some(match visible(loss.field_motion, FAR[0]) {
             Some(cost) => held + cost,
             None => held,
         })
