@@ -42,10 +42,10 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let scene = trainer.scene();
     let scores = evaluate(scene, &dataset, Split::Test, options.downscale)?;
     println!(
-        "{} test views: PSNR {:?}, SSIM {:?}",
+        "{} test views: PSNR {:.2} dB, SSIM {:.3}",
         scores.per_view.len(),
-        scores.psnr,
-        scores.ssim
+        scores.psnr.unwrap_or(f64::NAN),
+        scores.ssim.unwrap_or(f64::NAN),
     );
 
     let shots = at_times(&test_shots(&dataset)[..1], 5);

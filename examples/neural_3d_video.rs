@@ -66,8 +66,9 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         Process::Trained,
     )?;
     println!(
-        "PSNR {:?}, moving pixels {:?}",
-        results.evaluation.psnr, results.evaluation.psnr_dynamic
+        "PSNR {:.2} dB, moving pixels {:.2} dB",
+        results.evaluation.psnr.unwrap_or(f64::NAN),
+        results.evaluation.psnr_dynamic.unwrap_or(f64::NAN),
     );
     let shots = spiral_shots(&dataset, dataset.n_frames.max(2));
     let job = RenderJob {
