@@ -112,6 +112,10 @@ pub struct LossConfig {
     /// width and as a mean over the picture, once each has a trajectory of its own: what moves
     /// without need comes to rest. Ours.
     pub visible_motion: f32,
+    /// Weight of the mean opacity of the static Gaussians (of all, before the split): what no picture
+    /// needs, such as dark smoke in the empty space before a dark background, fades. Kheradmand et al.
+    /// 2024 take 0.01.
+    pub static_opacity: f32,
     /// Half-widths of the random step of Eq. 11 in the unit cube, space then time (released code).
     pub smoothness_step: [f32; 2],
 }

@@ -47,6 +47,7 @@ impl TrainConfig {
                 smoothness: 0.01,
                 field_motion: 0.1,
                 visible_motion: 2.5,
+                static_opacity: 0.01,
                 smoothness_step: [5e-3, 1e-4],
             },
             learning_rates: LearningRates {
@@ -145,6 +146,7 @@ impl TrainConfig {
     fn as_in_the_paper(&mut self) {
         self.loss.field_motion = 0.0;
         self.loss.visible_motion = 0.0;
+        self.loss.static_opacity = 0.0;
         self.learning_rates.motion_damping = 0.0;
         self.iterations = 30_000;
         self.stages = StageConfig {
@@ -200,6 +202,7 @@ impl TrainConfig {
             smoothness: 1.0,
             field_motion: 0.0,
             visible_motion: 0.0,
+            static_opacity: 0.0,
             smoothness_step: [5e-3, 1e-4],
         };
         self.learning_rates = LearningRates {

@@ -2,6 +2,7 @@
 
 use std::sync::Arc;
 
+use burn::tensor::activation::sigmoid;
 use burn::tensor::{Device, Tensor, TensorData};
 use dash_kernels::Camera;
 use dash_model::decomposition::MotionStatistics;
@@ -296,6 +297,10 @@ impl Trainer {
             let step = self.config.loss.smoothness_step;
             let term = smoothness(&dynamic.field, means, time, step, &mut self.rng)?;
             regularisers.push(term * self.config.loss.smoothness);
+        }
+        if self.config.loss.static_opacity > 0.0 && !self.scene.static_set.is_empty() {
+            let opacities = sigmoid(self.scene.static_set.opacity_logits.val());
+            regularisers.push(opacities.mean() * self.config.loss.static_opacity);
         }
         for term in regularisers {
             loss = loss + term;
