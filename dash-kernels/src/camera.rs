@@ -97,6 +97,13 @@ impl Camera {
         (z > 0.0).then(|| ([self.fx * x / z + self.cx, self.fy * y / z + self.cy], z))
     }
 
+    /// Pixel coordinates and depth of a world point; `None` when it is outside the picture.
+    pub fn project_inside(&self, point: [f64; 3]) -> Option<([f64; 2], f64)> {
+        self.project(point).filter(|([u, v], _)| {
+            (0.0..self.width as f64).contains(u) && (0.0..self.height as f64).contains(v)
+        })
+    }
+
     /// The same view at another image size, intrinsics scaled with it.
     pub fn resized(&self, width: usize, height: usize) -> Self {
         let (sx, sy) = (
@@ -154,6 +161,18 @@ mod tests {
         for (got, expected) in camera.position().iter().zip([1.0, 2.0, -4.0]) {
             assert!((got - expected).abs() < 1e-12);
         }
+    }
+
+    #[test]
+    fn a_picture_holds_its_first_row_and_column_and_not_what_is_behind() {
+        let camera = Camera::new(2.0, 2.0, 2.0, 1.0, 4, 2);
+        assert_eq!(
+            camera.project_inside([-1.0, -0.5, 1.0]),
+            Some(([0.0, 0.0], 1.0))
+        );
+        assert_eq!(camera.project_inside([1.0, 0.0, 1.0]), None, "column 4");
+        assert_eq!(camera.project_inside([0.0, 0.5, 1.0]), None, "row 2");
+        assert_eq!(camera.project_inside([0.0, 0.0, -1.0]), None, "behind");
     }
 
     #[test]

@@ -95,16 +95,14 @@ pub fn cloud(scene: &Scene, cameras: &[Camera], count: usize, seed: u64) -> Vec<
 
 /// Whether `camera` sees `point`, a point of `seen.object`, in its picture.
 fn sees(instant: &Instant<'_>, camera: &Camera, point: DVec3, seen: &Seen) -> bool {
-    let Some(([u, v], depth)) = camera.project(point.to_array()) else {
+    let Some(([u, v], depth)) = camera.project_inside(point.to_array()) else {
         return false;
     };
-    (0.0..camera.width as f64).contains(&u)
-        && (0.0..camera.height as f64).contains(&v)
-        && instant
-            .trace(&pixel_ray(camera, u, v))
-            .is_some_and(|other| {
-                other.object == seen.object && (other.distance - depth).abs() < SAME_POINT_M
-            })
+    instant
+        .trace(&pixel_ray(camera, u, v))
+        .is_some_and(|other| {
+            other.object == seen.object && (other.distance - depth).abs() < SAME_POINT_M
+        })
 }
 
 /// A standard normal number (Box-Muller).

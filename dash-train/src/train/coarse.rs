@@ -126,9 +126,10 @@ pub(crate) fn first_part(dataset: &Dataset, train_views: &[usize]) -> Option<f32
         MIN_VIEWS
     };
     (needed..=views.len())
-        .find(|&n| spread(&positions[..n]) >= MIN_SPREAD * all)
-        .map(|n| views[n - 1].time)
-        .filter(|end| end - first <= MAX_FIRST_PART * (last - first))
+        .map(|n| (n, views[n - 1].time))
+        .take_while(|(_, end)| end - first <= MAX_FIRST_PART * (last - first))
+        .find(|&(n, _)| spread(&positions[..n]) >= MIN_SPREAD * all)
+        .map(|(_, end)| end)
 }
 
 /// Whether the first two stages start from the first part of the clip and see more and more.

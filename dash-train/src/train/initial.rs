@@ -6,7 +6,6 @@ use dash_kernels::splats::NEAR_PLANE;
 use dash_model::{Camera, SpaceBox};
 use rand_pcg::Pcg64;
 
-use super::coarse::first_part;
 use super::sweep::Sweep;
 use crate::cameras::focus_point;
 use crate::dataset::{Dataset, View};
@@ -34,10 +33,11 @@ pub(crate) struct InitialPoints {
 }
 
 /// The dataset's points, at most `limits[1]`, unless they are random; and where they are fewer than
-/// `limits[0]`, points that views agree on.
+/// `limits[0]`, points that views agree on: those of the clip's first part, if it has one.
 pub(crate) fn initial_points(
     dataset: &Dataset,
     train_views: &[usize],
+    first_part: Option<f32>,
     background: [f32; 3],
     limits: [usize; 2],
     rng: &mut Pcg64,
@@ -57,7 +57,10 @@ pub(crate) fn initial_points(
                 .push(cloud.colors[row].map(|c| f32::from(c) / 255.0));
         }
     }
-    let sweep = Sweep::new(&views_at_start(dataset, train_views), background);
+    let sweep = Sweep::new(
+        &views_at_start(dataset, train_views, first_part),
+        background,
+    );
     if kept > 0 && !sweep.shows(&points) {
         tracing::warn!(
             "the {n} points of {} have other colours than the pictures where they are, as if drawn at random: they are not used",
@@ -75,9 +78,13 @@ pub(crate) fn initial_points(
 }
 
 /// The views of the first part of the clip, where it has one; else some of all times.
-fn views_at_start<'a>(dataset: &'a Dataset, train_views: &[usize]) -> Vec<&'a View> {
+fn views_at_start<'a>(
+    dataset: &'a Dataset,
+    train_views: &[usize],
+    first_part: Option<f32>,
+) -> Vec<&'a View> {
     let views = || train_views.iter().map(|&i| &dataset.views[i]);
-    if let Some(end) = first_part(dataset, train_views) {
+    if let Some(end) = first_part {
         return views().filter(|view| view.time <= end).collect();
     }
     let stride = train_views.len().div_ceil(MAX_VIEWS).max(1);
@@ -95,12 +102,7 @@ pub(crate) fn near_plane<'a>(views: impl Iterator<Item = &'a View>, points: &Ini
     let nearest = |camera: &Camera| {
         let mut depths: Vec<f64> = shown
             .iter()
-            .filter_map(|p| camera.project(p.map(f64::from)))
-            .filter(|([x, y], depth)| {
-                let inside = |at: f64, size: usize| (0.0..size as f64).contains(&at);
-                *depth > 0.0 && inside(*x, camera.width) && inside(*y, camera.height)
-            })
-            .map(|(_, depth)| depth)
+            .filter_map(|point| Some(camera.project_inside(point.map(f64::from))?.1))
             .collect();
         depths.sort_by(f64::total_cmp);
         depths

@@ -1,10 +1,11 @@
 //! The losses of Eqs. 6, 11 and 12.
 
+use burn::tensor::activation::sigmoid;
 use burn::tensor::{Tensor, TensorData};
 use dash_kernels::splats::{CONIC_A, CONIC_B, CONIC_C, DEPTH, N_COLUMNS, OPACITY, RADIUS_X};
 use dash_kernels::ssim::ssim;
 use dash_kernels::{Camera, KernelError};
-use dash_model::{DeformationField, ModelError, SpaceBox};
+use dash_model::{DeformationField, Gaussians, ModelError, SpaceBox};
 use rand::Rng;
 
 use super::optimizer::to_host;
@@ -73,6 +74,11 @@ pub(crate) fn visible_motion(
     (cost * column(shares)).sum()
 }
 
+/// Mean opacity of a set; `None` of an empty one, which has no mean.
+pub(crate) fn opacity(set: &Gaussians) -> Option<Tensor<1>> {
+    (!set.is_empty()).then(|| sigmoid(set.opacity_logits.val()).mean())
+}
+
 /// Eq. 11: mean over Gaussians of the squared distance between the field's features at a point
 /// and at a small random step from it.
 pub(crate) fn smoothness(
@@ -101,8 +107,23 @@ pub(crate) fn smoothness(
 #[cfg(test)]
 mod tests {
     use burn::tensor::Device;
+    use dash_model::GaussianRows;
 
     use super::*;
+
+    #[test]
+    fn an_empty_set_has_no_opacity_to_pay_for() {
+        let device = Device::flex();
+        let set = |n: usize| {
+            let points = vec![[0.0; 3]; n];
+            let mut rows = GaussianRows::from_points(&points, &points, 0, 0.1);
+            rows.opacity_logits = [0.0, 1e9].into_iter().cycle().take(n).collect();
+            opacity(&Gaussians::from_rows(&rows, &device)).map(|mean| to_host(mean)[0])
+        };
+        assert_eq!(set(0), None);
+        assert_eq!(set(1), Some(0.5));
+        assert_eq!(set(2), Some(0.75));
+    }
 
     #[test]
     fn visible_motion_is_a_mean_over_the_picture_and_saturates() {

@@ -44,11 +44,9 @@ struct Picture<'a> {
 
 impl Picture<'_> {
     /// The colour where a point would be; `None` out of sight.
-    fn color_at(&self, point: [f32; 3]) -> Option<[f32; 3]> {
-        let ([u, v], _) = self.camera.project(point.map(f64::from))?;
-        let inside = |at: f64, size: usize| (0.0..size as f64).contains(&at);
-        (inside(u, self.camera.width) && inside(v, self.camera.height))
-            .then(|| self.colors[v as usize * self.camera.width + u as usize])
+    fn color_at(&self, point: [f64; 3]) -> Option<[f32; 3]> {
+        let ([u, v], _) = self.camera.project_inside(point)?;
+        Some(self.colors[v as usize * self.camera.width + u as usize])
     }
 }
 
@@ -109,17 +107,14 @@ impl<'a> Sweep<'a> {
     /// other points there. A cloud drawn at random, as some datasets carry, does no better.
     pub(crate) fn shows(&self, points: &InitialPoints) -> bool {
         let n = points.positions.len();
-        let sample = || (0..n).step_by(n.div_ceil(SAMPLES).max(1));
-        let difference = |a: [f32; 3], b: [f32; 3]| -> f32 {
-            (0..3).map(|c| (a[c] - b[c]).abs()).sum::<f32>() / 3.0
-        };
         let (mut own, mut other, mut alike, mut count) = (0.0, 0.0, 0.0, 0);
-        for row in sample() {
+        for row in (0..n).step_by(n.div_ceil(SAMPLES).max(1)) {
             let stranger = points.colors[(row + n / 2) % n];
+            let point = points.positions[row].map(f64::from);
             let seen: Vec<[f32; 3]> = self
                 .pictures
                 .iter()
-                .filter_map(|picture| picture.color_at(points.positions[row]))
+                .filter_map(|picture| picture.color_at(point))
                 .collect();
             // Nearer half only: the others may have something in front.
             let nearest = |color: [f32; 3]| {
@@ -166,6 +161,10 @@ impl<'a> Sweep<'a> {
     }
 }
 
+fn difference(a: [f32; 3], b: [f32; 3]) -> f32 {
+    (0..3).map(|c| (a[c] - b[c]).abs()).sum::<f32>() / 3.0
+}
+
 /// Mean colour difference over the half of the witnesses that agree best: the others may have
 /// something in front. `None` when too few have the point in sight.
 fn disagreement(
@@ -177,15 +176,8 @@ fn disagreement(
     let mut differences = [f32::INFINITY; WITNESSES];
     let mut seen = 0;
     for &witness in &picture.witnesses {
-        let (camera, colors) = (pictures[witness].camera, &pictures[witness].colors);
-        let Some(([u, v], _)) = camera.project(point) else {
-            continue;
-        };
-        let inside =
-            (0.0..camera.width as f64).contains(&u) && (0.0..camera.height as f64).contains(&v);
-        if inside {
-            let other = colors[v as usize * camera.width + u as usize];
-            differences[seen] = (0..3).map(|c| (other[c] - color[c]).abs()).sum::<f32>() / 3.0;
+        if let Some(other) = pictures[witness].color_at(point) {
+            differences[seen] = difference(other, color);
             seen += 1;
         }
     }

@@ -2,7 +2,6 @@
 
 use std::sync::Arc;
 
-use burn::tensor::activation::sigmoid;
 use burn::tensor::{Device, Tensor, TensorData};
 use dash_kernels::Camera;
 use dash_model::decomposition::MotionStatistics;
@@ -14,7 +13,7 @@ use super::coarse::Stages;
 use super::config::TrainConfig;
 use super::density::DensityStatistics;
 use super::initial::{Core, initial_points, near_plane};
-use super::loss::{photometric, smoothness, static_motion, visible_motion};
+use super::loss::{opacity, photometric, smoothness, static_motion, visible_motion};
 use super::optimizer::{Optimizer, to_host};
 use super::sampler::ViewSampler;
 use super::{coarse, review, statistics, update, validation};
@@ -26,9 +25,11 @@ pub(crate) const STATIC: &str = "scene.static_set.";
 /// Path prefix of the dynamic Gaussians' parameters.
 pub(crate) const DYNAMIC: &str = "scene.dynamic.gaussians.";
 
-/// Motion from which on more of it costs little more, in shares of the image's width: while the field
-/// looks for it, and once every Gaussian has a trajectory of its own.
-const FAR: [f32; 2] = [0.2, 0.05];
+/// Motion from which on more of it costs little more, in shares of the image's width, while the field
+/// looks for it.
+const FAR_IN_FIELD: f32 = 0.2;
+/// The same once every Gaussian has a trajectory of its own.
+const FAR_ALONE: f32 = 0.05;
 
 /// What one step did.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -105,14 +106,15 @@ impl Trainer {
         }
         let mut rng = Pcg64::seed_from_u64(config.seed);
         let background = config.background.or(dataset.background).unwrap_or([0.0; 3]);
+        let first_part = coarse::first_part(&dataset, &train_views);
         let points = initial_points(
             &dataset,
             &train_views,
+            first_part,
             background,
             [config.min_initial_points, config.max_initial_points],
             &mut rng,
         );
-        let first_part = coarse::first_part(&dataset, &train_views);
         let core = Core::of(&dataset, &points);
         let near_plane = config
             .near_plane
@@ -298,9 +300,9 @@ impl Trainer {
             let term = smoothness(&dynamic.field, means, time, step, &mut self.rng)?;
             regularisers.push(term * self.config.loss.smoothness);
         }
-        if self.config.loss.static_opacity > 0.0 && !self.scene.static_set.is_empty() {
-            let opacities = sigmoid(self.scene.static_set.opacity_logits.val());
-            regularisers.push(opacities.mean() * self.config.loss.static_opacity);
+        let weight = self.config.loss.static_opacity;
+        if weight > 0.0 {
+            regularisers.extend(opacity(&self.scene.static_set).map(|mean| mean * weight));
         }
         for term in regularisers {
             loss = loss + term;
@@ -333,10 +335,10 @@ impl Trainer {
             (weight > 0.0).then(|| visible_motion(extents.clone(), splats, camera, far) * weight)
         };
         if self.motion.is_none() {
-            return visible(loss.visible_motion, FAR[1]);
+            return visible(loss.visible_motion, FAR_ALONE);
         }
         let held = static_motion(extents.clone(), &self.held_still, space) * loss.static_motion;
-        Some(match visible(loss.field_motion, FAR[0]) {
+        Some(match visible(loss.field_motion, FAR_IN_FIELD) {
             Some(cost) => held + cost,
             None => held,
         })

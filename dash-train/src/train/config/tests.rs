@@ -32,6 +32,9 @@ fn set_changes_one_value_and_refuses_others() {
         "loss.dsim=0",
         "loss.dssim",
         "loss.dssim=2",
+        "loss.static_opacity=-0.1",
+        "loss.visible_motion=nan",
+        "near_plane=0",
         "iterations=x",
         "a.b=1",
     ] {

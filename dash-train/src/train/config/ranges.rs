@@ -1,0 +1,111 @@
+//! Which values a configuration may have.
+
+use dash_kernels::hash_encode::HashGridLayout;
+
+use super::TrainConfig;
+use crate::TrainError;
+
+impl TrainConfig {
+    /// Checks every value against its range.
+    ///
+    /// # Errors
+    /// The first value that is out of range, and the range.
+    pub fn validate(&self) -> Result<(), TrainError> {
+        let check = |ok: bool, what: &str| {
+            if ok {
+                Ok(())
+            } else {
+                Err(TrainError::Config(what.to_string()))
+            }
+        };
+        let shares = [
+            self.sh_interval,
+            self.stages.warmup,
+            self.stages.decomposition,
+            self.stages.settle,
+            self.loss.dssim,
+            self.decomposition.quantile,
+        ];
+        check(self.iterations > 0, "iterations must be at least 1")?;
+        check(self.sh_degree <= 3, "sh_degree must be 0 to 3")?;
+        check(
+            shares.iter().all(|s| (0.0..=1.0).contains(s)),
+            "sh_interval, stages.*, loss.dssim and decomposition.quantile must be in [0, 1]",
+        )?;
+        check(
+            self.stages.warmup <= self.stages.decomposition,
+            "stages.warmup must not be after stages.decomposition",
+        )?;
+        check(
+            self.checkpoint_interval > 0 && self.validation_interval > 0,
+            "checkpoint_interval and validation_interval must be at least 1",
+        )?;
+        check(
+            [&self.density_static, &self.density_dynamic]
+                .iter()
+                .all(|d| d.interval > 0),
+            "density_*.interval must be at least 1",
+        )?;
+        check(
+            self.near_plane
+                .is_none_or(|near| near > 0.0 && near.is_finite()),
+            "near_plane must be greater than 0",
+        )?;
+        check(
+            self.background
+                .is_none_or(|b| b.iter().all(|v| (0.0..=1.0).contains(v))),
+            "background must be three numbers in [0, 1]",
+        )?;
+        let fitted = self.for_frames(2);
+        for (name, encoder, dimensions) in [
+            ("decomposition.encoder", &fitted.decomposition.encoder, 3),
+            (
+                "field.deformation.encoder",
+                &fitted.field.deformation.encoder,
+                4,
+            ),
+        ] {
+            let layout = HashGridLayout::new(&encoder.grid())
+                .map_err(|e| TrainError::Config(format!("{name}: {e}")))?;
+            check(
+                layout.dims() == dimensions,
+                &format!("{name} must have {dimensions} resolutions in base and in finest"),
+            )?;
+        }
+        let loss = &self.loss;
+        check(
+            [
+                loss.static_motion,
+                loss.smoothness,
+                loss.field_motion,
+                loss.visible_motion,
+                loss.static_opacity,
+            ]
+            .iter()
+            .all(|weight| weight.is_finite() && *weight >= 0.0),
+            "the weights in loss.* must be finite and not negative",
+        )?;
+        let rates = &self.learning_rates;
+        check(
+            [
+                rates.means,
+                rates.means_final,
+                rates.quats,
+                rates.scales,
+                rates.opacities,
+                rates.sh_dc,
+                rates.sh_rest,
+                rates.trajectories,
+                rates.grid,
+                rates.network,
+                rates.motion_grid,
+                rates.motion_network,
+                rates.motion_damping,
+                rates.field_final,
+            ]
+            .iter()
+            .all(|r| r.is_finite() && *r >= 0.0),
+            "learning_rates.* must be finite and not negative",
+        )
+    }
+}
