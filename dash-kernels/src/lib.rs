@@ -22,6 +22,8 @@
 
 pub mod adam;
 mod camera;
+#[cfg(feature = "cube")]
+mod cube;
 mod error;
 pub mod hash_encode;
 mod host;

@@ -17,6 +17,8 @@ pub fn devices() -> Vec<Device> {
         Device::ndarray(),
         #[cfg(feature = "flex")]
         Device::flex(),
+        #[cfg(feature = "wgpu")]
+        Device::wgpu(burn::tensor::DeviceKind::DefaultDevice),
     ]
 }
 

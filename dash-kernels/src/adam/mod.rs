@@ -1,6 +1,8 @@
 //! One step of the Adam optimiser, fused.
 
 mod cpu;
+#[cfg(feature = "cube")]
+mod cube;
 pub mod reference;
 #[cfg(test)]
 mod tests;
@@ -125,7 +127,7 @@ fn validate(settings: &AdamStep) -> Result<(), KernelError> {
 }
 
 /// Dispatch of [`adam_step`] over the enabled backends.
-#[backend_extension(Flex: cfg(feature = "flex"), NdArray: cfg(feature = "ndarray"))]
+#[backend_extension(Flex: cfg(feature = "flex"), NdArray: cfg(feature = "ndarray"), Cube: cfg(feature = "cube"))]
 pub trait AdamUpdate: Backend {
     /// See [`adam_step`]; shapes and settings have been checked.
     fn adam_step(

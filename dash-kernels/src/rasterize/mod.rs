@@ -2,6 +2,8 @@
 
 mod autodiff;
 pub mod cpu;
+#[cfg(feature = "cube")]
+mod cube;
 pub mod reference;
 #[cfg(test)]
 mod tests;
@@ -92,7 +94,7 @@ pub fn rasterize(splats: Tensor<2>, options: &RasterizeOptions) -> Result<Tensor
 }
 
 /// Dispatch of [`rasterize`] over the enabled backends.
-#[backend_extension(Autodiff, Flex: cfg(feature = "flex"), NdArray: cfg(feature = "ndarray"))]
+#[backend_extension(Autodiff, Flex: cfg(feature = "flex"), NdArray: cfg(feature = "ndarray"), Cube: cfg(feature = "cube"))]
 pub trait Rasterize: Backend {
     /// See [`rasterize`].
     fn rasterize(splats: FloatTensor<Self>, options: RasterizeOptions) -> FloatTensor<Self>;

@@ -1,0 +1,123 @@
+//! What the CubeCL kernels share: device memory, launches, and the primitives that several of
+//! them need.
+
+pub(crate) mod atomic;
+pub(crate) mod radix_sort;
+pub(crate) mod scan;
+#[cfg(test)]
+mod tests;
+
+use burn::tensor::DType;
+use burn_cubecl::kernel::into_contiguous;
+use burn_cubecl::ops::numeric::{empty_device_contiguous_dtype, zeros_client};
+use burn_cubecl::tensor::CubeTensor;
+use cubecl::prelude::*;
+use cubecl::server::Handle;
+
+/// Bytes of a buffer's element: every buffer holds `f32` or `u32`.
+const WORD_BYTES: usize = 4;
+
+/// The tensor's values in row-major order.
+///
+/// # Panics
+/// When the tensor is not `f32`.
+pub(crate) fn contiguous(tensor: CubeTensor) -> CubeTensor {
+    assert_eq!(tensor.dtype, DType::F32, "expected an f32 tensor");
+    into_contiguous(tensor)
+}
+
+/// A tensor of `shape` beside `like`; its memory holds whatever was there before.
+pub(crate) fn uninitialised<const R: usize>(like: &CubeTensor, shape: [usize; R]) -> CubeTensor {
+    let (client, device) = (like.client.clone(), like.device.clone());
+    empty_device_contiguous_dtype(client, device, shape.into(), DType::F32)
+}
+
+/// A tensor of zeros of `shape` beside `like`.
+pub(crate) fn zeros<const R: usize>(like: &CubeTensor, shape: [usize; R]) -> CubeTensor {
+    let (client, device) = (like.client.clone(), like.device.clone());
+    zeros_client(client, device, shape.into(), DType::F32)
+}
+
+/// A tensor as a kernel's argument.
+pub(crate) fn arg(tensor: &CubeTensor) -> BufferArg {
+    let length = tensor.meta.num_elements();
+    // SAFETY: the tensor is contiguous and holds as many 4-byte values as its shape says.
+    unsafe { BufferArg::from_raw_parts(tensor.handle.clone(), length) }
+}
+
+/// Device memory for `u32` or `f32` values that are no tensor.
+#[derive(Debug, Clone)]
+pub(crate) struct Buffer {
+    handle: Handle,
+    length: usize,
+}
+
+impl Buffer {
+    /// Memory for `length` values that holds whatever was there before.
+    pub fn uninitialised(client: &Client, length: usize) -> Self {
+        // No device binds an empty buffer.
+        let handle = client.empty(length.max(1) * WORD_BYTES);
+        Self { handle, length }
+    }
+
+    /// Values from the host.
+    pub fn from_words(client: &Client, words: &[u32]) -> Self {
+        let handle = client.create_from_slice(bytemuck::cast_slice(words));
+        Self {
+            handle,
+            length: words.len(),
+        }
+    }
+
+    /// Zeros.
+    pub fn zeros(client: &Client, length: usize) -> Self {
+        let buffer = Self::uninitialised(client, length);
+        let (count, dim) = units(client, length);
+        fill_kernel::launch(client, count, dim, buffer.arg(), 0);
+        buffer
+    }
+
+    /// The buffer as a kernel's argument.
+    pub fn arg(&self) -> BufferArg {
+        // SAFETY: the memory was made for this many 4-byte values, and for at least one.
+        unsafe { BufferArg::from_raw_parts(self.handle.clone(), self.length.max(1)) }
+    }
+
+    /// The memory itself, to be read back.
+    pub fn handle(&self) -> Handle {
+        self.handle.clone()
+    }
+
+    /// Number of values.
+    pub fn len(&self) -> usize {
+        self.length
+    }
+}
+
+/// Units of a cube in kernels whose units are independent of each other.
+pub(crate) const CUBE_UNITS: u32 = 64;
+
+/// The launch size for `n` independent units; the last cube may hold more than are needed.
+pub(crate) fn units(client: &Client, n: usize) -> (CubeCount, CubeDim) {
+    let dim = CubeDim::new_1d(CUBE_UNITS);
+    // A launch of nothing is one idle cube: kernels check their position anyway.
+    (calculate_cubes(client, n.div_ceil(dim.x as usize).max(1)), dim)
+}
+
+/// `n` cubes, spread over as many axes as the device needs.
+pub(crate) fn calculate_cubes(client: &Client, n: usize) -> CubeCount {
+    cubecl::calculate_cube_count_elemwise(client, n, CubeDim::new_1d(1))
+}
+
+#[cube(launch)]
+fn fill_kernel(values: &mut [u32], value: u32) {
+    if ABSOLUTE_POS < values.len() {
+        values[ABSOLUTE_POS] = value;
+    }
+}
+
+/// Whether the value is neither infinite nor NaN, from its bits.
+#[cube]
+pub(crate) fn is_finite(value: f32) -> bool {
+    (u32::reinterpret(value) & 0x7f80_0000u32) != 0x7f80_0000u32
+}

@@ -1,0 +1,124 @@
+//! Exclusive prefix sums of `u32` values.
+//!
+//! A unit owns `PER_UNIT` neighbouring values; a cube of `UNITS` units owns one block of them.
+//! Short inputs are summed by a single cube whose units own longer runs. Otherwise three launches:
+//! sums of the blocks, prefix sums of those by a single cube, prefix sums within the blocks.
+//! Shared memory: one value per unit. No atomics; integer sums are the same in any order.
+
+use cubecl::prelude::*;
+
+use super::{Buffer, calculate_cubes};
+
+/// Units of a cube.
+const UNITS: usize = 64;
+/// Neighbouring values that a unit sums.
+const PER_UNIT: usize = 16;
+const BLOCK: usize = UNITS * PER_UNIT;
+/// Values that a single cube takes on alone.
+const SINGLE_CUBE_MAX: usize = 8 * BLOCK;
+
+/// The sums of all values before each, and of all of them: `[n] -> [n + 1]`.
+pub(crate) fn exclusive_scan(client: &Client, values: &Buffer) -> Buffer {
+    let n = values.len();
+    let sums = Buffer::uninitialised(client, n + 1);
+    let dim = CubeDim::new_1d(UNITS as u32);
+    let n_blocks = n.div_ceil(BLOCK);
+    if n <= SINGLE_CUBE_MAX {
+        let one = CubeCount::Static(1, 1, 1);
+        scan_one_cube::launch(client, one, dim, values.arg(), sums.arg(), n as u32);
+        return sums;
+    }
+    let cubes = calculate_cubes(client, n_blocks);
+    let block_sums = Buffer::uninitialised(client, n_blocks);
+    sum_blocks::launch(client, cubes.clone(), dim, values.arg(), block_sums.arg(), n as u32);
+    let block_starts = exclusive_scan(client, &block_sums);
+    scan_blocks::launch(
+        client,
+        cubes,
+        dim,
+        values.arg(),
+        block_starts.arg(),
+        sums.arg(),
+        n as u32,
+    );
+    sums
+}
+
+/// The sum of the units before this one, and of all units; every unit of the cube has to call it.
+#[cube]
+pub(crate) fn cube_exclusive_sum(own: u32, #[comptime] units: usize) -> (u32, u32) {
+    let mut sums = Shared::<[u32]>::new_slice(units);
+    let unit = UNIT_POS as usize;
+    sums[unit] = own;
+    // The sums of the units up to each, by doubling.
+    let mut inclusive = own;
+    let mut reach = 1usize;
+    while reach < units {
+        sync_cube();
+        let mut before = 0u32;
+        if unit >= reach {
+            before = sums[unit - reach];
+        }
+        // All units have read before any writes.
+        sync_cube();
+        inclusive += before;
+        sums[unit] = inclusive;
+        reach *= 2;
+    }
+    sync_cube();
+    (inclusive - own, sums[units - 1])
+}
+
+#[cube(launch)]
+fn sum_blocks(values: &[u32], block_sums: &mut [u32], n: u32) {
+    let first = CUBE_POS * BLOCK + UNIT_POS as usize * PER_UNIT;
+    let own = sum_run(values, first, PER_UNIT, n as usize);
+    let (_, all) = cube_exclusive_sum(own, UNITS);
+    if UNIT_POS == 0 && CUBE_POS * BLOCK < n as usize {
+        block_sums[CUBE_POS] = all;
+    }
+}
+
+#[cube(launch)]
+fn scan_blocks(values: &[u32], block_starts: &[u32], sums: &mut [u32], n: u32) {
+    let first = CUBE_POS * BLOCK + UNIT_POS as usize * PER_UNIT;
+    let own = sum_run(values, first, PER_UNIT, n as usize);
+    let (before, _) = cube_exclusive_sum(own, UNITS);
+    if first < n as usize {
+        scan_run(values, sums, first, PER_UNIT, n as usize, block_starts[CUBE_POS] + before);
+    }
+}
+
+#[cube(launch)]
+fn scan_one_cube(values: &[u32], sums: &mut [u32], n: u32) {
+    let run = (n as usize).div_ceil(UNITS);
+    let first = UNIT_POS as usize * run;
+    let own = sum_run(values, first, run, n as usize);
+    let (before, all) = cube_exclusive_sum(own, UNITS);
+    scan_run(values, sums, first, run, n as usize, before);
+    if UNIT_POS == 0 {
+        sums[n as usize] = all;
+    }
+}
+
+#[cube]
+fn sum_run(values: &[u32], first: usize, run: usize, n: usize) -> u32 {
+    let mut sum = 0u32;
+    for i in first..u32::min((first + run) as u32, n as u32) as usize {
+        sum += values[i];
+    }
+    sum
+}
+
+/// Writes the prefix sums of a run, and after the last value of all the sum of all.
+#[cube]
+fn scan_run(values: &[u32], sums: &mut [u32], first: usize, run: usize, n: usize, before: u32) {
+    let mut sum = before;
+    for i in first..u32::min((first + run) as u32, n as u32) as usize {
+        sums[i] = sum;
+        sum += values[i];
+        if i + 1 == n {
+            sums[n] = sum;
+        }
+    }
+}

@@ -1,0 +1,273 @@
+//! Blending of tiles, front to back.
+//!
+//! A cube of 64 units owns a tile; a unit owns `PER_UNIT` pixels below each other. Units go through
+//! the tile's list on their own: neighbours read the same splat, so the cache does what staging in
+//! shared memory would, without barriers. No shared memory, no atomics; deterministic.
+
+use burn_cubecl::tensor::CubeTensor;
+use cubecl::prelude::*;
+
+use crate::cube::{Buffer, arg, calculate_cubes};
+use crate::splats::{self, ALPHA_MAX, ALPHA_MIN, N_COLUMNS, TRANSMITTANCE_STOP};
+
+use super::super::tiles::TILE;
+use super::super::{CHANNEL_ALPHA, CHANNEL_DEPTH, N_CHANNELS, RasterizeOptions};
+use super::intersect::Intersections;
+
+/// Pixels of a unit.
+pub(super) const PER_UNIT: usize = 4;
+/// Units of a cube.
+pub(super) const UNITS: usize = TILE * TILE / PER_UNIT;
+
+/// What the forward pass leaves of every pixel.
+#[derive(Debug, Clone)]
+pub(super) struct Pixels {
+    /// Transmittance behind the last splat `[H * W]`.
+    pub transmittance: Buffer,
+    /// One past the last splat drawn, as a place in the list `[H * W]`.
+    pub last: Buffer,
+}
+
+/// Draws the image.
+pub(super) fn blend(
+    splats: &CubeTensor,
+    lists: &Intersections,
+    options: &RasterizeOptions,
+    image: &CubeTensor,
+) -> Pixels {
+    let client = &splats.client;
+    let n_pixels = options.width * options.height;
+    let transmittance = Buffer::uninitialised(client, n_pixels);
+    let last = Buffer::uninitialised(client, n_pixels);
+    blend_tiles::launch(
+        client,
+        calculate_cubes(client, lists.tiles[0] * lists.tiles[1]),
+        CubeDim::new_1d(UNITS as u32),
+        arg(splats),
+        lists.order.arg(),
+        lists.tile_counts.arg(),
+        lists.rows.arg(),
+        lists.ranges.arg(),
+        lists.starts.arg(),
+        arg(image),
+        transmittance.arg(),
+        last.arg(),
+        frame(lists, options, splats),
+    );
+    Pixels {
+        transmittance,
+        last,
+    }
+}
+
+/// The numbers of a frame.
+pub(super) fn frame(
+    lists: &Intersections,
+    options: &RasterizeOptions,
+    splats: &CubeTensor,
+) -> FrameLaunch {
+    let [red, green, blue] = options.background;
+    FrameLaunch::new(
+        options.width as u32,
+        options.height as u32,
+        lists.tiles[0] as u32,
+        lists.tiles[1] as u32,
+        splats.meta.shape()[0] as u32,
+        lists.capacity as u32,
+        red,
+        green,
+        blue,
+    )
+}
+
+#[derive(CubeType, CubeLaunch, Clone, Copy)]
+pub(super) struct Frame {
+    pub width: u32,
+    pub height: u32,
+    pub tile_columns: u32,
+    pub tile_rows: u32,
+    pub n_splats: u32,
+    pub capacity: u32,
+    pub red: f32,
+    pub green: f32,
+    pub blue: f32,
+}
+
+/// A tile's list: its own, or all splats where the lists overflowed.
+#[derive(CubeType, Clone, Copy)]
+pub(super) struct TileList {
+    pub overflowed: bool,
+    pub start: usize,
+    pub end: usize,
+}
+
+#[cube]
+pub(super) fn tile_list(tile: usize, ranges: &[u32], starts: &[u32], frame: &Frame) -> TileList {
+    let mut list = TileList {
+        overflowed: starts[frame.n_splats as usize] > frame.capacity,
+        start: 0usize,
+        end: frame.n_splats as usize,
+    };
+    if !list.overflowed {
+        list.start = ranges[2 * tile] as usize;
+        list.end = ranges[2 * tile + 1] as usize;
+    }
+    list
+}
+
+/// The row at a place of a tile's list.
+#[cube]
+pub(super) fn listed(place: usize, list: &TileList, order: &[u32], rows: &[u32]) -> usize {
+    if list.overflowed {
+        order[place] as usize
+    } else {
+        rows[place] as usize
+    }
+}
+
+/// What blending reads of a splat; nothing is drawn where the opacity is zero.
+#[derive(CubeType, Clone, Copy)]
+pub(super) struct Splat {
+    pub x: f32,
+    pub y: f32,
+    pub a: f32,
+    pub b: f32,
+    pub c: f32,
+    pub opacity: f32,
+    pub red: f32,
+    pub green: f32,
+    pub blue: f32,
+    pub depth: f32,
+}
+
+#[cube]
+pub(super) fn read_splat(
+    splats: &[f32],
+    tile_counts: &[u32],
+    row: usize,
+    overflowed: bool,
+) -> Splat {
+    let at = row * N_COLUMNS;
+    let mut splat = Splat {
+        x: splats[at + splats::MEAN_X],
+        y: splats[at + splats::MEAN_Y],
+        a: splats[at + splats::CONIC_A],
+        b: splats[at + splats::CONIC_B],
+        c: splats[at + splats::CONIC_C],
+        opacity: splats[at + splats::OPACITY],
+        red: splats[at + splats::RED],
+        green: splats[at + splats::GREEN],
+        blue: splats[at + splats::BLUE],
+        depth: splats[at + splats::DEPTH],
+    };
+    if overflowed {
+        // A row that draws nothing may hold anything.
+        if tile_counts[row] == 0u32 {
+            splat.opacity = 0.0f32;
+        }
+    }
+    splat
+}
+
+/// Alpha before it is clamped, zero where the splat is skipped.
+#[cube]
+pub(super) fn alpha_at(splat: &Splat, dx: f32, dy: f32) -> f32 {
+    let sigma = 0.5f32 * (splat.a * dx * dx + splat.c * dy * dy) + splat.b * dx * dy;
+    let alpha = splat.opacity * (-sigma).exp();
+    let drawn = sigma >= 0.0f32 && alpha >= comptime!(ALPHA_MIN as f32);
+    select(drawn, alpha, 0.0f32)
+}
+
+/// The first pixel of this unit: column and row.
+#[cube]
+pub(super) fn first_pixel(tile: usize, frame: &Frame) -> (u32, u32) {
+    let side = comptime!(TILE as u32);
+    let tile = tile as u32;
+    let column = tile % frame.tile_columns * side + UNIT_POS % side;
+    let row = tile / frame.tile_columns * side + UNIT_POS / side * comptime!(PER_UNIT as u32);
+    (column, row)
+}
+
+#[cube(launch)]
+fn blend_tiles(
+    splats: &[f32],
+    order: &[u32],
+    tile_counts: &[u32],
+    rows: &[u32],
+    ranges: &[u32],
+    starts: &[u32],
+    image: &mut [f32],
+    transmittances: &mut [f32],
+    lasts: &mut [u32],
+    frame: Frame,
+) {
+    let tile = CUBE_POS;
+    if tile >= (frame.tile_columns * frame.tile_rows) as usize {
+        terminate!();
+    }
+    let list = tile_list(tile, ranges, starts, &frame);
+    let (column, first_row) = first_pixel(tile, &frame);
+    let x = f32::cast_from(column) + 0.5f32;
+    let y = f32::cast_from(first_row) + 0.5f32;
+    let mut transmittance = Array::<f32>::new(PER_UNIT);
+    let mut red = Array::<f32>::new(PER_UNIT);
+    let mut green = Array::<f32>::new(PER_UNIT);
+    let mut blue = Array::<f32>::new(PER_UNIT);
+    let mut depth = Array::<f32>::new(PER_UNIT);
+    let mut last = Array::<u32>::new(PER_UNIT);
+    let mut live = Array::<bool>::new(PER_UNIT);
+    #[unroll]
+    for k in 0..PER_UNIT {
+        transmittance[k] = 1.0f32;
+        red[k] = 0.0f32;
+        green[k] = 0.0f32;
+        blue[k] = 0.0f32;
+        depth[k] = 0.0f32;
+        last[k] = 0u32;
+        live[k] = column < frame.width && first_row + comptime!(k as u32) < frame.height;
+    }
+    let mut place = list.start;
+    let mut any_live = live[0];
+    while place < list.end && any_live {
+        let row = listed(place, &list, order, rows);
+        let splat = read_splat(splats, tile_counts, row, list.overflowed);
+        let dx = splat.x - x;
+        any_live = false;
+        #[unroll]
+        for k in 0..PER_UNIT {
+            let dy = splat.y - (y + comptime!(k as f32));
+            let alpha = f32::min(alpha_at(&splat, dx, dy), comptime!(ALPHA_MAX as f32));
+            let next = transmittance[k] * (1.0f32 - alpha);
+            if alpha > 0.0f32 && live[k] {
+                if next < comptime!(TRANSMITTANCE_STOP as f32) {
+                    live[k] = false;
+                } else {
+                    let weight = alpha * transmittance[k];
+                    red[k] += weight * splat.red;
+                    green[k] += weight * splat.green;
+                    blue[k] += weight * splat.blue;
+                    depth[k] += weight * splat.depth;
+                    transmittance[k] = next;
+                    last[k] = place as u32 + 1u32;
+                }
+            }
+            any_live = any_live || live[k];
+        }
+        place += 1;
+    }
+    #[unroll]
+    for k in 0..PER_UNIT {
+        let row = first_row + comptime!(k as u32);
+        if column < frame.width && row < frame.height {
+            let pixel = (row * frame.width + column) as usize;
+            let at = pixel * N_CHANNELS;
+            image[at] = red[k] + transmittance[k] * frame.red;
+            image[at + 1] = green[k] + transmittance[k] * frame.green;
+            image[at + 2] = blue[k] + transmittance[k] * frame.blue;
+            image[at + CHANNEL_ALPHA] = 1.0f32 - transmittance[k];
+            image[at + CHANNEL_DEPTH] = depth[k];
+            transmittances[pixel] = transmittance[k];
+            lasts[pixel] = last[k];
+        }
+    }
+}

@@ -1,0 +1,262 @@
+//! Gradient of the blending, replayed back to front.
+//!
+//! A cube of 64 units owns a tile; a unit owns `PER_UNIT` pixels below each other and sums a
+//! splat's gradient over them. Those sums of `BATCH` splats are added up over the cube in shared
+//! memory (15.6 KiB), one unit for each value, in a fixed order, and written to the slot of the
+//! (tile, splat) intersection; `sum_slots` then adds up each splat's slots, which follow each
+//! other. No atomics, the same bits on every run - unless the lists overflowed: then there are no
+//! slots, and the cubes add to the splats' gradients atomically.
+
+use cubecl::prelude::*;
+use burn_cubecl::tensor::CubeTensor;
+
+use crate::cube::atomic::{ExchangeAdd, FloatAdd, NativeAdd, has_native_add};
+use crate::cube::{Buffer, arg, calculate_cubes, units};
+use crate::splats::{self, ALPHA_MAX, N_COLUMNS, N_DIFFERENTIABLE};
+
+use super::super::{CHANNEL_ALPHA, CHANNEL_DEPTH, N_CHANNELS};
+use super::Saved;
+use super::blend::{Frame, PER_UNIT, UNITS, alpha_at, first_pixel, frame, listed, read_splat, tile_list};
+
+/// Splats whose gradients are added up together: as many values as there are units, nearly.
+const BATCH: usize = 6;
+const BATCH_VALUES: usize = BATCH * N_DIFFERENTIABLE;
+/// Distance of a value's sums in shared memory: one more than there are units, so that units that
+/// walk along different values meet different banks.
+const STRIDE: usize = UNITS + 1;
+
+/// Adds the gradient to `v_splats [N, C]`, which holds zeros.
+pub(super) fn blend_vjp(saved: &Saved, v_image: &CubeTensor, v_splats: &CubeTensor) {
+    if has_native_add(&v_image.client) {
+        launch_vjp::<NativeAdd>(saved, v_image, v_splats);
+    } else {
+        launch_vjp::<ExchangeAdd>(saved, v_image, v_splats);
+    }
+}
+
+fn launch_vjp<A: FloatAdd>(saved: &Saved, v_image: &CubeTensor, v_splats: &CubeTensor) {
+    let client = &v_image.client;
+    let lists = &saved.intersections;
+    let v_slots = Buffer::uninitialised(client, lists.capacity * N_DIFFERENTIABLE);
+    blend_tiles_vjp::launch::<A>(
+        client,
+        calculate_cubes(client, lists.tiles[0] * lists.tiles[1]),
+        CubeDim::new_1d(UNITS as u32),
+        arg(&saved.splats),
+        lists.order.arg(),
+        lists.tile_counts.arg(),
+        lists.rows.arg(),
+        lists.slots.arg(),
+        lists.ranges.arg(),
+        lists.starts.arg(),
+        saved.pixels.transmittance.arg(),
+        saved.pixels.last.arg(),
+        arg(v_image),
+        v_slots.arg(),
+        arg(v_splats),
+        frame(lists, &saved.options, &saved.splats),
+    );
+    let n = saved.splats.meta.shape()[0];
+    let (count, dim) = units(client, n * N_DIFFERENTIABLE);
+    sum_slots::launch(
+        client,
+        count,
+        dim,
+        v_slots.arg(),
+        lists.firsts.arg(),
+        lists.tile_counts.arg(),
+        lists.starts.arg(),
+        arg(v_splats),
+        n as u32,
+        lists.capacity as u32,
+    );
+}
+
+/// The largest of the units' values; every unit of the cube has to call it.
+#[cube]
+fn cube_max(own: u32) -> u32 {
+    let mut values = Shared::<[u32]>::new_slice(UNITS);
+    values[UNIT_POS as usize] = own;
+    sync_cube();
+    let mut largest = 0u32;
+    for unit in 0..UNITS {
+        largest = u32::max(largest, values[unit]);
+    }
+    largest
+}
+
+#[cube(launch)]
+fn blend_tiles_vjp<A: FloatAdd>(
+    splats: &[f32],
+    order: &[u32],
+    tile_counts: &[u32],
+    rows: &[u32],
+    slots: &[u32],
+    ranges: &[u32],
+    starts: &[u32],
+    transmittances: &[f32],
+    lasts: &[u32],
+    v_image: &[f32],
+    v_slots: &mut [f32],
+    v_splats: &[Atomic<A::Word>],
+    frame: Frame,
+) {
+    let tile = CUBE_POS;
+    if tile >= (frame.tile_columns * frame.tile_rows) as usize {
+        terminate!();
+    }
+    let list = tile_list(tile, ranges, starts, &frame);
+    let (column, first_row) = first_pixel(tile, &frame);
+    let x = f32::cast_from(column) + 0.5f32;
+    let y = f32::cast_from(first_row) + 0.5f32;
+    let mut transmittance = Array::<f32>::new(PER_UNIT);
+    let mut behind = Array::<f32>::new(PER_UNIT);
+    let mut v_red = Array::<f32>::new(PER_UNIT);
+    let mut v_green = Array::<f32>::new(PER_UNIT);
+    let mut v_blue = Array::<f32>::new(PER_UNIT);
+    let mut v_depth = Array::<f32>::new(PER_UNIT);
+    let mut last = Array::<u32>::new(PER_UNIT);
+    let mut own_last = 0u32;
+    #[unroll]
+    for k in 0..PER_UNIT {
+        transmittance[k] = 1.0f32;
+        behind[k] = 0.0f32;
+        v_red[k] = 0.0f32;
+        v_green[k] = 0.0f32;
+        v_blue[k] = 0.0f32;
+        v_depth[k] = 0.0f32;
+        last[k] = 0u32;
+        let row = first_row + comptime!(k as u32);
+        if column < frame.width && row < frame.height {
+            let pixel = (row * frame.width + column) as usize;
+            let at = pixel * N_CHANNELS;
+            transmittance[k] = transmittances[pixel];
+            v_red[k] = v_image[at];
+            v_green[k] = v_image[at + 1];
+            v_blue[k] = v_image[at + 2];
+            v_depth[k] = v_image[at + CHANNEL_DEPTH];
+            // The background replaces colour and takes away alpha.
+            let seen = frame.red * v_red[k] + frame.green * v_green[k] + frame.blue * v_blue[k];
+            behind[k] = transmittance[k] * (seen - v_image[at + CHANNEL_ALPHA]);
+            last[k] = lasts[pixel];
+            own_last = u32::max(own_last, last[k]);
+        }
+    }
+    let end = cube_max(own_last) as usize;
+    let unit = UNIT_POS as usize;
+    if !list.overflowed {
+        // Splats behind all pixels: their slots are read all the same.
+        for place in usize::max(end, list.start)..list.end {
+            if unit < N_DIFFERENTIABLE {
+                v_slots[slots[place] as usize * N_DIFFERENTIABLE + unit] = 0.0f32;
+            }
+        }
+    }
+
+    let mut sums = Shared::<[f32]>::new_slice(comptime!(BATCH_VALUES * STRIDE));
+    let mut batch_end = end;
+    while batch_end > list.start {
+        for step in 0..BATCH {
+            let mut v = Array::<f32>::new(N_DIFFERENTIABLE);
+            #[unroll]
+            for value in 0..N_DIFFERENTIABLE {
+                v[value] = 0.0f32;
+            }
+            if batch_end > list.start + step {
+                let place = batch_end - step - 1;
+                let row = listed(place, &list, order, rows);
+                let splat = read_splat(splats, tile_counts, row, list.overflowed);
+                let dx = splat.x - x;
+                // Sums over the pixels of v_sigma times 1, dy and dy^2, and of v_alpha alpha.
+                let mut v_sigma = 0.0f32;
+                let mut v_sigma_y = 0.0f32;
+                let mut v_sigma_yy = 0.0f32;
+                #[unroll]
+                for k in 0..PER_UNIT {
+                    let dy = splat.y - (y + comptime!(k as f32));
+                    let raw = alpha_at(&splat, dx, dy);
+                    if raw > 0.0f32 && (place as u32) < last[k] {
+                        let alpha = f32::min(raw, comptime!(ALPHA_MAX as f32));
+                        let remains = 1.0f32 - alpha;
+                        let before = transmittance[k] / remains;
+                        let weight = alpha * before;
+                        let own = splat.red * v_red[k]
+                            + splat.green * v_green[k]
+                            + splat.blue * v_blue[k]
+                            + splat.depth * v_depth[k];
+                        v[splats::RED] += weight * v_red[k];
+                        v[splats::GREEN] += weight * v_green[k];
+                        v[splats::BLUE] += weight * v_blue[k];
+                        v[splats::DEPTH] += weight * v_depth[k];
+                        let v_alpha = before * own - behind[k] / remains;
+                        behind[k] += weight * own;
+                        transmittance[k] = before;
+                        if raw <= comptime!(ALPHA_MAX as f32) {
+                            let v_own = -(alpha * v_alpha);
+                            v_sigma += v_own;
+                            v_sigma_y += v_own * dy;
+                            v_sigma_yy += v_own * dy * dy;
+                        }
+                    }
+                }
+                let v_sigma_x = v_sigma * dx;
+                v[splats::MEAN_X] = splat.a * v_sigma_x + splat.b * v_sigma_y;
+                v[splats::MEAN_Y] = splat.b * v_sigma_x + splat.c * v_sigma_y;
+                v[splats::CONIC_A] = 0.5f32 * v_sigma_x * dx;
+                v[splats::CONIC_B] = v_sigma_y * dx;
+                v[splats::CONIC_C] = 0.5f32 * v_sigma_yy;
+                // Opacity is positive wherever anything was drawn.
+                v[splats::OPACITY] = select(v_sigma != 0.0f32, -v_sigma / splat.opacity, 0.0f32);
+            }
+            #[unroll]
+            for value in 0..N_DIFFERENTIABLE {
+                sums[(step * N_DIFFERENTIABLE + value) * STRIDE + unit] = v[value];
+            }
+        }
+        // A value is added up by one unit after all units have summed theirs.
+        sync_cube();
+        if unit < BATCH_VALUES {
+            let step = unit / N_DIFFERENTIABLE;
+            let value = unit % N_DIFFERENTIABLE;
+            if batch_end > list.start + step {
+                let mut sum = 0.0f32;
+                for other in 0..UNITS {
+                    sum += sums[unit * STRIDE + other];
+                }
+                let place = batch_end - step - 1;
+                if list.overflowed {
+                    let row = order[place] as usize;
+                    A::add(&v_splats[row * N_COLUMNS + value], sum);
+                } else {
+                    v_slots[slots[place] as usize * N_DIFFERENTIABLE + value] = sum;
+                }
+            }
+        }
+        // All are added up before the next batch overwrites them.
+        sync_cube();
+        batch_end = batch_end - usize::min(BATCH, batch_end);
+    }
+}
+
+/// A unit owns a differentiable column of one splat.
+#[cube(launch)]
+fn sum_slots(
+    v_slots: &[f32],
+    firsts: &[u32],
+    tile_counts: &[u32],
+    starts: &[u32],
+    v_splats: &mut [f32],
+    n: u32,
+    capacity: u32,
+) {
+    let row = ABSOLUTE_POS / N_DIFFERENTIABLE;
+    let value = ABSOLUTE_POS % N_DIFFERENTIABLE;
+    if row < n as usize && starts[n as usize] <= capacity {
+        let first = firsts[row] as usize;
+        let mut sum = 0.0f32;
+        for slot in first..first + tile_counts[row] as usize {
+            sum += v_slots[slot * N_DIFFERENTIABLE + value];
+        }
+        v_splats[row * N_COLUMNS + value] = sum;
+    }
+}

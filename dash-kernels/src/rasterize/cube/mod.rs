@@ -1,0 +1,62 @@
+//! Rasterization on CubeCL devices.
+//!
+//! Splats are sorted by depth once, expanded to the tiles they overlap in that order, and sorted
+//! by tile with a stable sort; each tile is then blended by one cube. How many (tile, splat)
+//! intersections there are is known to the device only: their buffers have a capacity that follows
+//! what earlier calls needed, and when it is exceeded every tile goes over all splats instead,
+//! slowly but with the same result, so that nothing ever waits for the device.
+
+mod blend;
+mod blend_vjp;
+mod capacity;
+mod intersect;
+
+use burn_cubecl::CubeBackend;
+use burn_cubecl::tensor::CubeTensor;
+
+use crate::cube::{contiguous, uninitialised};
+use crate::splats::N_COLUMNS;
+
+use super::{N_CHANNELS, Rasterize, RasterizeOptions, RasterizeVjp};
+use intersect::Intersections;
+
+/// What the backward pass needs of the forward pass.
+#[derive(Debug, Clone)]
+pub struct Saved {
+    splats: CubeTensor,
+    intersections: Intersections,
+    pixels: blend::Pixels,
+    options: RasterizeOptions,
+}
+
+impl Rasterize for CubeBackend {
+    fn rasterize(splats: CubeTensor, options: RasterizeOptions) -> CubeTensor {
+        Self::rasterize_saving(splats, options).0
+    }
+}
+
+impl RasterizeVjp for CubeBackend {
+    type Saved = Saved;
+
+    fn rasterize_saving(splats: CubeTensor, options: RasterizeOptions) -> (CubeTensor, Saved) {
+        let splats = contiguous(splats);
+        let intersections = Intersections::new(&splats, &options);
+        let image = uninitialised(&splats, [options.height, options.width, N_CHANNELS]);
+        let pixels = blend::blend(&splats, &intersections, &options, &image);
+        let saved = Saved {
+            splats,
+            intersections,
+            pixels,
+            options,
+        };
+        (image, saved)
+    }
+
+    fn rasterize_vjp(saved: Saved, v_image: CubeTensor) -> CubeTensor {
+        let v_image = contiguous(v_image);
+        let n = saved.splats.meta.shape()[0];
+        let v_splats = crate::cube::zeros(&saved.splats, [n, N_COLUMNS]);
+        blend_vjp::blend_vjp(&saved, &v_image, &v_splats);
+        v_splats
+    }
+}
