@@ -24,6 +24,7 @@ pub mod adam;
 mod camera;
 #[cfg(feature = "cube")]
 mod cube;
+mod determinism;
 mod error;
 pub mod hash_encode;
 mod host;
@@ -38,5 +39,6 @@ mod testing;
 mod testing_hash;
 
 pub use camera::Camera;
+pub use determinism::{is_deterministic, set_deterministic};
 pub use error::KernelError;
 pub use host::HostBackend;

@@ -19,6 +19,8 @@ pub fn devices() -> Vec<Device> {
         Device::ndarray(),
         #[cfg(feature = "flex")]
         Device::flex(),
+        #[cfg(feature = "wgpu")]
+        Device::wgpu(burn::tensor::DeviceKind::DefaultDevice),
     ]);
     assert!(!devices.is_empty(), "tests need a backend feature");
     devices

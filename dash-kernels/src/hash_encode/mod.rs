@@ -3,6 +3,8 @@
 mod autodiff;
 mod corners;
 pub mod cpu;
+#[cfg(feature = "cube")]
+mod cube;
 mod layout;
 pub mod reference;
 #[cfg(test)]
@@ -69,7 +71,7 @@ pub fn hash_encode(
 }
 
 /// Dispatch of [`hash_encode`] over the enabled backends.
-#[backend_extension(Autodiff, Flex: cfg(feature = "flex"), NdArray: cfg(feature = "ndarray"))]
+#[backend_extension(Autodiff, Flex: cfg(feature = "flex"), NdArray: cfg(feature = "ndarray"), Cube: cfg(feature = "cube"))]
 pub trait HashEncode: Backend {
     /// See [`hash_encode`]; the shapes have been checked.
     fn hash_encode(

@@ -2,6 +2,8 @@
 
 mod autodiff;
 pub mod cpu;
+#[cfg(feature = "cube")]
+mod cube;
 pub mod reference;
 pub mod sh;
 #[cfg(test)]
@@ -220,7 +222,7 @@ pub struct GaussianTensors<B: Backend> {
 }
 
 /// Dispatch of [`project`] over the enabled backends.
-#[backend_extension(Autodiff, Flex: cfg(feature = "flex"), NdArray: cfg(feature = "ndarray"))]
+#[backend_extension(Autodiff, Flex: cfg(feature = "flex"), NdArray: cfg(feature = "ndarray"), Cube: cfg(feature = "cube"))]
 pub trait Project: Backend {
     /// See [`project`].
     fn project(

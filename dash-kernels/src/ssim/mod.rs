@@ -3,6 +3,8 @@
 mod autodiff;
 mod blur;
 pub mod cpu;
+#[cfg(feature = "cube")]
+mod cube;
 pub mod reference;
 #[cfg(test)]
 mod tests;
@@ -51,7 +53,7 @@ pub fn ssim(x: Tensor<3>, y: Tensor<3>) -> Result<Tensor<3>, KernelError> {
 }
 
 /// Dispatch of [`ssim`] over the enabled backends.
-#[backend_extension(Autodiff, Flex: cfg(feature = "flex"), NdArray: cfg(feature = "ndarray"))]
+#[backend_extension(Autodiff, Flex: cfg(feature = "flex"), NdArray: cfg(feature = "ndarray"), Cube: cfg(feature = "cube"))]
 pub trait Ssim: Backend {
     /// See [`ssim`].
     fn ssim(x: FloatTensor<Self>, y: FloatTensor<Self>) -> FloatTensor<Self>;

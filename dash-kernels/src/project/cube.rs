@@ -1,0 +1,223 @@
+//! Projection on CubeCL devices.
+//!
+//! A unit owns one Gaussian, forward and backward. No shared memory, no atomics; deterministic.
+//! The determinant is the sum of the CPU kernel, in which nothing cancels.
+
+mod footprint;
+mod sh;
+mod vjp;
+
+use burn_cubecl::CubeBackend;
+use burn_cubecl::tensor::CubeTensor;
+use cubecl::prelude::*;
+
+use crate::cube::{arg, contiguous, is_finite, uninitialised, units, zeros};
+use crate::splats::{self, ALPHA_MIN, N_COLUMNS};
+
+use super::{Activation, GaussianTensors, Project, ProjectVjp, View};
+use footprint::{ViewConstants, ViewConstantsLaunch, footprint_of};
+use sh::colour;
+use vjp::project_vjp_kernel;
+
+impl Project for CubeBackend {
+    fn project(
+        means: CubeTensor,
+        quats: CubeTensor,
+        scales: CubeTensor,
+        opacities: CubeTensor,
+        sh_coeffs: CubeTensor,
+        view: View<f32>,
+    ) -> CubeTensor {
+        let [means, quats, scales, opacities, sh_coeffs] =
+            [means, quats, scales, opacities, sh_coeffs].map(contiguous);
+        let n = means.meta.shape()[0];
+        let splats = uninitialised(&means, [n, N_COLUMNS]);
+        let (count, dim) = units(&means.client, n);
+        project_kernel::launch(
+            &means.client,
+            count,
+            dim,
+            arg(&means),
+            arg(&quats),
+            arg(&scales),
+            arg(&opacities),
+            arg(&sh_coeffs),
+            arg(&splats),
+            constants(&view),
+            n as u32,
+            form(&view, &sh_coeffs),
+        );
+        splats
+    }
+}
+
+impl ProjectVjp for CubeBackend {
+    fn project_vjp(
+        gaussians: GaussianTensors<Self>,
+        view: View<f32>,
+        splats: CubeTensor,
+        v_splats: CubeTensor,
+        with_sh_coeffs: bool,
+    ) -> [Option<CubeTensor>; 5] {
+        let means = contiguous(gaussians.means);
+        let quats = contiguous(gaussians.quats);
+        let scales = contiguous(gaussians.scales);
+        let sh_coeffs = contiguous(gaussians.sh_coeffs);
+        let [splats, v_splats] = [splats, v_splats].map(contiguous);
+        let n = means.meta.shape()[0];
+        let v_means = uninitialised(&means, [n, 3]);
+        let v_quats = uninitialised(&means, [n, 4]);
+        let v_scales = uninitialised(&means, [n, 3]);
+        let v_opacities = uninitialised(&means, [n]);
+        let n_coeffs = sh_coeffs.meta.shape()[1];
+        // Bound even where it is not written to.
+        let v_sh_coeffs = if with_sh_coeffs {
+            zeros(&means, [n, n_coeffs, 3])
+        } else {
+            uninitialised(&means, [1, 1, 1])
+        };
+        let (count, dim) = units(&means.client, n);
+        project_vjp_kernel::launch(
+            &means.client,
+            count,
+            dim,
+            arg(&means),
+            arg(&quats),
+            arg(&scales),
+            arg(&sh_coeffs),
+            arg(&splats),
+            arg(&v_splats),
+            arg(&v_means),
+            arg(&v_quats),
+            arg(&v_scales),
+            arg(&v_opacities),
+            arg(&v_sh_coeffs),
+            constants(&view),
+            n as u32,
+            form(&view, &sh_coeffs),
+            with_sh_coeffs,
+        );
+        [
+            Some(v_means),
+            Some(v_quats),
+            Some(v_scales),
+            Some(v_opacities),
+            with_sh_coeffs.then_some(v_sh_coeffs),
+        ]
+    }
+}
+
+/// What the kernels are compiled for.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+struct Form {
+    /// Scales and opacities are logarithms and logits.
+    exp: bool,
+    sh_degree: usize,
+    n_coeffs: usize,
+}
+
+fn form(view: &View<f32>, sh_coeffs: &CubeTensor) -> Form {
+    Form {
+        exp: view.activation == Activation::Exp,
+        sh_degree: view.sh_degree,
+        n_coeffs: sh_coeffs.meta.shape()[1],
+    }
+}
+
+fn constants(view: &View<f32>) -> ViewConstantsLaunch {
+    let [x, y, z] = view.rotation;
+    ViewConstantsLaunch::new(
+        x[0],
+        x[1],
+        x[2],
+        y[0],
+        y[1],
+        y[2],
+        z[0],
+        z[1],
+        z[2],
+        view.translation[0],
+        view.translation[1],
+        view.translation[2],
+        view.position[0],
+        view.position[1],
+        view.position[2],
+        view.focal[0],
+        view.focal[1],
+        view.principal[0],
+        view.principal[1],
+        view.size[0],
+        view.size[1],
+        view.lowest[0],
+        view.lowest[1],
+        view.highest[0],
+        view.highest[1],
+        view.near_plane,
+        view.low_pass,
+    )
+}
+
+#[cube(launch)]
+fn project_kernel(
+    means: &[f32],
+    quats: &[f32],
+    scales: &[f32],
+    opacities: &[f32],
+    sh_coeffs: &[f32],
+    splats: &mut [f32],
+    view: ViewConstants,
+    n: u32,
+    #[comptime] form: Form,
+) {
+    let i = ABSOLUTE_POS;
+    if i >= n as usize {
+        terminate!();
+    }
+    let mut row = Array::<f32>::new(N_COLUMNS);
+    let raw_opacity = opacities[i];
+    let mut opacity = raw_opacity;
+    if comptime!(form.exp) {
+        opacity = 1.0f32 / (1.0f32 + (-raw_opacity).exp());
+    }
+    let alpha_min = comptime!(ALPHA_MIN as f32);
+    let f = footprint_of(means, quats, scales, i, &view, form.exp);
+    let g00 = f.row0.dot(&f.row0);
+    let g11 = f.row1.dot(&f.row1);
+    let xx = g00 + view.low_pass;
+    let xy = f.row0.dot(&f.row1);
+    let yy = g11 + view.low_pass;
+    let normal = f.row0.cross(&f.row1);
+    let det = normal.dot(&normal) + view.low_pass * (g00 + g11) + view.low_pass * view.low_pass;
+    let extent = 2.0f32 * (opacity / alpha_min).ln();
+    let radius_x = (extent * xx).sqrt();
+    let radius_y = (extent * yy).sqrt();
+    let x = view.focal_x * f.ratio_x + view.principal_x;
+    let y = view.focal_y * f.ratio_y + view.principal_y;
+    let seen = x + radius_x > 0.0f32
+        && x - radius_x < view.width
+        && y + radius_y > 0.0f32
+        && y - radius_y < view.height;
+    let raw = colour(means, sh_coeffs, i, &view, form.sh_degree, form.n_coeffs);
+    row[splats::MEAN_X] = x;
+    row[splats::MEAN_Y] = y;
+    row[splats::CONIC_A] = yy / det;
+    row[splats::CONIC_B] = -xy / det;
+    row[splats::CONIC_C] = xx / det;
+    row[splats::OPACITY] = opacity;
+    row[splats::RED] = f32::max(raw.x, 0.0f32);
+    row[splats::GREEN] = f32::max(raw.y, 0.0f32);
+    row[splats::BLUE] = f32::max(raw.z, 0.0f32);
+    row[splats::DEPTH] = f.point.z;
+    row[splats::RADIUS_X] = radius_x;
+    row[splats::RADIUS_Y] = radius_y;
+    let mut drawn = f.drawn && opacity >= alpha_min && is_finite(raw_opacity) && seen;
+    drawn = drawn && is_finite(det) && raw.is_finite();
+    #[unroll]
+    for column in 0..N_COLUMNS {
+        drawn = drawn && is_finite(row[column]);
+    }
+    #[unroll]
+    for column in 0..N_COLUMNS {
+        splats[i * N_COLUMNS + column] = select(drawn, row[column], 0.0f32);
+    }
+}

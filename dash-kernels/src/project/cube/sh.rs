@@ -1,0 +1,178 @@
+//! View-dependent colour and its gradients; the basis is that of [`sh`](super::super::sh).
+
+use cubecl::prelude::*;
+
+use super::super::sh::{C0, C1, C2, C3};
+use super::footprint::{Vec3, ViewConstants};
+
+/// Functions of the highest degree there is.
+const MAX_BASIS: usize = 16;
+
+/// The basis functions at a unit direction; entries beyond the degree are zero.
+#[cube]
+fn basis_at(direction: &Vec3, #[comptime] degree: usize) -> Array<f32> {
+    let (x, y, z) = (direction.x, direction.y, direction.z);
+    let mut basis = Array::<f32>::new(MAX_BASIS);
+    basis[0] = comptime!(C0 as f32);
+    if comptime!(degree >= 1) {
+        basis[1] = comptime!(-C1 as f32) * y;
+        basis[2] = comptime!(C1 as f32) * z;
+        basis[3] = comptime!(-C1 as f32) * x;
+    }
+    let (xx, yy, zz) = (x * x, y * y, z * z);
+    if comptime!(degree >= 2) {
+        basis[4] = comptime!(C2[0] as f32) * x * y;
+        basis[5] = comptime!(C2[1] as f32) * y * z;
+        basis[6] = comptime!(C2[2] as f32) * (zz + zz - xx - yy);
+        basis[7] = comptime!(C2[3] as f32) * x * z;
+        basis[8] = comptime!(C2[4] as f32) * (xx - yy);
+    }
+    if comptime!(degree >= 3) {
+        basis[9] = comptime!(C3[0] as f32) * y * (3.0f32 * xx - yy);
+        basis[10] = comptime!(C3[1] as f32) * x * y * z;
+        basis[11] = comptime!(C3[2] as f32) * y * (4.0f32 * zz - xx - yy);
+        basis[12] = comptime!(C3[3] as f32) * z * (zz + zz - 3.0f32 * xx - 3.0f32 * yy);
+        basis[13] = comptime!(C3[4] as f32) * x * (4.0f32 * zz - xx - yy);
+        basis[14] = comptime!(C3[5] as f32) * z * (xx - yy);
+        basis[15] = comptime!(C3[6] as f32) * x * (xx - 3.0f32 * yy);
+    }
+    basis
+}
+
+/// Gradient of the direction from that of the basis functions.
+#[cube]
+fn basis_vjp(direction: &Vec3, v: &Array<f32>, #[comptime] degree: usize) -> Vec3 {
+    let (x, y, z) = (direction.x, direction.y, direction.z);
+    let mut v_x = 0.0f32;
+    let mut v_y = 0.0f32;
+    let mut v_z = 0.0f32;
+    if comptime!(degree >= 1) {
+        let c = comptime!(C1 as f32);
+        v_x -= c * v[3];
+        v_y -= c * v[1];
+        v_z += c * v[2];
+    }
+    if comptime!(degree >= 2) {
+        let a = comptime!(C2[0] as f32) * v[4];
+        let b = comptime!(C2[1] as f32) * v[5];
+        let d = comptime!(C2[2] as f32) * v[6];
+        let e = comptime!(C2[3] as f32) * v[7];
+        let f = comptime!(C2[4] as f32) * v[8];
+        v_x += a * y - 2.0f32 * d * x + e * z + 2.0f32 * f * x;
+        v_y += a * x + b * z - 2.0f32 * d * y - 2.0f32 * f * y;
+        v_z += b * y + 4.0f32 * d * z + e * x;
+    }
+    if comptime!(degree >= 3) {
+        let (xx, yy, zz) = (x * x, y * y, z * z);
+        let a = comptime!(C3[0] as f32) * v[9];
+        let b = comptime!(C3[1] as f32) * v[10];
+        let c = comptime!(C3[2] as f32) * v[11];
+        let d = comptime!(C3[3] as f32) * v[12];
+        let e = comptime!(C3[4] as f32) * v[13];
+        let f = comptime!(C3[5] as f32) * v[14];
+        let g = comptime!(C3[6] as f32) * v[15];
+        v_x += a * 6.0f32 * x * y + b * y * z - c * 2.0f32 * x * y - d * 6.0f32 * x * z
+            + e * (4.0f32 * zz - 3.0f32 * xx - yy)
+            + f * 2.0f32 * x * z
+            + g * 3.0f32 * (xx - yy);
+        v_y += a * 3.0f32 * (xx - yy) + b * x * z + c * (4.0f32 * zz - xx - 3.0f32 * yy)
+            - d * 6.0f32 * y * z
+            - e * 2.0f32 * x * y
+            - f * 2.0f32 * y * z
+            - g * 6.0f32 * x * y;
+        v_z += b * x * y + c * 8.0f32 * y * z
+            + d * (6.0f32 * zz - 3.0f32 * xx - 3.0f32 * yy)
+            + e * 8.0f32 * x * z
+            + f * (xx - yy);
+    }
+    Vec3 {
+        x: v_x,
+        y: v_y,
+        z: v_z,
+    }
+}
+
+/// A coefficient of the three channels.
+#[cube]
+fn coefficient(sh_coeffs: &[f32], i: usize, k: usize, #[comptime] n_coeffs: usize) -> Vec3 {
+    Vec3::read(sh_coeffs, i * n_coeffs + k)
+}
+
+/// The colour before it is clamped at zero.
+#[cube]
+pub(super) fn colour(
+    means: &[f32],
+    sh_coeffs: &[f32],
+    i: usize,
+    view: &ViewConstants,
+    #[comptime] degree: usize,
+    #[comptime] n_coeffs: usize,
+) -> Vec3 {
+    let offset = view.offset(&Vec3::read(means, i));
+    let direction = offset.scaled(1.0f32 / offset.dot(&offset).sqrt());
+    let basis = basis_at(&direction, degree);
+    let mut red = 0.5f32;
+    let mut green = 0.5f32;
+    let mut blue = 0.5f32;
+    #[unroll]
+    for k in 0..comptime!((degree + 1) * (degree + 1)) {
+        let coefficient = coefficient(sh_coeffs, i, k, n_coeffs);
+        red += coefficient.x * basis[k];
+        green += coefficient.y * basis[k];
+        blue += coefficient.z * basis[k];
+    }
+    Vec3 {
+        x: red,
+        y: green,
+        z: blue,
+    }
+}
+
+/// Gradient of the mean through the direction it is seen from; that of the coefficients is written
+/// to `v_sh_coeffs` where it is asked for and `v_colour` is finite.
+#[cube]
+pub(super) fn colour_vjp(
+    means: &[f32],
+    sh_coeffs: &[f32],
+    v_sh_coeffs: &mut [f32],
+    i: usize,
+    view: &ViewConstants,
+    v_colour: &Vec3,
+    #[comptime] degree: usize,
+    #[comptime] n_coeffs: usize,
+    #[comptime] with_sh_coeffs: bool,
+) -> Vec3 {
+    let offset = view.offset(&Vec3::read(means, i));
+    let inverse_distance = 1.0f32 / offset.dot(&offset).sqrt();
+    let direction = offset.scaled(inverse_distance);
+    if comptime!(with_sh_coeffs) {
+        if v_colour.is_finite() {
+            let basis = basis_at(&direction, degree);
+            #[unroll]
+            for k in 0..comptime!((degree + 1) * (degree + 1)) {
+                let at = 3 * (i * n_coeffs + k);
+                v_sh_coeffs[at] = basis[k] * v_colour.x;
+                v_sh_coeffs[at + 1] = basis[k] * v_colour.y;
+                v_sh_coeffs[at + 2] = basis[k] * v_colour.z;
+            }
+        }
+    }
+    let mut v_mean = Vec3 {
+        x: 0.0f32,
+        y: 0.0f32,
+        z: 0.0f32,
+    };
+    if comptime!(degree > 0) {
+        let mut v_basis = Array::<f32>::new(MAX_BASIS);
+        #[unroll]
+        for k in 0..comptime!((degree + 1) * (degree + 1)) {
+            v_basis[k] = coefficient(sh_coeffs, i, k, n_coeffs).dot(v_colour);
+        }
+        let v_direction = basis_vjp(&direction, &v_basis, degree);
+        let along = v_direction.dot(&direction);
+        v_mean.x = (v_direction.x - along * direction.x) * inverse_distance;
+        v_mean.y = (v_direction.y - along * direction.y) * inverse_distance;
+        v_mean.z = (v_direction.z - along * direction.z) * inverse_distance;
+    }
+    v_mean
+}
