@@ -2,35 +2,44 @@
 
 use std::fmt;
 use std::str::FromStr;
+use std::sync::OnceLock;
 
 use burn::tensor::Device;
 
 use crate::TrainError;
 
-/// What [`DeviceChoice::Auto`] stands for: the CPU backend whose training steps took less time.
-const AUTO: DeviceChoice = DeviceChoice::Flex;
-
 /// A device as the user names it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum DeviceChoice {
-    /// The fastest device that this build has.
+    /// A GPU where there is one, else the CPU; never a GPU that software plays.
     #[default]
     Auto,
     /// The CPU through `burn-ndarray`.
     NdArray,
     /// The CPU through `burn-flex`.
     Flex,
-    /// Any GPU through wgpu.
+    /// A GPU through wgpu, or where there is none what plays one in software.
     Wgpu,
     /// The NVIDIA GPU with this index.
     Cuda(usize),
 }
 
 impl DeviceChoice {
-    /// The choice with [`DeviceChoice::Auto`] replaced by what it stands for.
+    /// The choice with [`DeviceChoice::Auto`] replaced by what it stands for on this machine.
     pub fn resolved(self) -> Self {
+        static AUTO: OnceLock<DeviceChoice> = OnceLock::new();
         match self {
-            Self::Auto => AUTO,
+            Self::Auto => *AUTO.get_or_init(|| {
+                if !cuda_devices().is_empty() {
+                    Self::Cuda(0)
+                } else if wgpu_gpu().is_some() {
+                    Self::Wgpu
+                } else if cfg!(feature = "flex") {
+                    Self::Flex
+                } else {
+                    Self::NdArray
+                }
+            }),
             named => named,
         }
     }
@@ -38,26 +47,82 @@ impl DeviceChoice {
     /// The device itself.
     ///
     /// # Errors
-    /// [`TrainError::Device`] when this build has no backend for it.
+    /// [`TrainError::Device`] when this build has no backend for it, or this machine no such
+    /// device.
     pub fn device(self) -> Result<Device, TrainError> {
-        let refuse = |found: &str| {
-            Err(TrainError::Device {
-                device: self,
-                found: found.into(),
-            })
-        };
-        match self.resolved() {
+        let found = match self.resolved() {
             #[cfg(feature = "flex")]
-            Self::Flex => Ok(Device::flex()),
-            #[cfg(not(feature = "flex"))]
-            Self::Flex => refuse("a build without the feature `flex`"),
+            Self::Flex => return Ok(Device::flex()),
             #[cfg(feature = "ndarray")]
-            Self::NdArray => Ok(ndarray()),
-            #[cfg(not(feature = "ndarray"))]
-            Self::NdArray => refuse("a build without the feature `ndarray`"),
-            Self::Auto | Self::Wgpu | Self::Cuda(_) => refuse("a build without GPU backends"),
+            Self::NdArray => return Ok(ndarray()),
+            #[cfg(feature = "wgpu")]
+            Self::Wgpu => {
+                let device = wgpu_gpu().or_else(|| wgpu_devices().into_iter().next());
+                match device {
+                    Some(device) => return Ok(device),
+                    None => "no adapter that wgpu can use; is a Vulkan driver installed?".into(),
+                }
+            }
+            #[cfg(feature = "cuda")]
+            Self::Cuda(index) => {
+                let mut devices = cuda_devices();
+                if index < devices.len() {
+                    return Ok(devices.swap_remove(index));
+                }
+                format!("{} CUDA devices on this machine", devices.len())
+            }
+            missing => format!("a build without the feature `{}`", missing.feature()),
+        };
+        Err(TrainError::Device {
+            device: self,
+            found,
+        })
+    }
+
+    /// The feature of this crate that brings the device.
+    fn feature(self) -> &'static str {
+        match self {
+            Self::Auto | Self::Flex => "flex",
+            Self::NdArray => "ndarray",
+            Self::Wgpu => "wgpu",
+            Self::Cuda(_) => "cuda",
         }
     }
+}
+
+/// Every adapter that wgpu can use, software included.
+fn wgpu_devices() -> Vec<Device> {
+    #[cfg(feature = "wgpu")]
+    return Device::enumerate(burn::tensor::DeviceType::Wgpu).into_vec();
+    #[cfg(not(feature = "wgpu"))]
+    Vec::new()
+}
+
+/// The strongest adapter that is no software.
+fn wgpu_gpu() -> Option<Device> {
+    #[cfg(feature = "wgpu")]
+    {
+        use burn::tensor::DeviceKind;
+        let devices = wgpu_devices();
+        [
+            DeviceKind::DiscreteGpu(0),
+            DeviceKind::IntegratedGpu(0),
+            DeviceKind::VirtualGpu(0),
+        ]
+        .into_iter()
+        .map(Device::wgpu)
+        .find(|device| devices.contains(device))
+    }
+    #[cfg(not(feature = "wgpu"))]
+    None
+}
+
+/// Every CUDA device.
+fn cuda_devices() -> Vec<Device> {
+    #[cfg(feature = "cuda")]
+    return Device::enumerate(burn::tensor::DeviceType::Cuda).into_vec();
+    #[cfg(not(feature = "cuda"))]
+    Vec::new()
 }
 
 #[cfg(feature = "ndarray")]
@@ -117,15 +182,22 @@ mod tests {
     }
 
     #[test]
-    fn a_gpu_is_refused_with_a_way_out() {
-        let refused = DeviceChoice::Wgpu
+    fn a_missing_gpu_is_refused_with_a_way_out() {
+        let refused = DeviceChoice::Cuda(99)
             .device()
-            .expect_err("no GPU backend in this build");
+            .expect_err("no machine has a hundred GPUs");
         let message = refused.to_string();
         assert!(
-            message.contains("wgpu") && message.contains("--device auto"),
+            message.contains("cuda:99") && message.contains("--device auto"),
             "{message}"
         );
         assert!(DeviceChoice::Auto.device().is_ok());
+    }
+
+    #[test]
+    fn auto_never_takes_software_for_a_gpu() {
+        let auto = DeviceChoice::Auto.resolved();
+        let has_gpu = wgpu_gpu().is_some() || !cuda_devices().is_empty();
+        assert_eq!(matches!(auto, DeviceChoice::Wgpu | DeviceChoice::Cuda(_)), has_gpu);
     }
 }

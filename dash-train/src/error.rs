@@ -33,12 +33,12 @@ pub enum TrainError {
     Config(String),
     /// This build has no backend for a device.
     #[error(
-        "--device {device}: expected a build with that backend, found {found}; use --device auto"
+        "--device {device}: expected a build and a machine with it, found {found}; use --device auto"
     )]
     Device {
         /// The device that was asked for.
         device: DeviceChoice,
-        /// What this build is.
+        /// What there is instead.
         found: String,
     },
     /// The device broke down.

@@ -48,7 +48,8 @@ fn one_pixel_by_hand() {
     for device in devices() {
         let one = |v| tensor(&[v], [1, 1, 1], &device);
         let got = values(ssim(one(0.5), one(0.25)).expect("equal shapes"));
-        assert_close(&to_f64(&got), &[expected], 1e-6, 0.0);
+        // A GPU adds up in f32.
+        assert_close(&to_f64(&got), &[expected], 5e-6, 0.0);
     }
 }
 
