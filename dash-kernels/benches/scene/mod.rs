@@ -30,6 +30,7 @@ pub struct Scene {
     opacities: Vec<f32>,
     sh_coeffs: Vec<f32>,
     pub view: View<f32>,
+    pub camera: Camera,
 }
 
 impl Scene {
@@ -37,6 +38,14 @@ impl Scene {
         let mut rng = Pcg64::seed_from_u64(7);
         let (half_width, half_height) = (width as f32 / 2.0, height as f32 / 2.0);
         let focal = half_width / 30f32.to_radians().tan();
+        let camera = Camera::new(
+            f64::from(focal),
+            f64::from(focal),
+            f64::from(half_width),
+            f64::from(half_height),
+            width,
+            height,
+        );
         let mut scene = Self {
             means: Vec::new(),
             quats: Vec::new(),
@@ -44,20 +53,14 @@ impl Scene {
             opacities: Vec::new(),
             sh_coeffs: Vec::new(),
             view: View::new(
-                &Camera::new(
-                    f64::from(focal),
-                    f64::from(focal),
-                    f64::from(half_width),
-                    f64::from(half_height),
-                    width,
-                    height,
-                ),
+                &camera,
                 &ProjectOptions {
                     activation: Activation::Linear,
                     ..ProjectOptions::default()
                 },
                 3,
             ),
+            camera,
         };
         // Close enough to a normal distribution here: the sum of twelve uniform ones.
         let normal = |rng: &mut Pcg64| (0..12).map(|_| rng.random::<f32>()).sum::<f32>() - 6.0;
