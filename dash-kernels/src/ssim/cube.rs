@@ -1,8 +1,9 @@
 //! Structural similarity on CubeCL devices.
 //!
-//! A cube of 256 units owns a tile of 16 x 16 pixels of one channel. Moments are blurred along rows
-//! and then along columns in shared memory (forward 11.9 KiB, backward 24.8 KiB); units take the
-//! values of a step in turns, and a barrier parts the steps. No atomics; deterministic.
+//! A cube of 64 units owns a tile of 16 x 16 pixels of one channel. Moments are blurred along rows
+//! and then along columns in shared memory (forward 11.9 KiB, backward 24.8 KiB), a unit taking a
+//! run of half a row or column, so that it reads each value once for all its neighbours; a barrier
+//! parts the steps. No atomics; deterministic.
 //!
 //! Variances are differences of large numbers where an image is flat. The CPU forms them in f64;
 //! here both images are first shifted by their values in the middle of the tile, which changes
@@ -19,7 +20,8 @@ use super::{Ssim, SsimVjp};
 
 /// Side of a tile in pixels.
 const TILE: usize = 16;
-const UNITS: usize = TILE * TILE;
+/// As many as a step has runs, nearly.
+const UNITS: usize = 64;
 /// Side of the region that the moments of a tile reach into, and its moments' moments.
 const REACH: usize = TILE + 2 * RADIUS;
 const FAR_REACH: usize = TILE + 4 * RADIUS;
@@ -163,6 +165,17 @@ fn load(
     }
 }
 
+/// The blurred value whose window starts at place `k`.
+#[cube]
+fn blurred_at(values: &Array<f32>, #[comptime] k: usize) -> f32 {
+    let mut sum = 0.0f32;
+    #[unroll]
+    for tap in 0..TAPS {
+        sum += comptime!(window()[tap] as f32) * values[comptime!(k + tap)];
+    }
+    sum
+}
+
 /// Blurs the moments of a square of `side` pixels along its rows: `side` rows of what is left.
 #[cube]
 fn blur_moments_along_rows(
@@ -171,45 +184,55 @@ fn blur_moments_along_rows(
     #[comptime] side: usize,
 ) {
     let kept = comptime!(side - 2 * RADIUS);
+    let run = comptime!(kept / 2);
     let count = comptime!(side * kept);
-    let mut i = UNIT_POS as usize;
-    while i < count {
-        let from = i / kept * side + i % kept;
-        let mut mean_x = 0.0f32;
-        let mut mean_y = 0.0f32;
-        let mut squares = 0.0f32;
-        let mut product = 0.0f32;
+    let mut item = UNIT_POS as usize;
+    while item < comptime!(2 * side) {
+        let row = item / 2;
+        let first = item % 2 * run;
+        let mut a = Array::<f32>::new(comptime!(run + 2 * RADIUS));
+        let mut b = Array::<f32>::new(comptime!(run + 2 * RADIUS));
+        let mut squares = Array::<f32>::new(comptime!(run + 2 * RADIUS));
+        let mut products = Array::<f32>::new(comptime!(run + 2 * RADIUS));
         #[unroll]
-        for tap in 0..TAPS {
-            let weight = comptime!(window()[tap] as f32);
-            let a = pixels[from + tap];
-            let b = pixels[from + comptime!(side * side + tap)];
-            mean_x += weight * a;
-            mean_y += weight * b;
-            squares += weight * (a * a + b * b);
-            product += weight * (a * b);
+        for k in 0..comptime!(run + 2 * RADIUS) {
+            let at = row * side + first + k;
+            a[k] = pixels[at];
+            b[k] = pixels[at + comptime!(side * side)];
+            squares[k] = a[k] * a[k] + b[k] * b[k];
+            products[k] = a[k] * b[k];
         }
-        blurred[i] = mean_x;
-        blurred[i + count] = mean_y;
-        blurred[i + comptime!(2 * count)] = squares;
-        blurred[i + comptime!(3 * count)] = product;
-        i += UNITS;
+        let at = row * kept + first;
+        #[unroll]
+        for k in 0..run {
+            blurred[at + k] = blurred_at(&a, k);
+            blurred[at + comptime!(count + k)] = blurred_at(&b, k);
+            blurred[at + comptime!(2 * count + k)] = blurred_at(&squares, k);
+            blurred[at + comptime!(3 * count + k)] = blurred_at(&products, k);
+        }
+        item += UNITS;
     }
 }
 
-/// Blurs a plane along its columns at one place.
+/// A run of half a column of a square of `kept` pixels: its first place.
 #[cube]
-fn blur_along_column(
+fn column_run(item: usize, #[comptime] kept: usize) -> usize {
+    item / kept * comptime!(kept / 2 * kept) + item % kept
+}
+
+/// The values of a plane along a column, from a run's first place on.
+#[cube]
+fn column_values(
     plane: &Shared<[f32]>,
     from: usize,
-    #[comptime] columns: usize,
-) -> f32 {
-    let mut sum = 0.0f32;
+    #[comptime] kept: usize,
+) -> Array<f32> {
+    let mut values = Array::<f32>::new(comptime!(kept / 2 + 2 * RADIUS));
     #[unroll]
-    for tap in 0..TAPS {
-        sum += comptime!(window()[tap] as f32) * plane[from + comptime!(tap * columns)];
+    for k in 0..comptime!(kept / 2 + 2 * RADIUS) {
+        values[k] = plane[from + comptime!(k * kept)];
     }
-    sum
+    values
 }
 
 /// The factors of the similarity at a pixel; means are those of the shifted images.
@@ -226,19 +249,9 @@ struct Terms {
     contrast_norm: f32,
 }
 
-/// The terms at place `i` of a square of `kept` pixels, from moments blurred along its rows.
+/// The terms from the blurred moments of the shifted images.
 #[cube]
-fn terms(
-    blurred: &Shared<[f32]>,
-    i: usize,
-    tile: &Tile,
-    #[comptime] kept: usize,
-) -> Terms {
-    let count = comptime!((kept + 2 * RADIUS) * kept);
-    let shifted_x = blur_along_column(blurred, i, kept);
-    let shifted_y = blur_along_column(blurred, i + count, kept);
-    let squares = blur_along_column(blurred, i + comptime!(2 * count), kept);
-    let product = blur_along_column(blurred, i + comptime!(3 * count), kept);
+fn terms(shifted_x: f32, shifted_y: f32, squares: f32, product: f32, tile: &Tile) -> Terms {
     let mean_x = shifted_x + tile.shift_x;
     let mean_y = shifted_y + tile.shift_y;
     let variance = squares - (shifted_x * shifted_x + shifted_y * shifted_y);
@@ -266,15 +279,33 @@ fn forward(x: &[f32], y: &[f32], out: &mut [f32], frame: Frame) {
     blur_moments_along_rows(&pixels, &mut blurred, REACH);
     // Neighbours' rows are blurred.
     sync_cube();
-    let unit = UNIT_POS as usize;
-    let row = tile.top as u32 + (unit / TILE) as u32;
-    let column = tile.left as u32 + (unit % TILE) as u32;
-    if row < frame.height && column < frame.width {
-        let terms = terms(&blurred, unit, &tile, TILE);
-        let luminance = terms.luminance / terms.luminance_norm;
-        let contrast = terms.contrast / terms.contrast_norm;
-        let at = (row * frame.width + column) * frame.channels + tile.channel;
-        out[at as usize] = f32::clamp(luminance * contrast, -1.0f32, 1.0f32);
+    let plane = comptime!(REACH * TILE);
+    let mut item = UNIT_POS as usize;
+    while item < comptime!(2 * TILE) {
+        let from = column_run(item, TILE);
+        let means_x = column_values(&blurred, from, TILE);
+        let means_y = column_values(&blurred, from + plane, TILE);
+        let squares = column_values(&blurred, from + comptime!(2 * plane), TILE);
+        let products = column_values(&blurred, from + comptime!(3 * plane), TILE);
+        #[unroll]
+        for k in 0..comptime!(TILE / 2) {
+            let row = tile.top as u32 + (from / TILE) as u32 + comptime!(k as u32);
+            let column = tile.left as u32 + (from % TILE) as u32;
+            if row < frame.height && column < frame.width {
+                let t = terms(
+                    blurred_at(&means_x, k),
+                    blurred_at(&means_y, k),
+                    blurred_at(&squares, k),
+                    blurred_at(&products, k),
+                    &tile,
+                );
+                let luminance = t.luminance / t.luminance_norm;
+                let contrast = t.contrast / t.contrast_norm;
+                let at = (row * frame.width + column) * frame.channels + tile.channel;
+                out[at as usize] = f32::clamp(luminance * contrast, -1.0f32, 1.0f32);
+            }
+        }
+        item += UNITS;
     }
 }
 
@@ -289,58 +320,103 @@ fn backward(x: &[f32], y: &[f32], v_out: &[f32], v_x: &mut [f32], frame: Frame) 
     blur_moments_along_rows(&pixels, &mut blurred, FAR_REACH);
     // Neighbours' rows are blurred, and the pixels make room for the moments' gradients.
     sync_cube();
-    let plane = comptime!(REACH * REACH);
-    let mut i = UNIT_POS as usize;
-    while i < plane {
-        let row = tile.top + (i / REACH) as i32 - comptime!(RADIUS as i32);
-        let column = tile.left + (i % REACH) as i32 - comptime!(RADIUS as i32);
-        let t = terms(&blurred, i, &tile, REACH);
-        // Outside the image there is no similarity, and no gradient of it.
-        let v = gradient_at(v_out, row, column, tile.channel, &frame);
-        let luminance = t.luminance / t.luminance_norm;
-        let contrast = t.contrast / t.contrast_norm;
-        let similarity = luminance * contrast;
-        let v_product = 2.0f32 * v * luminance / t.contrast_norm;
-        let v_squares = select(t.variance > 0.0f32, -(v * similarity) / t.contrast_norm, 0.0f32);
-        let through_luminance =
-            2.0f32 * v * (t.mean_y * contrast - t.mean_x * similarity) / t.luminance_norm;
-        pixels[i] =
-            through_luminance - v_product * t.shifted_y - 2.0f32 * t.shifted_x * v_squares;
-        pixels[i + plane] = v_squares;
-        pixels[i + comptime!(2 * plane)] = v_product;
-        i += UNITS;
-    }
+    moments_vjp(&blurred, &mut pixels, v_out, &tile, &frame);
     // Neighbours' gradients are blurred, and the blurred moments make room for them.
     sync_cube();
-    let rows_plane = comptime!(REACH * TILE);
-    let mut i = UNIT_POS as usize;
-    while i < rows_plane {
-        let from = i / TILE * REACH + i % TILE;
-        #[unroll]
-        for k in 0..3 {
-            let mut sum = 0.0f32;
-            #[unroll]
-            for tap in 0..TAPS {
-                sum += comptime!(window()[tap] as f32) * pixels[from + comptime!(k * plane + tap)];
-            }
-            blurred[i + comptime!(k * rows_plane)] = sum;
-        }
-        i += UNITS;
-    }
+    blur_gradients_along_rows(&pixels, &mut blurred);
     // Neighbours' rows are blurred.
     sync_cube();
-    let unit = UNIT_POS as usize;
-    let row = tile.top as u32 + (unit / TILE) as u32;
-    let column = tile.left as u32 + (unit % TILE) as u32;
-    if row < frame.height && column < frame.width {
-        let v_mean = blur_along_column(&blurred, unit, TILE);
-        let v_squares = blur_along_column(&blurred, unit + rows_plane, TILE);
-        let v_product = blur_along_column(&blurred, unit + comptime!(2 * rows_plane), TILE);
-        let a = pixel(x, row as i32, column as i32, tile.channel, &frame) - tile.shift_x;
-        let b = pixel(y, row as i32, column as i32, tile.channel, &frame) - tile.shift_y;
-        let at = (row * frame.width + column) * frame.channels + tile.channel;
-        let v = v_mean + 2.0f32 * a * v_squares + b * v_product;
-        v_x[at as usize] = select(is_finite(x[at as usize]), v, 0.0f32);
+    let plane = comptime!(REACH * TILE);
+    let mut item = UNIT_POS as usize;
+    while item < comptime!(2 * TILE) {
+        let from = column_run(item, TILE);
+        let v_means = column_values(&blurred, from, TILE);
+        let v_squares = column_values(&blurred, from + plane, TILE);
+        let v_products = column_values(&blurred, from + comptime!(2 * plane), TILE);
+        #[unroll]
+        for k in 0..comptime!(TILE / 2) {
+            let row = tile.top as u32 + (from / TILE) as u32 + comptime!(k as u32);
+            let column = tile.left as u32 + (from % TILE) as u32;
+            if row < frame.height && column < frame.width {
+                let a = pixel(x, row as i32, column as i32, tile.channel, &frame) - tile.shift_x;
+                let b = pixel(y, row as i32, column as i32, tile.channel, &frame) - tile.shift_y;
+                let at = (row * frame.width + column) * frame.channels + tile.channel;
+                let v = blurred_at(&v_means, k)
+                    + 2.0f32 * a * blurred_at(&v_squares, k)
+                    + b * blurred_at(&v_products, k);
+                v_x[at as usize] = select(is_finite(x[at as usize]), v, 0.0f32);
+            }
+        }
+        item += UNITS;
+    }
+}
+
+/// Gradients of the moments in the tile's reach, from moments blurred along rows.
+#[cube]
+fn moments_vjp(
+    blurred: &Shared<[f32]>,
+    gradients: &mut Shared<[f32]>,
+    v_out: &[f32],
+    tile: &Tile,
+    frame: &Frame,
+) {
+    let plane = comptime!(FAR_REACH * REACH);
+    let v_plane = comptime!(REACH * REACH);
+    let mut item = UNIT_POS as usize;
+    while item < comptime!(2 * REACH) {
+        let from = column_run(item, REACH);
+        let means_x = column_values(blurred, from, REACH);
+        let means_y = column_values(blurred, from + plane, REACH);
+        let squares = column_values(blurred, from + comptime!(2 * plane), REACH);
+        let products = column_values(blurred, from + comptime!(3 * plane), REACH);
+        let column = tile.left + (from % REACH) as i32 - comptime!(RADIUS as i32);
+        let first_row = tile.top + (from / REACH) as i32 - comptime!(RADIUS as i32);
+        #[unroll]
+        for k in 0..comptime!(REACH / 2) {
+            let t = terms(
+                blurred_at(&means_x, k),
+                blurred_at(&means_y, k),
+                blurred_at(&squares, k),
+                blurred_at(&products, k),
+                tile,
+            );
+            // Outside the image there is no similarity, and no gradient of it.
+            let v = gradient_at(v_out, first_row + comptime!(k as i32), column, tile.channel, frame);
+            let luminance = t.luminance / t.luminance_norm;
+            let contrast = t.contrast / t.contrast_norm;
+            let similarity = luminance * contrast;
+            let v_product = 2.0f32 * v * luminance / t.contrast_norm;
+            let v_square = select(t.variance > 0.0f32, -(v * similarity) / t.contrast_norm, 0.0f32);
+            let through_luminance =
+                2.0f32 * v * (t.mean_y * contrast - t.mean_x * similarity) / t.luminance_norm;
+            let at = from + comptime!(k * REACH);
+            gradients[at] =
+                through_luminance - v_product * t.shifted_y - 2.0f32 * t.shifted_x * v_square;
+            gradients[at + v_plane] = v_square;
+            gradients[at + comptime!(2 * v_plane)] = v_product;
+        }
+        item += UNITS;
+    }
+}
+
+/// Blurs the three planes of gradients along their rows.
+#[cube]
+fn blur_gradients_along_rows(gradients: &Shared<[f32]>, blurred: &mut Shared<[f32]>) {
+    let run = comptime!(TILE / 2);
+    let mut item = UNIT_POS as usize;
+    while item < comptime!(3 * 2 * REACH) {
+        let line = item / 2;
+        let first = item % 2 * run;
+        let mut values = Array::<f32>::new(comptime!(run + 2 * RADIUS));
+        #[unroll]
+        for k in 0..comptime!(run + 2 * RADIUS) {
+            values[k] = gradients[line * REACH + first + k];
+        }
+        #[unroll]
+        for k in 0..run {
+            blurred[line * TILE + first + k] = blurred_at(&values, k);
+        }
+        item += UNITS;
     }
 }
 

@@ -1,8 +1,9 @@
 //! Blending of tiles, front to back.
 //!
-//! A cube of 64 units owns a tile; a unit owns `PER_UNIT` pixels below each other. Units go through
-//! the tile's list on their own: neighbours read the same splat, so the cache does what staging in
-//! shared memory would, without barriers. No shared memory, no atomics; deterministic.
+//! A cube owns a tile: as many units as a subgroup has, within bounds, each with a run of pixels
+//! below each other. Units go through the tile's list on their own: neighbours read the same splat,
+//! so the cache does what staging in shared memory would, without barriers. No shared memory, no
+//! atomics; deterministic.
 
 use burn_cubecl::tensor::CubeTensor;
 use cubecl::prelude::*;
@@ -14,10 +15,12 @@ use super::super::tiles::TILE;
 use super::super::{CHANNEL_ALPHA, CHANNEL_DEPTH, N_CHANNELS, RasterizeOptions};
 use super::intersect::Intersections;
 
-/// Pixels of a unit.
-pub(super) const PER_UNIT: usize = 4;
-/// Units of a cube.
-pub(super) const UNITS: usize = TILE * TILE / PER_UNIT;
+/// Units of a cube: a wide subgroup owns a tile alone, so that its barriers cost nothing; narrow
+/// subgroups, as those of CPUs, exchange less when a unit sums more pixels itself.
+pub(super) fn units_per_tile(client: &Client) -> usize {
+    let subgroup = client.properties().hardware.plane_size_max as usize;
+    subgroup.next_power_of_two().clamp(16, 64)
+}
 
 /// What the forward pass leaves of every pixel.
 #[derive(Debug, Clone)]
@@ -34,6 +37,7 @@ pub(super) fn blend(
     lists: &Intersections,
     options: &RasterizeOptions,
     image: &CubeTensor,
+    units: usize,
 ) -> Pixels {
     let client = &splats.client;
     let n_pixels = options.width * options.height;
@@ -42,7 +46,7 @@ pub(super) fn blend(
     blend_tiles::launch(
         client,
         calculate_cubes(client, lists.tiles[0] * lists.tiles[1]),
-        CubeDim::new_1d(UNITS as u32),
+        CubeDim::new_1d(units as u32),
         arg(splats),
         lists.order.arg(),
         lists.tile_counts.arg(),
@@ -53,6 +57,7 @@ pub(super) fn blend(
         transmittance.arg(),
         last.arg(),
         frame(lists, options, splats),
+        TILE * TILE / units,
     );
     Pixels {
         transmittance,
@@ -180,11 +185,15 @@ pub(super) fn alpha_at(splat: &Splat, dx: f32, dy: f32) -> f32 {
 
 /// The first pixel of this unit: column and row.
 #[cube]
-pub(super) fn first_pixel(tile: usize, frame: &Frame) -> (u32, u32) {
+pub(super) fn first_pixel(
+    tile: usize,
+    frame: &Frame,
+    #[comptime] per_unit: usize,
+) -> (u32, u32) {
     let side = comptime!(TILE as u32);
     let tile = tile as u32;
     let column = tile % frame.tile_columns * side + UNIT_POS % side;
-    let row = tile / frame.tile_columns * side + UNIT_POS / side * comptime!(PER_UNIT as u32);
+    let row = tile / frame.tile_columns * side + UNIT_POS / side * comptime!(per_unit as u32);
     (column, row)
 }
 
@@ -200,24 +209,25 @@ fn blend_tiles(
     transmittances: &mut [f32],
     lasts: &mut [u32],
     frame: Frame,
+    #[comptime] per_unit: usize,
 ) {
     let tile = CUBE_POS;
     if tile >= (frame.tile_columns * frame.tile_rows) as usize {
         terminate!();
     }
     let list = tile_list(tile, ranges, starts, &frame);
-    let (column, first_row) = first_pixel(tile, &frame);
+    let (column, first_row) = first_pixel(tile, &frame, per_unit);
     let x = f32::cast_from(column) + 0.5f32;
     let y = f32::cast_from(first_row) + 0.5f32;
-    let mut transmittance = Array::<f32>::new(PER_UNIT);
-    let mut red = Array::<f32>::new(PER_UNIT);
-    let mut green = Array::<f32>::new(PER_UNIT);
-    let mut blue = Array::<f32>::new(PER_UNIT);
-    let mut depth = Array::<f32>::new(PER_UNIT);
-    let mut last = Array::<u32>::new(PER_UNIT);
-    let mut live = Array::<bool>::new(PER_UNIT);
+    let mut transmittance = Array::<f32>::new(per_unit);
+    let mut red = Array::<f32>::new(per_unit);
+    let mut green = Array::<f32>::new(per_unit);
+    let mut blue = Array::<f32>::new(per_unit);
+    let mut depth = Array::<f32>::new(per_unit);
+    let mut last = Array::<u32>::new(per_unit);
+    let mut live = Array::<bool>::new(per_unit);
     #[unroll]
-    for k in 0..PER_UNIT {
+    for k in 0..per_unit {
         transmittance[k] = 1.0f32;
         red[k] = 0.0f32;
         green[k] = 0.0f32;
@@ -234,7 +244,7 @@ fn blend_tiles(
         let dx = splat.x - x;
         any_live = false;
         #[unroll]
-        for k in 0..PER_UNIT {
+        for k in 0..per_unit {
             let dy = splat.y - (y + comptime!(k as f32));
             let alpha = f32::min(alpha_at(&splat, dx, dy), comptime!(ALPHA_MAX as f32));
             let next = transmittance[k] * (1.0f32 - alpha);
@@ -256,7 +266,7 @@ fn blend_tiles(
         place += 1;
     }
     #[unroll]
-    for k in 0..PER_UNIT {
+    for k in 0..per_unit {
         let row = first_row + comptime!(k as u32);
         if column < frame.width && row < frame.height {
             let pixel = (row * frame.width + column) as usize;

@@ -1,11 +1,11 @@
 //! Gradient of the blending, replayed back to front.
 //!
-//! A cube of 64 units owns a tile; a unit owns `PER_UNIT` pixels below each other and sums a
-//! splat's gradient over them. Those sums of `BATCH` splats are added up over the cube in shared
-//! memory (15.6 KiB), one unit for each value, in a fixed order, and written to the slot of the
-//! (tile, splat) intersection; `sum_slots` then adds up each splat's slots, which follow each
-//! other. No atomics, the same bits on every run - unless the lists overflowed: then there are no
-//! slots, and the cubes add to the splats' gradients atomically.
+//! Cubes and units own what they own in the forward pass; a unit sums a splat's gradient over its
+//! pixels. Those sums of `BATCH` splats are added up over the cube in shared memory (at most
+//! 15.6 KiB), one unit for each value, in a fixed order, and written to the slot of the (tile,
+//! splat) intersection; `sum_slots` then adds up each splat's slots, which follow each other. No
+//! atomics, the same bits on every run - unless the lists overflowed: then there are no slots, and
+//! the cubes add to the splats' gradients atomically.
 
 use cubecl::prelude::*;
 use burn_cubecl::tensor::CubeTensor;
@@ -16,15 +16,12 @@ use crate::splats::{self, ALPHA_MAX, N_COLUMNS, N_DIFFERENTIABLE};
 
 use super::super::{CHANNEL_ALPHA, CHANNEL_DEPTH, N_CHANNELS};
 use super::Saved;
-use super::blend::{Frame, PER_UNIT, UNITS, alpha_at, first_pixel, frame, listed, read_splat, tile_list};
+use super::super::tiles::TILE;
+use super::blend::{Frame, alpha_at, first_pixel, frame, listed, read_splat, tile_list};
 
-/// Splats whose gradients are added up together: as many values as there are units, nearly.
+/// Splats whose gradients are added up together.
 const BATCH: usize = 6;
 const BATCH_VALUES: usize = BATCH * N_DIFFERENTIABLE;
-/// Distance of a value's sums in shared memory: one more than there are units, so that units that
-/// walk along different values meet different banks.
-const STRIDE: usize = UNITS + 1;
-
 /// Adds the gradient to `v_splats [N, C]`, which holds zeros.
 pub(super) fn blend_vjp(saved: &Saved, v_image: &CubeTensor, v_splats: &CubeTensor) {
     if has_native_add(&v_image.client) {
@@ -41,7 +38,7 @@ fn launch_vjp<A: FloatAdd>(saved: &Saved, v_image: &CubeTensor, v_splats: &CubeT
     blend_tiles_vjp::launch::<A>(
         client,
         calculate_cubes(client, lists.tiles[0] * lists.tiles[1]),
-        CubeDim::new_1d(UNITS as u32),
+        CubeDim::new_1d(saved.units as u32),
         arg(&saved.splats),
         lists.order.arg(),
         lists.tile_counts.arg(),
@@ -55,6 +52,7 @@ fn launch_vjp<A: FloatAdd>(saved: &Saved, v_image: &CubeTensor, v_splats: &CubeT
         v_slots.arg(),
         arg(v_splats),
         frame(lists, &saved.options, &saved.splats),
+        TILE * TILE / saved.units,
     );
     let n = saved.splats.meta.shape()[0];
     let (count, dim) = units(client, n * N_DIFFERENTIABLE);
@@ -74,12 +72,12 @@ fn launch_vjp<A: FloatAdd>(saved: &Saved, v_image: &CubeTensor, v_splats: &CubeT
 
 /// The largest of the units' values; every unit of the cube has to call it.
 #[cube]
-fn cube_max(own: u32) -> u32 {
-    let mut values = Shared::<[u32]>::new_slice(UNITS);
+fn cube_max(own: u32, #[comptime] units: usize) -> u32 {
+    let mut values = Shared::<[u32]>::new_slice(units);
     values[UNIT_POS as usize] = own;
     sync_cube();
     let mut largest = 0u32;
-    for unit in 0..UNITS {
+    for unit in 0..units {
         largest = u32::max(largest, values[unit]);
     }
     largest
@@ -100,25 +98,30 @@ fn blend_tiles_vjp<A: FloatAdd>(
     v_slots: &mut [f32],
     v_splats: &[Atomic<A::Word>],
     frame: Frame,
+    #[comptime] per_unit: usize,
 ) {
+    let units = comptime!(TILE * TILE / per_unit);
+    // One more than there are units, so that units that walk along different values meet different
+    // banks.
+    let stride = comptime!(units + 1);
     let tile = CUBE_POS;
     if tile >= (frame.tile_columns * frame.tile_rows) as usize {
         terminate!();
     }
     let list = tile_list(tile, ranges, starts, &frame);
-    let (column, first_row) = first_pixel(tile, &frame);
+    let (column, first_row) = first_pixel(tile, &frame, per_unit);
     let x = f32::cast_from(column) + 0.5f32;
     let y = f32::cast_from(first_row) + 0.5f32;
-    let mut transmittance = Array::<f32>::new(PER_UNIT);
-    let mut behind = Array::<f32>::new(PER_UNIT);
-    let mut v_red = Array::<f32>::new(PER_UNIT);
-    let mut v_green = Array::<f32>::new(PER_UNIT);
-    let mut v_blue = Array::<f32>::new(PER_UNIT);
-    let mut v_depth = Array::<f32>::new(PER_UNIT);
-    let mut last = Array::<u32>::new(PER_UNIT);
+    let mut transmittance = Array::<f32>::new(per_unit);
+    let mut behind = Array::<f32>::new(per_unit);
+    let mut v_red = Array::<f32>::new(per_unit);
+    let mut v_green = Array::<f32>::new(per_unit);
+    let mut v_blue = Array::<f32>::new(per_unit);
+    let mut v_depth = Array::<f32>::new(per_unit);
+    let mut last = Array::<u32>::new(per_unit);
     let mut own_last = 0u32;
     #[unroll]
-    for k in 0..PER_UNIT {
+    for k in 0..per_unit {
         transmittance[k] = 1.0f32;
         behind[k] = 0.0f32;
         v_red[k] = 0.0f32;
@@ -142,7 +145,7 @@ fn blend_tiles_vjp<A: FloatAdd>(
             own_last = u32::max(own_last, last[k]);
         }
     }
-    let end = cube_max(own_last) as usize;
+    let end = cube_max(own_last, units) as usize;
     let unit = UNIT_POS as usize;
     if !list.overflowed {
         // Splats behind all pixels: their slots are read all the same.
@@ -153,7 +156,7 @@ fn blend_tiles_vjp<A: FloatAdd>(
         }
     }
 
-    let mut sums = Shared::<[f32]>::new_slice(comptime!(BATCH_VALUES * STRIDE));
+    let mut sums = Shared::<[f32]>::new_slice(comptime!(BATCH_VALUES * stride));
     let mut batch_end = end;
     while batch_end > list.start {
         for step in 0..BATCH {
@@ -172,7 +175,7 @@ fn blend_tiles_vjp<A: FloatAdd>(
                 let mut v_sigma_y = 0.0f32;
                 let mut v_sigma_yy = 0.0f32;
                 #[unroll]
-                for k in 0..PER_UNIT {
+                for k in 0..per_unit {
                     let dy = splat.y - (y + comptime!(k as f32));
                     let raw = alpha_at(&splat, dx, dy);
                     if raw > 0.0f32 && (place as u32) < last[k] {
@@ -210,18 +213,19 @@ fn blend_tiles_vjp<A: FloatAdd>(
             }
             #[unroll]
             for value in 0..N_DIFFERENTIABLE {
-                sums[(step * N_DIFFERENTIABLE + value) * STRIDE + unit] = v[value];
+                sums[(step * N_DIFFERENTIABLE + value) * stride + unit] = v[value];
             }
         }
         // A value is added up by one unit after all units have summed theirs.
         sync_cube();
-        if unit < BATCH_VALUES {
-            let step = unit / N_DIFFERENTIABLE;
-            let value = unit % N_DIFFERENTIABLE;
+        let mut own = unit;
+        while own < BATCH_VALUES {
+            let step = own / N_DIFFERENTIABLE;
+            let value = own % N_DIFFERENTIABLE;
             if batch_end > list.start + step {
                 let mut sum = 0.0f32;
-                for other in 0..UNITS {
-                    sum += sums[unit * STRIDE + other];
+                for other in 0..units {
+                    sum += sums[own * stride + other];
                 }
                 let place = batch_end - step - 1;
                 if list.overflowed {
@@ -231,6 +235,7 @@ fn blend_tiles_vjp<A: FloatAdd>(
                     v_slots[slots[place] as usize * N_DIFFERENTIABLE + value] = sum;
                 }
             }
+            own += units;
         }
         // All are added up before the next batch overwrites them.
         sync_cube();

@@ -27,6 +27,8 @@ pub struct Saved {
     intersections: Intersections,
     pixels: blend::Pixels,
     options: RasterizeOptions,
+    /// Units of the cube that owns a tile.
+    units: usize,
 }
 
 impl Rasterize for CubeBackend {
@@ -39,17 +41,8 @@ impl RasterizeVjp for CubeBackend {
     type Saved = Saved;
 
     fn rasterize_saving(splats: CubeTensor, options: RasterizeOptions) -> (CubeTensor, Saved) {
-        let splats = contiguous(splats);
-        let intersections = Intersections::new(&splats, &options);
-        let image = uninitialised(&splats, [options.height, options.width, N_CHANNELS]);
-        let pixels = blend::blend(&splats, &intersections, &options, &image);
-        let saved = Saved {
-            splats,
-            intersections,
-            pixels,
-            options,
-        };
-        (image, saved)
+        let units = blend::units_per_tile(&splats.client);
+        rasterize_with(splats, options, units)
     }
 
     fn rasterize_vjp(saved: Saved, v_image: CubeTensor) -> CubeTensor {
@@ -59,4 +52,23 @@ impl RasterizeVjp for CubeBackend {
         blend_vjp::blend_vjp(&saved, &v_image, &v_splats);
         v_splats
     }
+}
+
+fn rasterize_with(
+    splats: CubeTensor,
+    options: RasterizeOptions,
+    units: usize,
+) -> (CubeTensor, Saved) {
+    let splats = contiguous(splats);
+    let intersections = Intersections::new(&splats, &options);
+    let image = uninitialised(&splats, [options.height, options.width, N_CHANNELS]);
+    let pixels = blend::blend(&splats, &intersections, &options, &image, units);
+    let saved = Saved {
+        splats,
+        intersections,
+        pixels,
+        options,
+        units,
+    };
+    (image, saved)
 }
