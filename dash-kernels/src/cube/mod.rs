@@ -5,7 +5,7 @@ pub(crate) mod atomic;
 pub(crate) mod radix_sort;
 pub(crate) mod scan;
 #[cfg(test)]
-mod tests;
+pub(crate) mod tests;
 
 use burn::tensor::DType;
 use burn_cubecl::kernel::into_contiguous;
@@ -114,6 +114,12 @@ fn fill_kernel(values: &mut [u32], value: u32) {
     if ABSOLUTE_POS < values.len() {
         values[ABSOLUTE_POS] = value;
     }
+}
+
+/// The value, or zero where it is infinite or not a number.
+#[cube]
+pub(crate) fn finite_or_zero(value: f32) -> f32 {
+    select(is_finite(value), value, 0.0f32)
 }
 
 /// Whether the value is neither infinite nor NaN, from its bits.

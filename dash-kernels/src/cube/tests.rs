@@ -6,12 +6,61 @@ use super::radix_sort::{DeviceCount, sort_pairs};
 use super::scan::exclusive_scan;
 use super::*;
 
-/// A client of the device that the CubeCL tests run on.
-fn client() -> Client {
-    cubecl::Device::default().client()
+/// The device that the CubeCL tests run on.
+fn device() -> burn_cubecl::CubeDevice {
+    cubecl::Device::default()
 }
 
-fn words(client: &Client, buffer: &Buffer) -> Vec<u32> {
+fn client() -> Client {
+    device().client()
+}
+
+/// A tensor of the CubeCL backend.
+pub(crate) fn cube_tensor<const R: usize>(values: &[f32], shape: [usize; R]) -> CubeTensor {
+    let client = client();
+    let handle = client.create_from_slice(bytemuck::cast_slice(values));
+    CubeTensor::new_contiguous(client, device(), shape.into(), handle, DType::F32)
+}
+
+/// Its values.
+pub(crate) fn cube_values(tensor: &CubeTensor) -> Vec<f32> {
+    let bytes = tensor.client.read_one(tensor.handle.clone()).expect("the device answers");
+    bytemuck::cast_slice(&bytes[..tensor.meta.num_elements() * WORD_BYTES]).to_vec()
+}
+
+/// Values that kernels have got wrong elsewhere: not numbers, infinite, denormal, huge, and one
+/// step beside the thresholds of drawing.
+pub(crate) fn poison() -> [f32; 22] {
+    let alpha_min = crate::splats::ALPHA_MIN as f32;
+    let near = crate::splats::NEAR_PLANE as f32;
+    [
+        f32::NAN,
+        -f32::NAN,
+        f32::INFINITY,
+        f32::NEG_INFINITY,
+        0.0,
+        -0.0,
+        f32::from_bits(1),
+        -f32::from_bits(1),
+        f32::MIN_POSITIVE,
+        -f32::MIN_POSITIVE,
+        f32::MAX,
+        f32::MIN,
+        1e30,
+        -1e30,
+        alpha_min.next_down(),
+        alpha_min.next_up(),
+        near.next_down(),
+        near.next_up(),
+        1f32.next_down(),
+        1f32.next_up(),
+        -1.0,
+        88.8,
+    ]
+}
+
+/// The words of a buffer.
+pub(crate) fn words(client: &Client, buffer: &Buffer) -> Vec<u32> {
     let bytes = client.read_one(buffer.handle()).expect("the device answers");
     bytemuck::cast_slice(&bytes[..buffer.len() * WORD_BYTES]).to_vec()
 }

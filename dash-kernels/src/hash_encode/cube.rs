@@ -7,6 +7,8 @@
 
 mod deterministic;
 mod levels;
+#[cfg(test)]
+mod tests;
 
 use burn_cubecl::CubeBackend;
 use burn_cubecl::tensor::CubeTensor;

@@ -5,6 +5,8 @@
 
 mod footprint;
 mod sh;
+#[cfg(test)]
+mod tests;
 mod vjp;
 
 use burn_cubecl::CubeBackend;

@@ -15,7 +15,7 @@ use crate::testing::{
 
 const BACKGROUND: [f32; 3] = [0.25, 0.5, 0.125];
 
-fn options(width: usize, height: usize) -> RasterizeOptions {
+pub(super) fn options(width: usize, height: usize) -> RasterizeOptions {
     RasterizeOptions {
         width,
         height,
@@ -23,7 +23,7 @@ fn options(width: usize, height: usize) -> RasterizeOptions {
     }
 }
 
-fn background<T: num_traits::Float>() -> [T; 3] {
+pub(super) fn background<T: num_traits::Float>() -> [T; 3] {
     BACKGROUND.map(|value| T::from(value).expect("every float type holds the background"))
 }
 
@@ -56,7 +56,7 @@ fn row(
 }
 
 /// Splats of a few pixels all over an image and beyond its borders.
-fn random(seed: u64, n: usize, width: usize, height: usize) -> Vec<f32> {
+pub(super) fn random(seed: u64, n: usize, width: usize, height: usize) -> Vec<f32> {
     let mut rng = rng(seed);
     (0..n)
         .flat_map(|_| {
@@ -77,12 +77,12 @@ fn random(seed: u64, n: usize, width: usize, height: usize) -> Vec<f32> {
         .collect()
 }
 
-fn cotangents(seed: u64, n: usize) -> Vec<f64> {
+pub(super) fn cotangents(seed: u64, n: usize) -> Vec<f64> {
     to_f64(&to_f32(&normals(&mut rng(seed), n * N_CHANNELS)))
 }
 
 /// Zeroes the cotangents of pixels where rounding may decide what is drawn; returns how many.
-fn mask_thresholds(splats: &[f64], size: [usize; 2], v_image: &mut [f64]) -> usize {
+pub(super) fn mask_thresholds(splats: &[f64], size: [usize; 2], v_image: &mut [f64]) -> usize {
     /// Far above the rounding of alpha and transmittance in single precision.
     const BAND: f64 = 2e-4;
     let [width, _] = size;

@@ -8,7 +8,7 @@
 use burn_cubecl::tensor::CubeTensor;
 use cubecl::prelude::*;
 
-use crate::cube::{Buffer, arg, calculate_cubes};
+use crate::cube::{Buffer, arg, calculate_cubes, finite_or_zero};
 use crate::splats::{self, ALPHA_MAX, ALPHA_MIN, N_COLUMNS, TRANSMITTANCE_STOP};
 
 use super::super::tiles::TILE;
@@ -271,11 +271,11 @@ fn blend_tiles(
         if column < frame.width && row < frame.height {
             let pixel = (row * frame.width + column) as usize;
             let at = pixel * N_CHANNELS;
-            image[at] = red[k] + transmittance[k] * frame.red;
-            image[at + 1] = green[k] + transmittance[k] * frame.green;
-            image[at + 2] = blue[k] + transmittance[k] * frame.blue;
+            image[at] = finite_or_zero(red[k] + transmittance[k] * frame.red);
+            image[at + 1] = finite_or_zero(green[k] + transmittance[k] * frame.green);
+            image[at + 2] = finite_or_zero(blue[k] + transmittance[k] * frame.blue);
             image[at + CHANNEL_ALPHA] = 1.0f32 - transmittance[k];
-            image[at + CHANNEL_DEPTH] = depth[k];
+            image[at + CHANNEL_DEPTH] = finite_or_zero(depth[k]);
             transmittances[pixel] = transmittance[k];
             lasts[pixel] = last[k];
         }

@@ -10,8 +10,8 @@
 use cubecl::prelude::*;
 use burn_cubecl::tensor::CubeTensor;
 
-use crate::cube::atomic::{ExchangeAdd, FloatAdd, NativeAdd, has_native_add};
-use crate::cube::{Buffer, arg, calculate_cubes, units};
+use crate::cube::atomic::{ExchangeAdd, FloatAdd, NativeAdd};
+use crate::cube::{Buffer, arg, calculate_cubes, finite_or_zero, units};
 use crate::splats::{self, ALPHA_MAX, N_COLUMNS, N_DIFFERENTIABLE};
 
 use super::super::{CHANNEL_ALPHA, CHANNEL_DEPTH, N_CHANNELS};
@@ -24,7 +24,7 @@ const BATCH: usize = 6;
 const BATCH_VALUES: usize = BATCH * N_DIFFERENTIABLE;
 /// Adds the gradient to `v_splats [N, C]`, which holds zeros.
 pub(super) fn blend_vjp(saved: &Saved, v_image: &CubeTensor, v_splats: &CubeTensor) {
-    if has_native_add(&v_image.client) {
+    if saved.tuning.native_add {
         launch_vjp::<NativeAdd>(saved, v_image, v_splats);
     } else {
         launch_vjp::<ExchangeAdd>(saved, v_image, v_splats);
@@ -38,7 +38,7 @@ fn launch_vjp<A: FloatAdd>(saved: &Saved, v_image: &CubeTensor, v_splats: &CubeT
     blend_tiles_vjp::launch::<A>(
         client,
         calculate_cubes(client, lists.tiles[0] * lists.tiles[1]),
-        CubeDim::new_1d(saved.units as u32),
+        CubeDim::new_1d(saved.tuning.units as u32),
         arg(&saved.splats),
         lists.order.arg(),
         lists.tile_counts.arg(),
@@ -52,7 +52,7 @@ fn launch_vjp<A: FloatAdd>(saved: &Saved, v_image: &CubeTensor, v_splats: &CubeT
         v_slots.arg(),
         arg(v_splats),
         frame(lists, &saved.options, &saved.splats),
-        TILE * TILE / saved.units,
+        TILE * TILE / saved.tuning.units,
     );
     let n = saved.splats.meta.shape()[0];
     let (count, dim) = units(client, n * N_DIFFERENTIABLE);
@@ -243,7 +243,8 @@ fn blend_tiles_vjp<A: FloatAdd>(
     }
 }
 
-/// A unit owns a differentiable column of one splat.
+/// A unit owns a differentiable column of one splat. A sum that is not finite, of colours or depths
+/// near the largest number there is, counts as zero.
 #[cube(launch)]
 fn sum_slots(
     v_slots: &[f32],
@@ -256,12 +257,16 @@ fn sum_slots(
 ) {
     let row = ABSOLUTE_POS / N_DIFFERENTIABLE;
     let value = ABSOLUTE_POS % N_DIFFERENTIABLE;
-    if row < n as usize && starts[n as usize] <= capacity {
-        let first = firsts[row] as usize;
-        let mut sum = 0.0f32;
-        for slot in first..first + tile_counts[row] as usize {
-            sum += v_slots[slot * N_DIFFERENTIABLE + value];
+    if row < n as usize {
+        let at = row * N_COLUMNS + value;
+        // What the cubes of overflowed lists have added up.
+        let mut sum = v_splats[at];
+        if starts[n as usize] <= capacity {
+            let first = firsts[row] as usize;
+            for slot in first..first + tile_counts[row] as usize {
+                sum += v_slots[slot * N_DIFFERENTIABLE + value];
+            }
         }
-        v_splats[row * N_COLUMNS + value] = sum;
+        v_splats[at] = finite_or_zero(sum);
     }
 }

@@ -10,8 +10,10 @@ use std::sync::{LazyLock, Mutex};
 use std::task::{Context, Poll, Waker};
 
 use cubecl::prelude::*;
+use cubecl::server::Handle;
 
 use crate::cube::Buffer;
+use crate::determinism::is_deterministic;
 
 /// Room before anything is known: per splat, and at least.
 const FIRST_PER_SPLAT: usize = 8;
@@ -37,27 +39,54 @@ static STATES: LazyLock<Mutex<HashMap<String, State>>> = LazyLock::new(Mutex::de
 /// The capacity for a frame of `n` splats whose number of intersections stands at the end of
 /// `starts [n + 1]`.
 pub(super) fn next(client: &Client, starts: &Buffer, n: usize) -> usize {
+    if is_deterministic() {
+        // The slow way adds gradients in any order.
+        return fitting(client, read_total(client, starts.handle(), n).max(1));
+    }
     let mut states = STATES.lock().unwrap_or_else(|poisoned| poisoned.into_inner());
     let state = states.entry(format!("{:?}", client.service_id())).or_default();
     state.frames += 1;
-    if let Some(reading) = &mut state.reading {
-        if let Poll::Ready(total) = reading.as_mut().poll(&mut Context::from_waker(Waker::noop())) {
-            state.reading = None;
-            state.needed = total.unwrap_or(state.needed).max(state.needed - state.needed / 8);
-        }
+    if let Some(Poll::Ready(total)) = state.reading.as_mut().map(poll) {
+        state.reading = None;
+        state.needed = total.unwrap_or(state.needed).max(state.needed - state.needed / 8);
     }
     if state.reading.is_none()
         && (state.frames.is_power_of_two() || state.frames % READ_EVERY == 0)
     {
-        let (client, handle) = (client.clone(), starts.handle());
-        state.reading = Some(Box::pin(async move {
-            let bytes = client.read_async(vec![handle]).await.ok()?;
-            let words: &[u32] = bytemuck::cast_slice(&bytes[0]);
-            words.get(n).map(|&total| total as usize)
-        }));
+        let mut reading: Reading = Box::pin(total_of(client.clone(), starts.handle(), n));
+        // The first poll sends the request off.
+        if let Poll::Ready(total) = poll(&mut reading) {
+            state.needed = total.unwrap_or(state.needed);
+        } else {
+            state.reading = Some(reading);
+        }
     }
     let wanted = state.needed + state.needed * SPARE_EIGHTHS / 8;
-    let wanted = wanted.max(FIRST).max(FIRST_PER_SPLAT * n).next_multiple_of(FIRST);
+    fitting(client, wanted.max(FIRST).max(FIRST_PER_SPLAT * n))
+}
+
+/// A capacity of at least `wanted`, in steps so that memory is used again, as far as the device's
+/// largest buffer allows.
+fn fitting(client: &Client, wanted: usize) -> usize {
     let most = client.properties().memory.max_page_size / BYTES_PER_INTERSECTION;
-    wanted.min(most as usize)
+    wanted.next_multiple_of(FIRST).min(most as usize)
+}
+
+/// Asks a future how far it is.
+fn poll(reading: &mut Reading) -> Poll<Option<usize>> {
+    reading.as_mut().poll(&mut Context::from_waker(Waker::noop()))
+}
+
+/// The number at the end of `starts [n + 1]`; none when the device failed.
+async fn total_of(client: Client, starts: Handle, n: usize) -> Option<usize> {
+    let bytes = client.read_async(vec![starts]).await.ok()?;
+    let words: &[u32] = bytemuck::cast_slice(&bytes[0]);
+    words.get(n).map(|&total| total as usize)
+}
+
+/// The same, waited for.
+fn read_total(client: &Client, starts: Handle, n: usize) -> usize {
+    let bytes = client.read_one(starts).expect("the device answers");
+    let words: &[u32] = bytemuck::cast_slice(&bytes);
+    words[n] as usize
 }

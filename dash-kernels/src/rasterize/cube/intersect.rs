@@ -47,8 +47,13 @@ pub(super) struct Intersections {
 }
 
 impl Intersections {
-    /// The lists of `splats [N, C]`.
-    pub fn new(splats: &CubeTensor, options: &RasterizeOptions) -> Self {
+    /// The lists of `splats [N, C]`, with room for as many intersections as earlier calls suggest
+    /// unless `capacity` says otherwise.
+    pub fn new(
+        splats: &CubeTensor,
+        options: &RasterizeOptions,
+        capacity: Option<usize>,
+    ) -> Self {
         let client = &splats.client;
         let n = splats.meta.shape()[0];
         let tiles = [options.width.div_ceil(TILE), options.height.div_ceil(TILE)];
@@ -89,7 +94,7 @@ impl Intersections {
             n as u32,
         );
         let starts = exclusive_scan(client, &ordered_counts);
-        let capacity = capacity::next(client, &starts, n);
+        let capacity = capacity.unwrap_or_else(|| capacity::next(client, &starts, n));
 
         let firsts = new(n);
         let (tile_keys, slots, slot_rows) = (new(capacity), new(capacity), new(capacity));
@@ -228,12 +233,12 @@ fn sigma(splat: &Footprint, dx: f32, dy: f32) -> (f32, f32) {
 /// Whether the splat reaches any pixel's centre of the tile: the smallest sigma over the rectangle
 /// of these is that of the centre or lies on an edge that faces it.
 #[cube]
-fn overlaps(splat: &Footprint, tile_x: u32, tile_y: u32) -> bool {
+fn overlaps(splat: &Footprint, tile_x: u32, tile_y: u32, image: &ImageSize) -> bool {
     let size = comptime!(TILE as f32);
     let left = f32::cast_from(tile_x) * size + 0.5f32;
     let top = f32::cast_from(tile_y) * size + 0.5f32;
-    let right = left + (size - 1.0f32);
-    let bottom = top + (size - 1.0f32);
+    let right = f32::min(left + (size - 1.0f32), f32::cast_from(image.width) - 0.5f32);
+    let bottom = f32::min(top + (size - 1.0f32), f32::cast_from(image.height) - 0.5f32);
     let x = f32::clamp(splat.x, left, right);
     let y = f32::clamp(splat.y, top, bottom);
     let mut reached = x == splat.x && y == splat.y;
@@ -281,7 +286,7 @@ fn find_tiles(
         let mut found = 0u32;
         for tile_y in splat.tile_y0..splat.tile_y1 {
             for tile_x in splat.tile_x0..splat.tile_x1 {
-                if overlaps(&splat, tile_x, tile_y) {
+                if overlaps(&splat, tile_x, tile_y, &image) {
                     found += 1u32;
                 }
             }
@@ -323,7 +328,7 @@ fn expand(
             let splat = footprint(splats, row as usize, &image);
             for tile_y in splat.tile_y0..splat.tile_y1 {
                 for tile_x in splat.tile_x0..splat.tile_x1 {
-                    if overlaps(&splat, tile_x, tile_y) {
+                    if overlaps(&splat, tile_x, tile_y, &image) {
                         if slot < capacity {
                             tile_keys[slot as usize] = tile_y * image.tile_columns + tile_x;
                             slots[slot as usize] = slot;

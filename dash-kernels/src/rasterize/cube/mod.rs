@@ -10,15 +10,40 @@ mod blend;
 mod blend_vjp;
 mod capacity;
 mod intersect;
+#[cfg(test)]
+mod tests;
 
 use burn_cubecl::CubeBackend;
 use burn_cubecl::tensor::CubeTensor;
+use cubecl::prelude::*;
 
-use crate::cube::{contiguous, uninitialised};
+use crate::cube::atomic::has_native_add;
+use crate::cube::{contiguous, uninitialised, zeros};
 use crate::splats::N_COLUMNS;
 
 use super::{N_CHANNELS, Rasterize, RasterizeOptions, RasterizeVjp};
 use intersect::Intersections;
+
+/// How a device is best used.
+#[derive(Debug, Clone, Copy)]
+struct Tuning {
+    /// Units of the cube that owns a tile.
+    units: usize,
+    /// Whether the device adds floats atomically.
+    native_add: bool,
+    /// Room for intersections where it is not to follow what earlier calls needed.
+    capacity: Option<usize>,
+}
+
+impl Tuning {
+    fn of(client: &Client) -> Self {
+        Self {
+            units: blend::units_per_tile(client),
+            native_add: has_native_add(client),
+            capacity: None,
+        }
+    }
+}
 
 /// What the backward pass needs of the forward pass.
 #[derive(Debug, Clone)]
@@ -27,8 +52,7 @@ pub struct Saved {
     intersections: Intersections,
     pixels: blend::Pixels,
     options: RasterizeOptions,
-    /// Units of the cube that owns a tile.
-    units: usize,
+    tuning: Tuning,
 }
 
 impl Rasterize for CubeBackend {
@@ -41,15 +65,14 @@ impl RasterizeVjp for CubeBackend {
     type Saved = Saved;
 
     fn rasterize_saving(splats: CubeTensor, options: RasterizeOptions) -> (CubeTensor, Saved) {
-        let units = blend::units_per_tile(&splats.client);
-        rasterize_with(splats, options, units)
+        let tuning = Tuning::of(&splats.client);
+        rasterize_with(splats, options, tuning)
     }
 
     fn rasterize_vjp(saved: Saved, v_image: CubeTensor) -> CubeTensor {
-        let v_image = contiguous(v_image);
         let n = saved.splats.meta.shape()[0];
-        let v_splats = crate::cube::zeros(&saved.splats, [n, N_COLUMNS]);
-        blend_vjp::blend_vjp(&saved, &v_image, &v_splats);
+        let v_splats = zeros(&saved.splats, [n, N_COLUMNS]);
+        blend_vjp::blend_vjp(&saved, &contiguous(v_image), &v_splats);
         v_splats
     }
 }
@@ -57,18 +80,18 @@ impl RasterizeVjp for CubeBackend {
 fn rasterize_with(
     splats: CubeTensor,
     options: RasterizeOptions,
-    units: usize,
+    tuning: Tuning,
 ) -> (CubeTensor, Saved) {
     let splats = contiguous(splats);
-    let intersections = Intersections::new(&splats, &options);
+    let intersections = Intersections::new(&splats, &options, tuning.capacity);
     let image = uninitialised(&splats, [options.height, options.width, N_CHANNELS]);
-    let pixels = blend::blend(&splats, &intersections, &options, &image, units);
+    let pixels = blend::blend(&splats, &intersections, &options, &image, tuning.units);
     let saved = Saved {
         splats,
         intersections,
         pixels,
         options,
-        units,
+        tuning,
     };
     (image, saved)
 }
