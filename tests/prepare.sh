@@ -1,11 +1,18 @@
 #!/bin/sh
-# Installs what the tests need and cargo can't bring: ffmpeg, which writes and reads videos.
+# Installs what the tests need and cargo can't bring: ffmpeg, which writes and reads videos, and a
+# Vulkan driver that plays a GPU in software, which the wgpu tests run on where there is no GPU.
 set -eu
 
-ffmpeg -version >/dev/null 2>&1 && exit 0
 as_root=""
 [ "$(id -u)" -eq 0 ] || as_root=sudo
+missing=""
+ffmpeg -version >/dev/null 2>&1 || missing="ffmpeg"
+ls /usr/share/vulkan/icd.d/*.json >/dev/null 2>&1 || missing="$missing mesa-vulkan-drivers"
+# The library through which programs find Vulkan drivers.
+ldconfig -p | grep -q libvulkan.so.1 || missing="$missing libvulkan1"
+[ -n "$missing" ] || exit 0
 $as_root apt-get update -qq
-# Reinstalled, because the package may be recorded as installed although its program is gone.
-$as_root env DEBIAN_FRONTEND=noninteractive apt-get install -y -qq --no-install-recommends --reinstall ffmpeg
+# Reinstalled, because a package may be recorded as installed although its files are gone.
+# shellcheck disable=SC2086
+$as_root env DEBIAN_FRONTEND=noninteractive apt-get install -y -qq --no-install-recommends --reinstall $missing
 ffmpeg -version >/dev/null

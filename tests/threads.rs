@@ -14,6 +14,9 @@ use dash_train::synth::{self, SynthConfig};
 use dash_train::train::{Preset, TrainConfig, Trainer};
 
 const STEPS: usize = 500;
+/// Steps on a GPU that software may play: past the split.
+#[cfg(feature = "wgpu")]
+const WGPU_STEPS: usize = 200;
 /// Steps that reset opacities of the static and of the dynamic set, as [`config`] has them.
 const RESETS: [usize; 2] = [240, 260];
 
@@ -163,6 +166,22 @@ fn ndarray_trains_to_the_same_bits_on_1_2_and_8_threads() {
 #[cfg(feature = "flex")]
 fn flex_trains_to_the_same_bits_on_1_2_and_8_threads() {
     assert_same_for_any_thread_count("flex", &Device::flex());
+}
+
+/// On a GPU the same bits come when they are asked for; through the split, so that the 4D field's
+/// tables are among them.
+#[test]
+#[cfg(feature = "wgpu")]
+fn wgpu_trains_to_the_same_bits_when_asked_to() {
+    dash_kernels::set_deterministic(true);
+    let folder = tempfile::tempdir().expect("a scratch folder");
+    let dataset = bounce(&folder.path().join("bounce"));
+    let device = Device::wgpu(burn::tensor::DeviceKind::DefaultDevice);
+    let [a, b] = [0, 1].map(|_| run(2, 0, WGPU_STEPS, &dataset, &device));
+    let n_dynamic = a.counts.last().expect("trained").1;
+    assert!(n_dynamic > 0, "the run ends before the split");
+    assert_eq!(a.counts, b.counts);
+    assert!(a.files == b.files, "two runs with the same seed differ");
 }
 
 /// The files tell runs apart that are as alike as two seeds.

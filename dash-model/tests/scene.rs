@@ -26,6 +26,8 @@ fn devices() -> Vec<Device> {
         Device::ndarray(),
         #[cfg(feature = "flex")]
         Device::flex(),
+        #[cfg(feature = "wgpu")]
+        Device::wgpu(burn::tensor::DeviceKind::DefaultDevice),
     ]
 }
 

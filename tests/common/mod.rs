@@ -16,6 +16,8 @@ pub fn devices() -> Vec<(&'static str, Device)> {
         ("ndarray", Device::ndarray()),
         #[cfg(feature = "flex")]
         ("flex", Device::flex()),
+        #[cfg(feature = "wgpu")]
+        ("wgpu", Device::wgpu(burn::tensor::DeviceKind::DefaultDevice)),
     ]
 }
 

@@ -46,13 +46,15 @@ const EXAMPLE: &str = "Example, from nothing to pictures:
 /// Options of every command.
 #[derive(Args)]
 struct Shared {
-    /// Where to compute: auto, ndarray or flex (CPU). wgpu and cuda[:N] need a build with GPU
-    /// backends
+    /// Where to compute: auto (a GPU if there is one), wgpu or cuda[:N] (GPU), ndarray or flex (CPU)
     #[arg(long, global = true, value_name = "DEVICE")]
     device: Option<DeviceChoice>,
     /// CPU threads; all that there are when left out
     #[arg(long, global = true, value_name = "N")]
     threads: Option<NonZeroUsize>,
+    /// On a GPU: the same bits on every run, at some cost in time. The CPU always gives them
+    #[arg(long, global = true)]
+    deterministic: bool,
     /// Say more
     #[arg(short, long, global = true, conflicts_with = "quiet")]
     verbose: bool,
@@ -110,6 +112,7 @@ fn main() -> ExitCode {
 fn run(cli: &Cli) -> Result<String, Failure> {
     let shared = &cli.shared;
     start_log(shared);
+    dash_kernels::set_deterministic(shared.deterministic);
     if let Some(threads) = shared.threads {
         rayon::ThreadPoolBuilder::new()
             .num_threads(threads.get())
