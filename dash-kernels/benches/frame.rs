@@ -17,8 +17,11 @@ const REPETITIONS: usize = 7;
 fn main() {
     // `cargo bench` passes flags of its own; a word picks the backends whose names hold it.
     let wanted = std::env::args().skip(1).find(|arg| !arg.starts_with('-'));
-    for (name, device) in devices() {
-        if wanted.as_ref().is_some_and(|wanted| !name.contains(wanted.as_str())) {
+    for (name, device) in scene::devices() {
+        if wanted
+            .as_ref()
+            .is_some_and(|wanted| !name.contains(wanted.as_str()))
+        {
             continue;
         }
         for size in SIZES {
@@ -26,20 +29,6 @@ fn main() {
             println!("{name:8} {size:24} forward {forward:8.2} ms, with backward {both:8.2} ms");
         }
     }
-}
-
-#[cfg_attr(feature = "ndarray", expect(deprecated, reason = "supported while it exists"))]
-fn devices() -> Vec<(&'static str, Device)> {
-    vec![
-        #[cfg(feature = "ndarray")]
-        ("ndarray", Device::ndarray()),
-        #[cfg(feature = "flex")]
-        ("flex", Device::flex()),
-        #[cfg(feature = "wgpu")]
-        ("wgpu", Device::wgpu(burn::tensor::DeviceKind::DefaultDevice)),
-        #[cfg(feature = "cuda")]
-        ("cuda", Device::cuda(0)),
-    ]
 }
 
 struct Frame {
@@ -58,7 +47,8 @@ impl Frame {
         let Size(n, width, height, _) = size;
         let scene = Scene::new(size);
         let g = scene.gaussians();
-        let data = |values: &[f32], shape: &[usize]| TensorData::new(values.to_vec(), shape.to_vec());
+        let data =
+            |values: &[f32], shape: &[usize]| TensorData::new(values.to_vec(), shape.to_vec());
         Self {
             camera: scene.camera.clone(),
             options: RasterizeOptions {

@@ -17,6 +17,20 @@ pub enum KernelError {
         /// What came.
         found: Vec<usize>,
     },
+    /// The device has no buffer as large as is needed.
+    #[error(
+        "{what} needs a buffer of {bytes} bytes, the device's largest has {limit}; {remedy}, or use the CPU"
+    )]
+    Limit {
+        /// What is too large.
+        what: &'static str,
+        /// Its size.
+        bytes: u64,
+        /// The device's limit.
+        limit: u64,
+        /// What the user can change.
+        remedy: &'static str,
+    },
     /// A configuration value is out of range.
     #[error("{op}: {what}")]
     Config {

@@ -29,6 +29,7 @@ mod error;
 pub mod hash_encode;
 mod host;
 mod isa;
+pub mod limits;
 pub mod project;
 pub mod rasterize;
 pub mod splats;

@@ -5,6 +5,7 @@ use burn::tensor::{Device, Tensor, TensorData};
 use dash_kernels::hash_encode::{
     HashGridConfig, HashGridLayout, Interpolation, LevelSizing, hash_encode,
 };
+use dash_kernels::limits::check_values;
 use rand::Rng;
 use serde::{Deserialize, Serialize};
 
@@ -58,10 +59,12 @@ impl HashEncoderConfig {
     /// An encoder whose features start uniform in +-1e-4.
     ///
     /// # Errors
-    /// When the configuration is out of range.
+    /// When the configuration is out of range, or the table too large for the device.
     pub fn init(&self, rng: &mut impl Rng, device: &Device) -> Result<HashEncoder, ModelError> {
         let layout = HashGridLayout::new(&self.grid())?;
         let shape = [layout.n_entries(), layout.n_features_per_level()];
+        let remedy = "lower the encoder's `log2_hashmap_size` or `n_levels`";
+        check_values("the hash table", shape[0] * shape[1], remedy, device)?;
         let values: Vec<f32> = (0..shape[0] * shape[1])
             .map(|_| rng.random_range(-INITIAL_FEATURE..INITIAL_FEATURE))
             .collect();

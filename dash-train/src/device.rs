@@ -198,6 +198,9 @@ mod tests {
     fn auto_never_takes_software_for_a_gpu() {
         let auto = DeviceChoice::Auto.resolved();
         let has_gpu = wgpu_gpu().is_some() || !cuda_devices().is_empty();
-        assert_eq!(matches!(auto, DeviceChoice::Wgpu | DeviceChoice::Cuda(_)), has_gpu);
+        assert_eq!(
+            matches!(auto, DeviceChoice::Wgpu | DeviceChoice::Cuda(_)),
+            has_gpu
+        );
     }
 }

@@ -1,5 +1,8 @@
 //! Scenes of the project's yardsticks: Gaussians of about two or three pixels all over an image.
 
+#![allow(dead_code, reason = "each benchmark uses a part of it")]
+
+use burn::tensor::Device;
 use dash_kernels::Camera;
 use dash_kernels::project::{Activation, Gaussians, ProjectOptions, View};
 use rand::{Rng, SeedableRng};
@@ -20,6 +23,27 @@ impl std::fmt::Display for Size {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         write!(f, "{} at {} x {}", self.0, self.1, self.2)
     }
+}
+
+#[cfg_attr(
+    feature = "ndarray",
+    expect(deprecated, reason = "supported while it exists")
+)]
+/// The backends of the build by name.
+pub fn devices() -> Vec<(&'static str, Device)> {
+    vec![
+        #[cfg(feature = "ndarray")]
+        ("ndarray", Device::ndarray()),
+        #[cfg(feature = "flex")]
+        ("flex", Device::flex()),
+        #[cfg(feature = "wgpu")]
+        (
+            "wgpu",
+            Device::wgpu(burn::tensor::DeviceKind::DefaultDevice),
+        ),
+        #[cfg(feature = "cuda")]
+        ("cuda", Device::cuda(0)),
+    ]
 }
 
 /// Gaussians seen by [`view`](Scene::view), with colours of SH degree 3.

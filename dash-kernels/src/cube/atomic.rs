@@ -51,5 +51,8 @@ impl FloatAdd for ExchangeAdd {
 /// Whether the device has [`NativeAdd`].
 pub(crate) fn has_native_add(client: &Client) -> bool {
     let float = Type::atomic(f32::elem_type_native());
-    client.properties().atomic_type_usage(float).contains(AtomicUsage::Add)
+    client
+        .properties()
+        .atomic_type_usage(float)
+        .contains(AtomicUsage::Add)
 }

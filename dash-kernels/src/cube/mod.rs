@@ -101,7 +101,10 @@ pub(crate) const CUBE_UNITS: u32 = 64;
 pub(crate) fn units(client: &Client, n: usize) -> (CubeCount, CubeDim) {
     let dim = CubeDim::new_1d(CUBE_UNITS);
     // A launch of nothing is one idle cube: kernels check their position anyway.
-    (calculate_cubes(client, n.div_ceil(dim.x as usize).max(1)), dim)
+    (
+        calculate_cubes(client, n.div_ceil(dim.x as usize).max(1)),
+        dim,
+    )
 }
 
 /// `n` cubes, spread over as many axes as the device needs.

@@ -101,13 +101,7 @@ fn own_pairs(count: &[u32], count_at: u32, n: u32) -> (usize, usize) {
 
 /// Counts the digits of this unit's pairs in its column.
 #[cube]
-fn count_own(
-    keys: &[u32],
-    counts: &mut Shared<[u32]>,
-    first: usize,
-    end: usize,
-    shift: u32,
-) {
+fn count_own(keys: &[u32], counts: &mut Shared<[u32]>, first: usize, end: usize, shift: u32) {
     let unit = UNIT_POS as usize;
     for d in 0..N_DIGITS {
         counts[d * STRIDE + unit] = 0;

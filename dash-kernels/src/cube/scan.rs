@@ -30,7 +30,14 @@ pub(crate) fn exclusive_scan(client: &Client, values: &Buffer) -> Buffer {
     }
     let cubes = calculate_cubes(client, n_blocks);
     let block_sums = Buffer::uninitialised(client, n_blocks);
-    sum_blocks::launch(client, cubes.clone(), dim, values.arg(), block_sums.arg(), n as u32);
+    sum_blocks::launch(
+        client,
+        cubes.clone(),
+        dim,
+        values.arg(),
+        block_sums.arg(),
+        n as u32,
+    );
     let block_starts = exclusive_scan(client, &block_sums);
     scan_blocks::launch(
         client,
@@ -85,7 +92,14 @@ fn scan_blocks(values: &[u32], block_starts: &[u32], sums: &mut [u32], n: u32) {
     let own = sum_run(values, first, PER_UNIT, n as usize);
     let (before, _) = cube_exclusive_sum(own, UNITS);
     if first < n as usize {
-        scan_run(values, sums, first, PER_UNIT, n as usize, block_starts[CUBE_POS] + before);
+        scan_run(
+            values,
+            sums,
+            first,
+            PER_UNIT,
+            n as usize,
+            block_starts[CUBE_POS] + before,
+        );
     }
 }
 
@@ -104,8 +118,10 @@ fn scan_one_cube(values: &[u32], sums: &mut [u32], n: u32) {
 #[cube]
 fn sum_run(values: &[u32], first: usize, run: usize, n: usize) -> u32 {
     let mut sum = 0u32;
-    for i in first..u32::min((first + run) as u32, n as u32) as usize {
+    let mut i = first;
+    while i < first + run && i < n {
         sum += values[i];
+        i += 1;
     }
     sum
 }
@@ -114,10 +130,12 @@ fn sum_run(values: &[u32], first: usize, run: usize, n: usize) -> u32 {
 #[cube]
 fn scan_run(values: &[u32], sums: &mut [u32], first: usize, run: usize, n: usize, before: u32) {
     let mut sum = before;
-    for i in first..u32::min((first + run) as u32, n as u32) as usize {
+    let mut i = first;
+    while i < first + run && i < n {
         sums[i] = sum;
         sum += values[i];
-        if i + 1 == n {
+        i += 1;
+        if i == n {
             sums[n] = sum;
         }
     }

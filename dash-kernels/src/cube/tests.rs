@@ -24,7 +24,10 @@ pub(crate) fn cube_tensor<const R: usize>(values: &[f32], shape: [usize; R]) -> 
 
 /// Its values.
 pub(crate) fn cube_values(tensor: &CubeTensor) -> Vec<f32> {
-    let bytes = tensor.client.read_one(tensor.handle.clone()).expect("the device answers");
+    let bytes = tensor
+        .client
+        .read_one(tensor.handle.clone())
+        .expect("the device answers");
     bytemuck::cast_slice(&bytes[..tensor.meta.num_elements() * WORD_BYTES]).to_vec()
 }
 
@@ -61,7 +64,9 @@ pub(crate) fn poison() -> [f32; 22] {
 
 /// The words of a buffer.
 pub(crate) fn words(client: &Client, buffer: &Buffer) -> Vec<u32> {
-    let bytes = client.read_one(buffer.handle()).expect("the device answers");
+    let bytes = client
+        .read_one(buffer.handle())
+        .expect("the device answers");
     bytemuck::cast_slice(&bytes[..buffer.len() * WORD_BYTES]).to_vec()
 }
 
@@ -71,7 +76,10 @@ fn prefix_sums_of_any_length() {
     let mut rng = rng(3);
     for n in [0, 1, 15, 16, 63, 1000, 1024, 8192, 8193, 100_000] {
         let values: Vec<u32> = (0..n).map(|_| rng.random_range(0..9)).collect();
-        let got = words(&client, &exclusive_scan(&client, &Buffer::from_words(&client, &values)));
+        let got = words(
+            &client,
+            &exclusive_scan(&client, &Buffer::from_words(&client, &values)),
+        );
         let mut sum = 0;
         for (i, value) in values.iter().chain([&0]).enumerate() {
             assert_eq!(got[i], sum, "{n} values, place {i}");
@@ -100,7 +108,10 @@ fn sorting_is_stable_and_stops_at_the_count() {
             &client,
             Buffer::from_words(&client, &keys),
             Buffer::from_words(&client, &values),
-            &DeviceCount { buffer: &count_buffer, at: 1 },
+            &DeviceCount {
+                buffer: &count_buffer,
+                at: 1,
+            },
             bits,
         );
         let used = count.min(n) as usize;

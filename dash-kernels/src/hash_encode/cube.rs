@@ -26,11 +26,7 @@ use levels::{corner_row, corner_slope, corner_weight, is_inside, level_words, lo
 const MAX_CORNERS: usize = 1 << MAX_DIMS;
 
 impl HashEncode for CubeBackend {
-    fn hash_encode(
-        positions: CubeTensor,
-        table: CubeTensor,
-        layout: HashGridLayout,
-    ) -> CubeTensor {
+    fn hash_encode(positions: CubeTensor, table: CubeTensor, layout: HashGridLayout) -> CubeTensor {
         let (positions, table) = (contiguous(positions), contiguous(table));
         let n = positions.meta.shape()[0];
         let out = uninitialised(&positions, [n, layout.n_features()]);
@@ -60,7 +56,8 @@ impl HashEncodeVjp for CubeBackend {
         [needs_positions, needs_table]: [bool; 2],
     ) -> [Option<CubeTensor>; 2] {
         let [positions, table, v_out] = [positions, table, v_out].map(contiguous);
-        let v_positions = needs_positions.then(|| positions_vjp(&positions, &table, &v_out, layout));
+        let v_positions =
+            needs_positions.then(|| positions_vjp(&positions, &table, &v_out, layout));
         let v_table = needs_table.then(|| {
             if is_deterministic() {
                 deterministic::table_vjp(&positions, &table, &v_out, layout)
@@ -254,4 +251,7 @@ fn table_vjp_kernel<A: FloatAdd>(
     }
 }
 
-const _: () = assert!(MAX_CORNERS == 16, "corners are numbered by bits, one per axis");
+const _: () = assert!(
+    MAX_CORNERS == 16,
+    "corners are numbered by bits, one per axis"
+);

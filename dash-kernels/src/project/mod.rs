@@ -15,6 +15,7 @@ use burn::backend::{Backend, Dispatch, backend_extension};
 use burn::tensor::Tensor;
 
 use crate::host::{HostBackend, dims};
+use crate::limits::check_values;
 use crate::splats::{N_COLUMNS, NEAR_PLANE};
 use crate::{Camera, KernelError};
 pub use view::View;
@@ -75,7 +76,8 @@ impl Default for ProjectOptions {
 ///
 /// # Errors
 /// [`KernelError::Shape`] when shapes do not fit, [`KernelError::Config`] when the camera or the
-/// options are out of range.
+/// options are out of range, [`KernelError::Limit`] when the SH coefficients outgrow the device's
+/// largest buffer.
 ///
 /// # Source
 /// Zwicker et al. 2001, eq. 31; Kerbl et al. 2023 (3DGS); radii of the opacity-aware kind of
@@ -98,6 +100,8 @@ pub fn project(
     check_shape("sh_coeffs", &sh_coeffs.dims(), &[n, k, 3])?;
     let sh_degree = check_degree(k, options.sh_degree)?;
     check_camera(camera, options)?;
+    let remedy = "lower the SH degree or the number of Gaussians";
+    check_values("the SH coefficients", n * k * 3, remedy, &means.device())?;
     let view = View::new(camera, options, sh_degree);
     Ok(Tensor::from_dispatch(Dispatch::project(
         means.into_dispatch(),

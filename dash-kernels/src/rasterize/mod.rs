@@ -17,6 +17,7 @@ use burn::tensor::Tensor;
 
 use crate::KernelError;
 use crate::host::{HostBackend, dims};
+use crate::limits::check_values;
 use crate::splats::{N_COLUMNS, N_DIFFERENTIABLE};
 
 const OP: &str = "rasterize";
@@ -57,7 +58,8 @@ pub struct RasterizeOptions {
 ///
 /// # Errors
 /// [`KernelError::Shape`] when the rows have another width, [`KernelError::Config`] when the image
-/// size or the background is out of range.
+/// size or the background is out of range, [`KernelError::Limit`] when the image outgrows the
+/// device's largest buffer.
 ///
 /// # Source
 /// Kerbl et al. 2023 (3DGS).
@@ -87,6 +89,13 @@ pub fn rasterize(splats: Tensor<2>, options: &RasterizeOptions) -> Result<Tensor
             options.background
         ));
     }
+    let n_values = options.width * options.height * N_CHANNELS;
+    check_values(
+        "the image",
+        n_values,
+        "draw a smaller one",
+        &splats.device(),
+    )?;
     Ok(Tensor::from_dispatch(Dispatch::rasterize(
         splats.into_dispatch(),
         *options,

@@ -125,7 +125,7 @@ fn pixel(image: &[f32], row: i32, column: i32, channel: u32, frame: &Frame) -> f
 #[cube]
 fn own_tile(x: &[f32], y: &[f32], frame: &Frame) -> Tile {
     let side = comptime!(TILE as u32);
-    let columns = (frame.width + side - 1u32) / side;
+    let columns = frame.width.div_ceil(side);
     let cube = CUBE_POS as u32;
     let channel = cube % frame.channels;
     let tile = cube / frame.channels;
@@ -222,11 +222,7 @@ fn column_run(item: usize, #[comptime] kept: usize) -> usize {
 
 /// The values of a plane along a column, from a run's first place on.
 #[cube]
-fn column_values(
-    plane: &Shared<[f32]>,
-    from: usize,
-    #[comptime] kept: usize,
-) -> Array<f32> {
+fn column_values(plane: &Shared<[f32]>, from: usize, #[comptime] kept: usize) -> Array<f32> {
     let mut values = Array::<f32>::new(comptime!(kept / 2 + 2 * RADIUS));
     #[unroll]
     for k in 0..comptime!(kept / 2 + 2 * RADIUS) {
@@ -314,7 +310,15 @@ fn backward(x: &[f32], y: &[f32], v_out: &[f32], v_x: &mut [f32], frame: Frame) 
     let tile = own_tile(x, y, &frame);
     let mut pixels = Shared::<[f32]>::new_slice(comptime!(2 * FAR_REACH * FAR_REACH));
     let mut blurred = Shared::<[f32]>::new_slice(comptime!(4 * FAR_REACH * REACH));
-    load(x, y, &mut pixels, &tile, &frame, comptime!(2 * RADIUS), FAR_REACH);
+    load(
+        x,
+        y,
+        &mut pixels,
+        &tile,
+        &frame,
+        comptime!(2 * RADIUS),
+        FAR_REACH,
+    );
     // Neighbours' pixels are blurred.
     sync_cube();
     blur_moments_along_rows(&pixels, &mut blurred, FAR_REACH);
@@ -381,12 +385,22 @@ fn moments_vjp(
                 tile,
             );
             // Outside the image there is no similarity, and no gradient of it.
-            let v = gradient_at(v_out, first_row + comptime!(k as i32), column, tile.channel, frame);
+            let v = gradient_at(
+                v_out,
+                first_row + comptime!(k as i32),
+                column,
+                tile.channel,
+                frame,
+            );
             let luminance = t.luminance / t.luminance_norm;
             let contrast = t.contrast / t.contrast_norm;
             let similarity = luminance * contrast;
             let v_product = 2.0f32 * v * luminance / t.contrast_norm;
-            let v_square = select(t.variance > 0.0f32, -(v * similarity) / t.contrast_norm, 0.0f32);
+            let v_square = select(
+                t.variance > 0.0f32,
+                -(v * similarity) / t.contrast_norm,
+                0.0f32,
+            );
             let through_luminance =
                 2.0f32 * v * (t.mean_y * contrast - t.mean_x * similarity) / t.luminance_norm;
             let at = from + comptime!(k * REACH);

@@ -101,7 +101,14 @@ fn list_corners(
         corners[first + corner] = (first + corner) as u32;
     }
     if inside {
-        let cell = locate(positions, point, levels, level as usize, grid.dims, grid.smooth);
+        let cell = locate(
+            positions,
+            point,
+            levels,
+            level as usize,
+            grid.dims,
+            grid.smooth,
+        );
         #[unroll]
         for corner in 0..comptime!(1usize << grid.dims) {
             let row = corner_row(&cell, corner, grid.dims) as u32;

@@ -80,14 +80,14 @@ pub(super) struct Cell {
     slope: Array<f32>,
 }
 
-/// Whether all coordinates lie in [0, 1]; in the positive form, so that NaN does not.
+/// Whether all coordinates lie in [0, 1]; NaN, which equals nothing, does not.
 #[cube]
 pub(super) fn is_inside(positions: &[f32], point: usize, #[comptime] dims: usize) -> bool {
     let mut inside = true;
     #[unroll]
     for axis in 0..dims {
         let x = positions[point * dims + axis];
-        inside = inside && x >= 0.0f32 && x <= 1.0f32;
+        inside = inside && f32::clamp(x, 0.0f32, 1.0f32) == x;
     }
     inside
 }
@@ -179,7 +179,7 @@ pub(super) fn corner_row(cell: &Cell, #[comptime] corner: usize, #[comptime] dim
             part += cell.multiplier[axis];
         }
         sum += part;
-        hash = hash ^ part;
+        hash ^= part;
     }
     let row = select(cell.dense, sum, hash);
     (cell.offset + (row & cell.row_mask)) as usize

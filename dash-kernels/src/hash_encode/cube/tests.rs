@@ -88,7 +88,10 @@ impl Case {
 #[test]
 fn fine_levels_keep_their_fraction() {
     let mut worst = 0.0f64;
-    for (seed, sizing) in [LevelSizing::Paper, LevelSizing::Reference].into_iter().enumerate() {
+    for (seed, sizing) in [LevelSizing::Paper, LevelSizing::Reference]
+        .into_iter()
+        .enumerate()
+    {
         for interpolation in [Interpolation::Linear, Interpolation::Smoothstep] {
             let case = Case::new(fine_layout(sizing, interpolation), 3000, seed as u64);
             let expected = reference::hash_encode(
@@ -138,9 +141,16 @@ fn poison_in_every_slot() {
     let inside = |point: &[f32]| point.iter().all(|x| (0.0..=1.0).contains(x));
     let features = case.features();
     let per_point = case.layout.n_features();
-    for (point, features) in case.positions.chunks_exact(4).zip(features.chunks_exact(per_point)) {
+    for (point, features) in case
+        .positions
+        .chunks_exact(4)
+        .zip(features.chunks_exact(per_point))
+    {
         assert!(features.iter().all(|v| v.is_finite()), "{point:?}");
-        assert!(inside(point) || features.iter().all(|&v| v == 0.0), "{point:?}");
+        assert!(
+            inside(point) || features.iter().all(|&v| v == 0.0),
+            "{point:?}"
+        );
     }
     let needed = [true, true];
     let gradients = CubeBackend::hash_encode_vjp(

@@ -101,9 +101,21 @@ impl Mat3 {
 
     pub fn transposed(&self) -> Mat3 {
         Mat3 {
-            x: Vec3 { x: self.x.x, y: self.y.x, z: self.z.x },
-            y: Vec3 { x: self.x.y, y: self.y.y, z: self.z.y },
-            z: Vec3 { x: self.x.z, y: self.y.z, z: self.z.z },
+            x: Vec3 {
+                x: self.x.x,
+                y: self.y.x,
+                z: self.z.x,
+            },
+            y: Vec3 {
+                x: self.x.y,
+                y: self.y.y,
+                z: self.z.y,
+            },
+            z: Vec3 {
+                x: self.x.z,
+                y: self.y.z,
+                z: self.z.z,
+            },
         }
     }
 }
@@ -144,9 +156,21 @@ pub(super) struct ViewConstants {
 impl ViewConstants {
     pub fn rotation(&self) -> Mat3 {
         Mat3 {
-            x: Vec3 { x: self.xx, y: self.xy, z: self.xz },
-            y: Vec3 { x: self.yx, y: self.yy, z: self.yz },
-            z: Vec3 { x: self.zx, y: self.zy, z: self.zz },
+            x: Vec3 {
+                x: self.xx,
+                y: self.xy,
+                z: self.xz,
+            },
+            y: Vec3 {
+                x: self.yx,
+                y: self.yy,
+                z: self.yz,
+            },
+            z: Vec3 {
+                x: self.zx,
+                y: self.zy,
+                z: self.zz,
+            },
         }
     }
 
@@ -296,8 +320,14 @@ pub(super) fn footprint_of(
     let ratio_y = point.y * inverse_z;
     let slope_x = f32::min(f32::max(ratio_x, view.lowest_x), view.highest_x);
     let slope_y = f32::min(f32::max(ratio_y, view.lowest_y), view.highest_y);
-    let unscaled0 = axes.x.plus(&axes.z.scaled(-slope_x)).scaled(view.focal_x * inverse_z);
-    let unscaled1 = axes.y.plus(&axes.z.scaled(-slope_y)).scaled(view.focal_y * inverse_z);
+    let unscaled0 = axes
+        .x
+        .plus(&axes.z.scaled(-slope_x))
+        .scaled(view.focal_x * inverse_z);
+    let unscaled1 = axes
+        .y
+        .plus(&axes.z.scaled(-slope_y))
+        .scaled(view.focal_y * inverse_z);
     let row0 = unscaled0.times(&scale);
     let row1 = unscaled1.times(&scale);
     Footprint {

@@ -80,7 +80,8 @@ fn basis_vjp(direction: &Vec3, v: &Array<f32>, #[comptime] degree: usize) -> Vec
             - e * 2.0f32 * x * y
             - f * 2.0f32 * y * z
             - g * 6.0f32 * x * y;
-        v_z += b * x * y + c * 8.0f32 * y * z
+        v_z += b * x * y
+            + c * 8.0f32 * y * z
             + d * (6.0f32 * zz - 3.0f32 * xx - 3.0f32 * yy)
             + e * 8.0f32 * x * z
             + f * (xx - yy);
@@ -145,16 +146,14 @@ pub(super) fn colour_vjp(
     let offset = view.offset(&Vec3::read(means, i));
     let inverse_distance = 1.0f32 / offset.dot(&offset).sqrt();
     let direction = offset.scaled(inverse_distance);
-    if comptime!(with_sh_coeffs) {
-        if v_colour.is_finite() {
-            let basis = basis_at(&direction, degree);
-            #[unroll]
-            for k in 0..comptime!((degree + 1) * (degree + 1)) {
-                let at = 3 * (i * n_coeffs + k);
-                v_sh_coeffs[at] = basis[k] * v_colour.x;
-                v_sh_coeffs[at + 1] = basis[k] * v_colour.y;
-                v_sh_coeffs[at + 2] = basis[k] * v_colour.z;
-            }
+    if comptime!(with_sh_coeffs) && v_colour.is_finite() {
+        let basis = basis_at(&direction, degree);
+        #[unroll]
+        for k in 0..comptime!((degree + 1) * (degree + 1)) {
+            let at = 3 * (i * n_coeffs + k);
+            v_sh_coeffs[at] = basis[k] * v_colour.x;
+            v_sh_coeffs[at + 1] = basis[k] * v_colour.y;
+            v_sh_coeffs[at + 2] = basis[k] * v_colour.z;
         }
     }
     let mut v_mean = Vec3 {

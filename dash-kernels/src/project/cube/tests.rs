@@ -76,7 +76,9 @@ fn poison_in_every_slot() {
     {
         // f32 can't hold the squares of larger values, f64 can.
         let in_range = WIDTHS.iter().zip(&inputs).all(|(&width, values)| {
-            values[width * i..width * (i + 1)].iter().all(|v| v.abs() < 1e15)
+            values[width * i..width * (i + 1)]
+                .iter()
+                .all(|v| v.abs() < 1e15)
         });
         if !in_range {
             continue;
@@ -84,7 +86,13 @@ fn poison_in_every_slot() {
         if got[splats::RADIUS_X] > 0.0 {
             drawn += 1;
             let tolerance = 2e-4;
-            assert_close(&format!("Gaussian {i}"), &to_f64(got), expected, 1e-5, tolerance);
+            assert_close(
+                &format!("Gaussian {i}"),
+                &to_f64(got),
+                expected,
+                1e-5,
+                tolerance,
+            );
         } else if !is_on_a_threshold(&inputs, i) {
             assert_eq!(expected[splats::RADIUS_X], 0.0, "Gaussian {i} is missing");
         }
@@ -103,6 +111,8 @@ fn poison_in_every_slot() {
 fn is_on_a_threshold(inputs: &[Vec<f32>; 5], i: usize) -> bool {
     let depth = inputs[0][3 * i + 2];
     let near = crate::splats::NEAR_PLANE as f32;
-    let huge = inputs[2][3 * i..3 * i + 3].iter().any(|&log_scale| log_scale > 40.0);
+    let huge = inputs[2][3 * i..3 * i + 3]
+        .iter()
+        .any(|&log_scale| log_scale > 40.0);
     (depth - near).abs() < 1e-6 || huge
 }

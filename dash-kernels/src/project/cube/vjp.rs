@@ -71,15 +71,23 @@ pub(super) fn project_vjp_kernel(
         let v_xx = -(left_xx * a + left_xy * b);
         let v_xy = -(left_xx * b + left_xy * c);
         let v_yy = -(left_yx * b + left_yy * c);
-        let v_row0 = f.row0.scaled(2.0f32 * v_xx).plus(&f.row1.scaled(2.0f32 * v_xy));
-        let v_row1 = f.row0.scaled(2.0f32 * v_xy).plus(&f.row1.scaled(2.0f32 * v_yy));
+        let v_row0 = f
+            .row0
+            .scaled(2.0f32 * v_xx)
+            .plus(&f.row1.scaled(2.0f32 * v_xy));
+        let v_row1 = f
+            .row0
+            .scaled(2.0f32 * v_xy)
+            .plus(&f.row1.scaled(2.0f32 * v_yy));
 
         let inverse_z = 1.0f32 / f.point.z;
         let v_unscaled0 = v_row0.times(&f.scale).scaled(view.focal_x * inverse_z);
         let v_unscaled1 = v_row1.times(&f.scale).scaled(view.focal_y * inverse_z);
         let v_slope_x = select(f.slope_x == f.ratio_x, -v_unscaled0.dot(&f.axes.z), 0.0f32);
         let v_slope_y = select(f.slope_y == f.ratio_y, -v_unscaled1.dot(&f.axes.z), 0.0f32);
-        let v_third = v_unscaled0.scaled(-f.slope_x).plus(&v_unscaled1.scaled(-f.slope_y));
+        let v_third = v_unscaled0
+            .scaled(-f.slope_x)
+            .plus(&v_unscaled1.scaled(-f.slope_y));
         let v_axes = Mat3 {
             x: v_unscaled0,
             y: v_unscaled1,
@@ -107,7 +115,9 @@ pub(super) fn project_vjp_kernel(
             with_sh_coeffs,
         );
         let rotation = view.rotation();
-        let v_mean = rotation.transposed_times_vector(&v_point).plus(&v_direction);
+        let v_mean = rotation
+            .transposed_times_vector(&v_point)
+            .plus(&v_direction);
         let v_rotation = rotation.transposed().times(&v_axes);
         let v_unit = f.unit_quat.rotation_vjp(&v_rotation);
         let along = v_unit.dot(&f.unit_quat);

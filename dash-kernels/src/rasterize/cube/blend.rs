@@ -48,11 +48,7 @@ pub(super) fn blend(
         calculate_cubes(client, lists.tiles[0] * lists.tiles[1]),
         CubeDim::new_1d(units as u32),
         arg(splats),
-        lists.order.arg(),
-        lists.tile_counts.arg(),
-        lists.rows.arg(),
-        lists.ranges.arg(),
-        lists.starts.arg(),
+        lists_arg(lists),
         arg(image),
         transmittance.arg(),
         last.arg(),
@@ -98,6 +94,28 @@ pub(super) struct Frame {
     pub blue: f32,
 }
 
+/// An [`Intersections`] as launched.
+#[derive(CubeType, CubeLaunch)]
+pub(super) struct Lists {
+    pub order: Box<[u32]>,
+    tile_counts: Box<[u32]>,
+    rows: Box<[u32]>,
+    pub slots: Box<[u32]>,
+    ranges: Box<[u32]>,
+    starts: Box<[u32]>,
+}
+
+pub(super) fn lists_arg(lists: &Intersections) -> ListsLaunch {
+    ListsLaunch::new(
+        lists.order.arg(),
+        lists.tile_counts.arg(),
+        lists.rows.arg(),
+        lists.slots.arg(),
+        lists.ranges.arg(),
+        lists.starts.arg(),
+    )
+}
+
 /// A tile's list: its own, or all splats where the lists overflowed.
 #[derive(CubeType, Clone, Copy)]
 pub(super) struct TileList {
@@ -107,27 +125,17 @@ pub(super) struct TileList {
 }
 
 #[cube]
-pub(super) fn tile_list(tile: usize, ranges: &[u32], starts: &[u32], frame: &Frame) -> TileList {
+pub(super) fn tile_list(tile: usize, lists: &Lists, frame: &Frame) -> TileList {
     let mut list = TileList {
-        overflowed: starts[frame.n_splats as usize] > frame.capacity,
+        overflowed: lists.starts[frame.n_splats as usize] > frame.capacity,
         start: 0usize,
         end: frame.n_splats as usize,
     };
     if !list.overflowed {
-        list.start = ranges[2 * tile] as usize;
-        list.end = ranges[2 * tile + 1] as usize;
+        list.start = lists.ranges[2 * tile] as usize;
+        list.end = lists.ranges[2 * tile + 1] as usize;
     }
     list
-}
-
-/// The row at a place of a tile's list.
-#[cube]
-pub(super) fn listed(place: usize, list: &TileList, order: &[u32], rows: &[u32]) -> usize {
-    if list.overflowed {
-        order[place] as usize
-    } else {
-        rows[place] as usize
-    }
 }
 
 /// What blending reads of a splat; nothing is drawn where the opacity is zero.
@@ -145,13 +153,14 @@ pub(super) struct Splat {
     pub depth: f32,
 }
 
+/// The splat at a place of a tile's list.
 #[cube]
-pub(super) fn read_splat(
-    splats: &[f32],
-    tile_counts: &[u32],
-    row: usize,
-    overflowed: bool,
-) -> Splat {
+pub(super) fn read_splat(splats: &[f32], place: usize, list: &TileList, lists: &Lists) -> Splat {
+    let row = if list.overflowed {
+        lists.order[place] as usize
+    } else {
+        lists.rows[place] as usize
+    };
     let at = row * N_COLUMNS;
     let mut splat = Splat {
         x: splats[at + splats::MEAN_X],
@@ -165,11 +174,9 @@ pub(super) fn read_splat(
         blue: splats[at + splats::BLUE],
         depth: splats[at + splats::DEPTH],
     };
-    if overflowed {
-        // A row that draws nothing may hold anything.
-        if tile_counts[row] == 0u32 {
-            splat.opacity = 0.0f32;
-        }
+    // A row that draws nothing may hold anything.
+    if list.overflowed && lists.tile_counts[row] == 0u32 {
+        splat.opacity = 0.0f32;
     }
     splat
 }
@@ -185,11 +192,7 @@ pub(super) fn alpha_at(splat: &Splat, dx: f32, dy: f32) -> f32 {
 
 /// The first pixel of this unit: column and row.
 #[cube]
-pub(super) fn first_pixel(
-    tile: usize,
-    frame: &Frame,
-    #[comptime] per_unit: usize,
-) -> (u32, u32) {
+pub(super) fn first_pixel(tile: usize, frame: &Frame, #[comptime] per_unit: usize) -> (u32, u32) {
     let side = comptime!(TILE as u32);
     let tile = tile as u32;
     let column = tile % frame.tile_columns * side + UNIT_POS % side;
@@ -197,14 +200,82 @@ pub(super) fn first_pixel(
     (column, row)
 }
 
+/// What has been drawn of a unit's pixels.
+#[derive(CubeType)]
+struct Drawn {
+    transmittance: Array<f32>,
+    red: Array<f32>,
+    green: Array<f32>,
+    blue: Array<f32>,
+    depth: Array<f32>,
+    last: Array<u32>,
+    live: Array<bool>,
+}
+
+#[cube]
+fn nothing_drawn(column: u32, first_row: u32, frame: &Frame, #[comptime] per_unit: usize) -> Drawn {
+    let mut drawn = Drawn {
+        transmittance: Array::<f32>::new(per_unit),
+        red: Array::<f32>::new(per_unit),
+        green: Array::<f32>::new(per_unit),
+        blue: Array::<f32>::new(per_unit),
+        depth: Array::<f32>::new(per_unit),
+        last: Array::<u32>::new(per_unit),
+        live: Array::<bool>::new(per_unit),
+    };
+    #[unroll]
+    for k in 0..per_unit {
+        drawn.transmittance[k] = 1.0f32;
+        drawn.red[k] = 0.0f32;
+        drawn.green[k] = 0.0f32;
+        drawn.blue[k] = 0.0f32;
+        drawn.depth[k] = 0.0f32;
+        drawn.last[k] = 0u32;
+        drawn.live[k] = column < frame.width && first_row + comptime!(k as u32) < frame.height;
+    }
+    drawn
+}
+
+/// Draws a splat over the unit's pixels, the first of which is centred at `(x, y)`; whether any of
+/// them still goes on.
+#[cube]
+fn draw(
+    drawn: &mut Drawn,
+    splat: &Splat,
+    place: usize,
+    x: f32,
+    y: f32,
+    #[comptime] per_unit: usize,
+) -> bool {
+    let dx = splat.x - x;
+    let mut any_live = false;
+    #[unroll]
+    for k in 0..per_unit {
+        let dy = splat.y - (y + comptime!(k as f32));
+        let alpha = f32::min(alpha_at(splat, dx, dy), comptime!(ALPHA_MAX as f32));
+        let next = drawn.transmittance[k] * (1.0f32 - alpha);
+        if alpha > 0.0f32 && drawn.live[k] {
+            if next < comptime!(TRANSMITTANCE_STOP as f32) {
+                drawn.live[k] = false;
+            } else {
+                let weight = alpha * drawn.transmittance[k];
+                drawn.red[k] += weight * splat.red;
+                drawn.green[k] += weight * splat.green;
+                drawn.blue[k] += weight * splat.blue;
+                drawn.depth[k] += weight * splat.depth;
+                drawn.transmittance[k] = next;
+                drawn.last[k] = place as u32 + 1u32;
+            }
+        }
+        any_live = any_live || drawn.live[k];
+    }
+    any_live
+}
+
 #[cube(launch)]
 fn blend_tiles(
     splats: &[f32],
-    order: &[u32],
-    tile_counts: &[u32],
-    rows: &[u32],
-    ranges: &[u32],
-    starts: &[u32],
+    lists: Lists,
     image: &mut [f32],
     transmittances: &mut [f32],
     lasts: &mut [u32],
@@ -215,54 +286,16 @@ fn blend_tiles(
     if tile >= (frame.tile_columns * frame.tile_rows) as usize {
         terminate!();
     }
-    let list = tile_list(tile, ranges, starts, &frame);
+    let list = tile_list(tile, &lists, &frame);
     let (column, first_row) = first_pixel(tile, &frame, per_unit);
     let x = f32::cast_from(column) + 0.5f32;
     let y = f32::cast_from(first_row) + 0.5f32;
-    let mut transmittance = Array::<f32>::new(per_unit);
-    let mut red = Array::<f32>::new(per_unit);
-    let mut green = Array::<f32>::new(per_unit);
-    let mut blue = Array::<f32>::new(per_unit);
-    let mut depth = Array::<f32>::new(per_unit);
-    let mut last = Array::<u32>::new(per_unit);
-    let mut live = Array::<bool>::new(per_unit);
-    #[unroll]
-    for k in 0..per_unit {
-        transmittance[k] = 1.0f32;
-        red[k] = 0.0f32;
-        green[k] = 0.0f32;
-        blue[k] = 0.0f32;
-        depth[k] = 0.0f32;
-        last[k] = 0u32;
-        live[k] = column < frame.width && first_row + comptime!(k as u32) < frame.height;
-    }
+    let mut drawn = nothing_drawn(column, first_row, &frame, per_unit);
     let mut place = list.start;
-    let mut any_live = live[0];
+    let mut any_live = drawn.live[0];
     while place < list.end && any_live {
-        let row = listed(place, &list, order, rows);
-        let splat = read_splat(splats, tile_counts, row, list.overflowed);
-        let dx = splat.x - x;
-        any_live = false;
-        #[unroll]
-        for k in 0..per_unit {
-            let dy = splat.y - (y + comptime!(k as f32));
-            let alpha = f32::min(alpha_at(&splat, dx, dy), comptime!(ALPHA_MAX as f32));
-            let next = transmittance[k] * (1.0f32 - alpha);
-            if alpha > 0.0f32 && live[k] {
-                if next < comptime!(TRANSMITTANCE_STOP as f32) {
-                    live[k] = false;
-                } else {
-                    let weight = alpha * transmittance[k];
-                    red[k] += weight * splat.red;
-                    green[k] += weight * splat.green;
-                    blue[k] += weight * splat.blue;
-                    depth[k] += weight * splat.depth;
-                    transmittance[k] = next;
-                    last[k] = place as u32 + 1u32;
-                }
-            }
-            any_live = any_live || live[k];
-        }
+        let splat = read_splat(splats, place, &list, &lists);
+        any_live = draw(&mut drawn, &splat, place, x, y, per_unit);
         place += 1;
     }
     #[unroll]
@@ -271,13 +304,14 @@ fn blend_tiles(
         if column < frame.width && row < frame.height {
             let pixel = (row * frame.width + column) as usize;
             let at = pixel * N_CHANNELS;
-            image[at] = finite_or_zero(red[k] + transmittance[k] * frame.red);
-            image[at + 1] = finite_or_zero(green[k] + transmittance[k] * frame.green);
-            image[at + 2] = finite_or_zero(blue[k] + transmittance[k] * frame.blue);
-            image[at + CHANNEL_ALPHA] = 1.0f32 - transmittance[k];
-            image[at + CHANNEL_DEPTH] = finite_or_zero(depth[k]);
-            transmittances[pixel] = transmittance[k];
-            lasts[pixel] = last[k];
+            let behind = drawn.transmittance[k];
+            image[at] = finite_or_zero(drawn.red[k] + behind * frame.red);
+            image[at + 1] = finite_or_zero(drawn.green[k] + behind * frame.green);
+            image[at + 2] = finite_or_zero(drawn.blue[k] + behind * frame.blue);
+            image[at + CHANNEL_ALPHA] = 1.0f32 - behind;
+            image[at + CHANNEL_DEPTH] = finite_or_zero(drawn.depth[k]);
+            transmittances[pixel] = behind;
+            lasts[pixel] = drawn.last[k];
         }
     }
 }

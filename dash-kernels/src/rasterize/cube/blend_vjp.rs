@@ -7,17 +7,19 @@
 //! atomics, the same bits on every run - unless the lists overflowed: then there are no slots, and
 //! the cubes add to the splats' gradients atomically.
 
-use cubecl::prelude::*;
 use burn_cubecl::tensor::CubeTensor;
+use cubecl::prelude::*;
 
 use crate::cube::atomic::{ExchangeAdd, FloatAdd, NativeAdd};
 use crate::cube::{Buffer, arg, calculate_cubes, finite_or_zero, units};
 use crate::splats::{self, ALPHA_MAX, N_COLUMNS, N_DIFFERENTIABLE};
 
+use super::super::tiles::TILE;
 use super::super::{CHANNEL_ALPHA, CHANNEL_DEPTH, N_CHANNELS};
 use super::Saved;
-use super::super::tiles::TILE;
-use super::blend::{Frame, alpha_at, first_pixel, frame, listed, read_splat, tile_list};
+use super::blend::{
+    Frame, Lists, Splat, alpha_at, first_pixel, frame, lists_arg, read_splat, tile_list,
+};
 
 /// Splats whose gradients are added up together.
 const BATCH: usize = 6;
@@ -40,14 +42,8 @@ fn launch_vjp<A: FloatAdd>(saved: &Saved, v_image: &CubeTensor, v_splats: &CubeT
         calculate_cubes(client, lists.tiles[0] * lists.tiles[1]),
         CubeDim::new_1d(saved.tuning.units as u32),
         arg(&saved.splats),
-        lists.order.arg(),
-        lists.tile_counts.arg(),
-        lists.rows.arg(),
-        lists.slots.arg(),
-        lists.ranges.arg(),
-        lists.starts.arg(),
-        saved.pixels.transmittance.arg(),
-        saved.pixels.last.arg(),
+        lists_arg(lists),
+        ForwardPixelsLaunch::new(saved.pixels.transmittance.arg(), saved.pixels.last.arg()),
         arg(v_image),
         v_slots.arg(),
         arg(v_splats),
@@ -83,17 +79,145 @@ fn cube_max(own: u32, #[comptime] units: usize) -> u32 {
     largest
 }
 
+/// What is known of a unit's pixels while they are replayed.
+#[derive(CubeType)]
+struct Replayed {
+    /// Transmittance behind the splats still to come.
+    transmittance: Array<f32>,
+    /// What lies behind those splats, as the loss sees it.
+    behind: Array<f32>,
+    v_red: Array<f32>,
+    v_green: Array<f32>,
+    v_blue: Array<f32>,
+    v_depth: Array<f32>,
+    last: Array<u32>,
+}
+
+#[cube]
+fn read_pixels(
+    forward: &ForwardPixels,
+    v_image: &[f32],
+    column: u32,
+    first_row: u32,
+    frame: &Frame,
+    #[comptime] per_unit: usize,
+) -> Replayed {
+    let mut pixels = Replayed {
+        transmittance: Array::<f32>::new(per_unit),
+        behind: Array::<f32>::new(per_unit),
+        v_red: Array::<f32>::new(per_unit),
+        v_green: Array::<f32>::new(per_unit),
+        v_blue: Array::<f32>::new(per_unit),
+        v_depth: Array::<f32>::new(per_unit),
+        last: Array::<u32>::new(per_unit),
+    };
+    #[unroll]
+    for k in 0..per_unit {
+        pixels.transmittance[k] = 1.0f32;
+        pixels.behind[k] = 0.0f32;
+        pixels.v_red[k] = 0.0f32;
+        pixels.v_green[k] = 0.0f32;
+        pixels.v_blue[k] = 0.0f32;
+        pixels.v_depth[k] = 0.0f32;
+        pixels.last[k] = 0u32;
+        let row = first_row + comptime!(k as u32);
+        if column < frame.width && row < frame.height {
+            let pixel = (row * frame.width + column) as usize;
+            let at = pixel * N_CHANNELS;
+            let (red, green, blue) = (v_image[at], v_image[at + 1], v_image[at + 2]);
+            pixels.v_red[k] = red;
+            pixels.v_green[k] = green;
+            pixels.v_blue[k] = blue;
+            pixels.v_depth[k] = v_image[at + CHANNEL_DEPTH];
+            // The background replaces colour and takes away alpha.
+            let seen = frame.red * red + frame.green * green + frame.blue * blue;
+            let transmittance = forward.transmittances[pixel];
+            pixels.transmittance[k] = transmittance;
+            pixels.behind[k] = transmittance * (seen - v_image[at + CHANNEL_ALPHA]);
+            pixels.last[k] = forward.lasts[pixel];
+        }
+    }
+    pixels
+}
+
+/// Takes a splat off the unit's pixels, the first of which is centred at `(x, y)`: its gradient,
+/// summed over them.
+#[cube]
+fn replay(
+    pixels: &mut Replayed,
+    splat: &Splat,
+    place: usize,
+    x: f32,
+    y: f32,
+    #[comptime] per_unit: usize,
+) -> Array<f32> {
+    let mut v = no_gradient();
+    let dx = splat.x - x;
+    // Sums over the pixels of v_sigma times 1, dy and dy^2.
+    let mut v_sigma = 0.0f32;
+    let mut v_sigma_y = 0.0f32;
+    let mut v_sigma_yy = 0.0f32;
+    #[unroll]
+    for k in 0..per_unit {
+        let dy = splat.y - (y + comptime!(k as f32));
+        let raw = alpha_at(splat, dx, dy);
+        if raw > 0.0f32 && (place as u32) < pixels.last[k] {
+            let alpha = f32::min(raw, comptime!(ALPHA_MAX as f32));
+            let remains = 1.0f32 - alpha;
+            let before = pixels.transmittance[k] / remains;
+            let weight = alpha * before;
+            let own = splat.red * pixels.v_red[k]
+                + splat.green * pixels.v_green[k]
+                + splat.blue * pixels.v_blue[k]
+                + splat.depth * pixels.v_depth[k];
+            v[splats::RED] += weight * pixels.v_red[k];
+            v[splats::GREEN] += weight * pixels.v_green[k];
+            v[splats::BLUE] += weight * pixels.v_blue[k];
+            v[splats::DEPTH] += weight * pixels.v_depth[k];
+            let v_alpha = before * own - pixels.behind[k] / remains;
+            pixels.behind[k] += weight * own;
+            pixels.transmittance[k] = before;
+            if raw <= comptime!(ALPHA_MAX as f32) {
+                let v_own = -(alpha * v_alpha);
+                v_sigma += v_own;
+                v_sigma_y += v_own * dy;
+                v_sigma_yy += v_own * dy * dy;
+            }
+        }
+    }
+    let v_sigma_x = v_sigma * dx;
+    v[splats::MEAN_X] = splat.a * v_sigma_x + splat.b * v_sigma_y;
+    v[splats::MEAN_Y] = splat.b * v_sigma_x + splat.c * v_sigma_y;
+    v[splats::CONIC_A] = 0.5f32 * v_sigma_x * dx;
+    v[splats::CONIC_B] = v_sigma_y * dx;
+    v[splats::CONIC_C] = 0.5f32 * v_sigma_yy;
+    // Opacity is positive wherever anything was drawn.
+    v[splats::OPACITY] = select(v_sigma != 0.0f32, -v_sigma / splat.opacity, 0.0f32);
+    v
+}
+
+#[cube]
+fn no_gradient() -> Array<f32> {
+    let mut v = Array::<f32>::new(N_DIFFERENTIABLE);
+    #[unroll]
+    for value in 0..N_DIFFERENTIABLE {
+        v[value] = 0.0f32;
+    }
+    v
+}
+
+/// A [`Pixels`](super::blend::Pixels) as launched.
+#[derive(CubeType, CubeLaunch)]
+struct ForwardPixels {
+    transmittances: Box<[f32]>,
+    lasts: Box<[u32]>,
+}
+
 #[cube(launch)]
 fn blend_tiles_vjp<A: FloatAdd>(
     splats: &[f32],
-    order: &[u32],
-    tile_counts: &[u32],
-    rows: &[u32],
-    slots: &[u32],
-    ranges: &[u32],
-    starts: &[u32],
-    transmittances: &[f32],
-    lasts: &[u32],
+    lists: Lists,
+    forward: ForwardPixels,
     v_image: &[f32],
     v_slots: &mut [f32],
     v_splats: &[Atomic<A::Word>],
@@ -108,51 +232,22 @@ fn blend_tiles_vjp<A: FloatAdd>(
     if tile >= (frame.tile_columns * frame.tile_rows) as usize {
         terminate!();
     }
-    let list = tile_list(tile, ranges, starts, &frame);
+    let unit = UNIT_POS as usize;
+    let list = tile_list(tile, &lists, &frame);
     let (column, first_row) = first_pixel(tile, &frame, per_unit);
     let x = f32::cast_from(column) + 0.5f32;
     let y = f32::cast_from(first_row) + 0.5f32;
-    let mut transmittance = Array::<f32>::new(per_unit);
-    let mut behind = Array::<f32>::new(per_unit);
-    let mut v_red = Array::<f32>::new(per_unit);
-    let mut v_green = Array::<f32>::new(per_unit);
-    let mut v_blue = Array::<f32>::new(per_unit);
-    let mut v_depth = Array::<f32>::new(per_unit);
-    let mut last = Array::<u32>::new(per_unit);
+    let mut pixels = read_pixels(&forward, v_image, column, first_row, &frame, per_unit);
     let mut own_last = 0u32;
     #[unroll]
     for k in 0..per_unit {
-        transmittance[k] = 1.0f32;
-        behind[k] = 0.0f32;
-        v_red[k] = 0.0f32;
-        v_green[k] = 0.0f32;
-        v_blue[k] = 0.0f32;
-        v_depth[k] = 0.0f32;
-        last[k] = 0u32;
-        let row = first_row + comptime!(k as u32);
-        if column < frame.width && row < frame.height {
-            let pixel = (row * frame.width + column) as usize;
-            let at = pixel * N_CHANNELS;
-            transmittance[k] = transmittances[pixel];
-            v_red[k] = v_image[at];
-            v_green[k] = v_image[at + 1];
-            v_blue[k] = v_image[at + 2];
-            v_depth[k] = v_image[at + CHANNEL_DEPTH];
-            // The background replaces colour and takes away alpha.
-            let seen = frame.red * v_red[k] + frame.green * v_green[k] + frame.blue * v_blue[k];
-            behind[k] = transmittance[k] * (seen - v_image[at + CHANNEL_ALPHA]);
-            last[k] = lasts[pixel];
-            own_last = u32::max(own_last, last[k]);
-        }
+        own_last = u32::max(own_last, pixels.last[k]);
     }
     let end = cube_max(own_last, units) as usize;
-    let unit = UNIT_POS as usize;
-    if !list.overflowed {
+    if !list.overflowed && unit < N_DIFFERENTIABLE {
         // Splats behind all pixels: their slots are read all the same.
         for place in usize::max(end, list.start)..list.end {
-            if unit < N_DIFFERENTIABLE {
-                v_slots[slots[place] as usize * N_DIFFERENTIABLE + unit] = 0.0f32;
-            }
+            v_slots[lists.slots[place] as usize * N_DIFFERENTIABLE + unit] = 0.0f32;
         }
     }
 
@@ -160,60 +255,14 @@ fn blend_tiles_vjp<A: FloatAdd>(
     let mut batch_end = end;
     while batch_end > list.start {
         for step in 0..BATCH {
-            let mut v = Array::<f32>::new(N_DIFFERENTIABLE);
-            #[unroll]
-            for value in 0..N_DIFFERENTIABLE {
-                v[value] = 0.0f32;
-            }
             if batch_end > list.start + step {
                 let place = batch_end - step - 1;
-                let row = listed(place, &list, order, rows);
-                let splat = read_splat(splats, tile_counts, row, list.overflowed);
-                let dx = splat.x - x;
-                // Sums over the pixels of v_sigma times 1, dy and dy^2, and of v_alpha alpha.
-                let mut v_sigma = 0.0f32;
-                let mut v_sigma_y = 0.0f32;
-                let mut v_sigma_yy = 0.0f32;
+                let splat = read_splat(splats, place, &list, &lists);
+                let v = replay(&mut pixels, &splat, place, x, y, per_unit);
                 #[unroll]
-                for k in 0..per_unit {
-                    let dy = splat.y - (y + comptime!(k as f32));
-                    let raw = alpha_at(&splat, dx, dy);
-                    if raw > 0.0f32 && (place as u32) < last[k] {
-                        let alpha = f32::min(raw, comptime!(ALPHA_MAX as f32));
-                        let remains = 1.0f32 - alpha;
-                        let before = transmittance[k] / remains;
-                        let weight = alpha * before;
-                        let own = splat.red * v_red[k]
-                            + splat.green * v_green[k]
-                            + splat.blue * v_blue[k]
-                            + splat.depth * v_depth[k];
-                        v[splats::RED] += weight * v_red[k];
-                        v[splats::GREEN] += weight * v_green[k];
-                        v[splats::BLUE] += weight * v_blue[k];
-                        v[splats::DEPTH] += weight * v_depth[k];
-                        let v_alpha = before * own - behind[k] / remains;
-                        behind[k] += weight * own;
-                        transmittance[k] = before;
-                        if raw <= comptime!(ALPHA_MAX as f32) {
-                            let v_own = -(alpha * v_alpha);
-                            v_sigma += v_own;
-                            v_sigma_y += v_own * dy;
-                            v_sigma_yy += v_own * dy * dy;
-                        }
-                    }
+                for value in 0..N_DIFFERENTIABLE {
+                    sums[(step * N_DIFFERENTIABLE + value) * stride + unit] = v[value];
                 }
-                let v_sigma_x = v_sigma * dx;
-                v[splats::MEAN_X] = splat.a * v_sigma_x + splat.b * v_sigma_y;
-                v[splats::MEAN_Y] = splat.b * v_sigma_x + splat.c * v_sigma_y;
-                v[splats::CONIC_A] = 0.5f32 * v_sigma_x * dx;
-                v[splats::CONIC_B] = v_sigma_y * dx;
-                v[splats::CONIC_C] = 0.5f32 * v_sigma_yy;
-                // Opacity is positive wherever anything was drawn.
-                v[splats::OPACITY] = select(v_sigma != 0.0f32, -v_sigma / splat.opacity, 0.0f32);
-            }
-            #[unroll]
-            for value in 0..N_DIFFERENTIABLE {
-                sums[(step * N_DIFFERENTIABLE + value) * stride + unit] = v[value];
             }
         }
         // A value is added up by one unit after all units have summed theirs.
@@ -229,17 +278,17 @@ fn blend_tiles_vjp<A: FloatAdd>(
                 }
                 let place = batch_end - step - 1;
                 if list.overflowed {
-                    let row = order[place] as usize;
+                    let row = lists.order[place] as usize;
                     A::add(&v_splats[row * N_COLUMNS + value], sum);
                 } else {
-                    v_slots[slots[place] as usize * N_DIFFERENTIABLE + value] = sum;
+                    v_slots[lists.slots[place] as usize * N_DIFFERENTIABLE + value] = sum;
                 }
             }
             own += units;
         }
         // All are added up before the next batch overwrites them.
         sync_cube();
-        batch_end = batch_end - usize::min(BATCH, batch_end);
+        batch_end -= usize::min(BATCH, batch_end);
     }
 }
 

@@ -9,6 +9,7 @@ use std::pin::Pin;
 use std::sync::{LazyLock, Mutex};
 use std::task::{Context, Poll, Waker};
 
+use burn::tensor::try_read_sync;
 use cubecl::prelude::*;
 use cubecl::server::Handle;
 
@@ -41,19 +42,26 @@ static STATES: LazyLock<Mutex<HashMap<String, State>>> = LazyLock::new(Mutex::de
 pub(super) fn next(client: &Client, starts: &Buffer, n: usize) -> usize {
     if is_deterministic() {
         // The slow way adds gradients in any order.
-        return fitting(client, read_total(client, starts.handle(), n).max(1));
+        let total = try_read_sync(first_word(client.clone(), total_handle(starts, n)));
+        return fitting(client, total.flatten().unwrap_or(1).max(1));
     }
-    let mut states = STATES.lock().unwrap_or_else(|poisoned| poisoned.into_inner());
-    let state = states.entry(format!("{:?}", client.service_id())).or_default();
+    let mut states = STATES
+        .lock()
+        .unwrap_or_else(|poisoned| poisoned.into_inner());
+    let state = states
+        .entry(format!("{:?}", client.service_id()))
+        .or_default();
     state.frames += 1;
     if let Some(Poll::Ready(total)) = state.reading.as_mut().map(poll) {
         state.reading = None;
-        state.needed = total.unwrap_or(state.needed).max(state.needed - state.needed / 8);
+        state.needed = total
+            .unwrap_or(state.needed)
+            .max(state.needed - state.needed / 8);
     }
     if state.reading.is_none()
-        && (state.frames.is_power_of_two() || state.frames % READ_EVERY == 0)
+        && (state.frames.is_power_of_two() || state.frames.is_multiple_of(READ_EVERY))
     {
-        let mut reading: Reading = Box::pin(total_of(client.clone(), starts.handle(), n));
+        let mut reading: Reading = Box::pin(first_word(client.clone(), total_handle(starts, n)));
         // The first poll sends the request off.
         if let Poll::Ready(total) = poll(&mut reading) {
             state.needed = total.unwrap_or(state.needed);
@@ -74,19 +82,19 @@ fn fitting(client: &Client, wanted: usize) -> usize {
 
 /// Asks a future how far it is.
 fn poll(reading: &mut Reading) -> Poll<Option<usize>> {
-    reading.as_mut().poll(&mut Context::from_waker(Waker::noop()))
+    reading
+        .as_mut()
+        .poll(&mut Context::from_waker(Waker::noop()))
 }
 
-/// The number at the end of `starts [n + 1]`; none when the device failed.
-async fn total_of(client: Client, starts: Handle, n: usize) -> Option<usize> {
-    let bytes = client.read_async(vec![starts]).await.ok()?;
+/// The number at the end of `starts [n + 1]`.
+fn total_handle(starts: &Buffer, n: usize) -> Handle {
+    starts.handle().offset_start((n * size_of::<u32>()) as u64)
+}
+
+/// The number that the handle begins with; none when the device failed.
+async fn first_word(client: Client, handle: Handle) -> Option<usize> {
+    let bytes = client.read_async(vec![handle]).await.ok()?;
     let words: &[u32] = bytemuck::cast_slice(&bytes[0]);
-    words.get(n).map(|&total| total as usize)
-}
-
-/// The same, waited for.
-fn read_total(client: &Client, starts: Handle, n: usize) -> usize {
-    let bytes = client.read_one(starts).expect("the device answers");
-    let words: &[u32] = bytemuck::cast_slice(&bytes);
-    words[n] as usize
+    words.first().map(|&total| total as usize)
 }

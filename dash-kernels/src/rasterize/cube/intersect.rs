@@ -49,23 +49,14 @@ pub(super) struct Intersections {
 impl Intersections {
     /// The lists of `splats [N, C]`, with room for as many intersections as earlier calls suggest
     /// unless `capacity` says otherwise.
-    pub fn new(
-        splats: &CubeTensor,
-        options: &RasterizeOptions,
-        capacity: Option<usize>,
-    ) -> Self {
+    pub fn new(splats: &CubeTensor, options: &RasterizeOptions, capacity: Option<usize>) -> Self {
         let client = &splats.client;
         let n = splats.meta.shape()[0];
         let tiles = [options.width.div_ceil(TILE), options.height.div_ceil(TILE)];
         let n_tiles = tiles[0] * tiles[1];
         let new = |length| Buffer::uninitialised(client, length);
-        let image = || {
-            ImageSizeLaunch::new(
-                options.width as u32,
-                options.height as u32,
-                tiles[0] as u32,
-            )
-        };
+        let image =
+            || ImageSizeLaunch::new(options.width as u32, options.height as u32, tiles[0] as u32);
 
         let (keys, ids, tile_counts) = (new(n), new(n), new(n));
         let (count, dim) = units(client, n);
@@ -81,7 +72,10 @@ impl Intersections {
             n as u32,
         );
         let all = Buffer::from_words(client, &[n as u32]);
-        let all = DeviceCount { buffer: &all, at: 0 };
+        let all = DeviceCount {
+            buffer: &all,
+            at: 0,
+        };
         let (_, order) = sort_pairs(client, keys, ids, &all, u32::BITS);
         let ordered_counts = new(n);
         reorder::launch(
@@ -214,9 +208,9 @@ fn footprint(splats: &[f32], row: usize, image: &ImageSize) -> Footprint {
             let tile = comptime!(TILE as u32);
             found.cut = (opacity / alpha_min).ln() + CUT_ROUNDING;
             found.tile_x0 = x0 / tile;
-            found.tile_x1 = (x1 + tile - 1u32) / tile;
+            found.tile_x1 = x1.div_ceil(tile);
             found.tile_y0 = y0 / tile;
-            found.tile_y1 = (y1 + tile - 1u32) / tile;
+            found.tile_y1 = y1.div_ceil(tile);
         }
     }
     found

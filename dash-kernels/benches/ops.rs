@@ -1,0 +1,292 @@
+//! Every operation on every backend, forward and backward: milliseconds, and the share that the
+//! memory traffic which can't be avoided has of the device's measured bandwidth. The clock stops
+//! after the device has.
+//!
+//! `cargo bench --bench ops -- BACKEND OPERATION` runs those whose names hold the words; the
+//! longest sizes are left out where one run takes more than [`TOO_LONG`].
+
+mod scene;
+
+use std::cell::Cell;
+use std::time::{Duration, Instant};
+
+use burn::tensor::{Device, Distribution, Tensor, TensorData};
+use dash_kernels::adam::{AdamStep, adam_step};
+use dash_kernels::hash_encode::{
+    HashGridConfig, HashGridLayout, Interpolation, LevelSizing, hash_encode,
+};
+use dash_kernels::project::{Activation, ProjectOptions, project};
+use dash_kernels::rasterize::{N_CHANNELS, RasterizeOptions, rasterize};
+use dash_kernels::splats::N_COLUMNS;
+use dash_kernels::ssim::ssim;
+use scene::{Scene, Size};
+
+const N_POINTS: [usize; 3] = [10_000, 100_000, 1_000_000];
+const IMAGES: [(usize, usize); 3] = [(512, 512), (1352, 1014), (3840, 2160)];
+/// Runs of which the median counts.
+const REPETITIONS: usize = 5;
+/// A size after one that took longer than this is left out.
+const TOO_LONG: Duration = Duration::from_secs(4);
+const VALUE_BYTES: usize = 4;
+
+fn main() {
+    // `cargo bench` passes flags of its own.
+    let words: Vec<String> = std::env::args()
+        .skip(1)
+        .filter(|a| !a.starts_with('-'))
+        .collect();
+    for (name, device) in scene::devices() {
+        if words
+            .first()
+            .is_some_and(|word| !name.contains(word.as_str()))
+        {
+            continue;
+        }
+        let bench = Bench {
+            name,
+            operation: words.get(1).cloned().unwrap_or_default(),
+            bandwidth: bandwidth(&device),
+            device,
+            too_long: Cell::new(false),
+        };
+        println!("{name}: copies {:.1} GB/s", bench.bandwidth / 1e9);
+        bench.adam();
+        bench.hash_encode();
+        bench.project();
+        bench.rasterize();
+        bench.ssim();
+    }
+}
+
+/// Bytes per second, read and written, of adding a number to a large tensor.
+fn bandwidth(device: &Device) -> f64 {
+    let n = 1 << 24;
+    let tensor = Tensor::<1>::zeros([n], device);
+    let seconds = median(device, || drop(tensor.clone() + 1.0));
+    (2 * n * VALUE_BYTES) as f64 / seconds.as_secs_f64()
+}
+
+fn median(device: &Device, work: impl Fn()) -> Duration {
+    let once = || {
+        let start = Instant::now();
+        work();
+        device.sync().expect("the device answers");
+        start.elapsed()
+    };
+    // The first runs compile kernels and find the lists' capacity.
+    once();
+    let second = once();
+    if second > TOO_LONG / 4 {
+        return second;
+    }
+    let mut times: Vec<Duration> = (0..REPETITIONS).map(|_| once()).collect();
+    times.sort();
+    times[REPETITIONS / 2]
+}
+
+struct Bench {
+    name: &'static str,
+    operation: String,
+    bandwidth: f64,
+    device: Device,
+    too_long: Cell<bool>,
+}
+
+impl Bench {
+    fn wants(&self, operation: &str) -> bool {
+        self.too_long.set(false);
+        operation.contains(&self.operation)
+    }
+
+    /// Times `work`, which can't do with less traffic than `values`.
+    fn time(&self, what: &str, values: usize, work: impl Fn()) {
+        if self.too_long.get() {
+            return;
+        }
+        let time = median(&self.device, work);
+        let share = (values * VALUE_BYTES) as f64 / time.as_secs_f64() / self.bandwidth;
+        let (name, ms) = (self.name, time.as_secs_f64() * 1e3);
+        println!("{name:8} {what:46} {ms:9.2} ms {:5.1} %", 100.0 * share);
+        self.too_long.set(time > TOO_LONG);
+    }
+
+    fn random<const R: usize>(&self, shape: [usize; R]) -> Tensor<R> {
+        Tensor::random(shape, Distribution::Uniform(0.0, 1.0), &self.device)
+    }
+
+    fn adam(&self) {
+        if !self.wants("adam") {
+            return;
+        }
+        for n in N_POINTS {
+            let n = n * 16;
+            let state = Cell::new(Some((
+                self.random([n]),
+                self.random::<1>([n]),
+                self.random::<1>([n]),
+            )));
+            let gradient = self.random::<1>([n]);
+            self.time(&format!("adam {n}"), 7 * n, || {
+                let (param, first, second) = state.take().expect("put back");
+                let stepped =
+                    adam_step(param, gradient.clone(), first, second, &AdamStep::default());
+                state.set(Some(stepped.expect("equal shapes")));
+            });
+        }
+    }
+
+    fn hash_encode(&self) {
+        if !self.wants("hash_encode") {
+            return;
+        }
+        let layout = HashGridLayout::new(&HashGridConfig {
+            n_levels: 16,
+            n_features_per_level: 2,
+            log2_hashmap_size: 19,
+            base_resolution: vec![8; 4],
+            finest_resolution: vec![2048, 2048, 2048, 25],
+            interpolation: Interpolation::Linear,
+            sizing: LevelSizing::Paper,
+        })
+        .expect("a good configuration");
+        let table = self.random([layout.n_entries(), 2]);
+        for n in N_POINTS {
+            let positions = self.random([n, 4]);
+            // Sixteen corners of two features on every level, and what goes in and out.
+            let (corners, ends) = (n * 16 * 16 * 2, n * (4 + 32));
+            self.time(&format!("hash_encode {n}, forward"), corners + ends, || {
+                drop(hash_encode(positions.clone(), table.clone(), &layout));
+            });
+            let positions = positions.autodiff().require_grad();
+            let table = table.clone().autodiff().require_grad();
+            let values = 4 * corners + 2 * ends + 2 * layout.n_entries() * 2;
+            self.time(&format!("hash_encode {n}, both"), values, || {
+                let out = hash_encode(positions.clone(), table.clone(), &layout).expect("fits");
+                drop(out.sum().backward());
+            });
+        }
+    }
+
+    fn project(&self) {
+        if !self.wants("project") {
+            return;
+        }
+        for n in N_POINTS {
+            let inputs = Gaussians::new(&self.device, Size(n, 1352, 1014, 3.0));
+            let values = n * (3 + 4 + 3 + 1 + 48 + N_COLUMNS);
+            self.time(&format!("project {n}, forward"), values, || {
+                drop(inputs.project())
+            });
+            let inputs = inputs.autodiff();
+            self.time(&format!("project {n}, both"), 3 * values, || {
+                drop(inputs.project().sum().backward());
+            });
+        }
+    }
+
+    fn rasterize(&self) {
+        if !self.wants("rasterize") {
+            return;
+        }
+        for (width, height) in IMAGES {
+            self.too_long.set(false);
+            for n in N_POINTS {
+                let splats = Gaussians::new(&self.device, Size(n, width, height, 3.0)).project();
+                let options = RasterizeOptions {
+                    width,
+                    height,
+                    background: [0.0; 3],
+                };
+                // Too large for the device.
+                if rasterize(splats.clone(), &options).is_err() {
+                    continue;
+                }
+                let what = format!("rasterize {n} at {width} x {height}");
+                let values = n * N_COLUMNS + width * height * N_CHANNELS;
+                self.time(&format!("{what}, forward"), values, || {
+                    drop(rasterize(splats.clone(), &options));
+                });
+                let splats = splats.autodiff().require_grad();
+                self.time(&format!("{what}, both"), 3 * values, || {
+                    let image = rasterize(splats.clone(), &options).expect("fits");
+                    drop(image.sum().backward());
+                });
+            }
+        }
+    }
+
+    fn ssim(&self) {
+        if !self.wants("ssim") {
+            return;
+        }
+        for (width, height) in IMAGES {
+            let [x, y] = [0, 1].map(|_| self.random([height, width, 3]));
+            let values = 3 * width * height * 3;
+            let what = format!("ssim {width} x {height}");
+            self.time(&format!("{what}, forward"), values, || {
+                drop(ssim(x.clone(), y.clone()))
+            });
+            let x = x.autodiff().require_grad();
+            let y = y.autodiff();
+            self.time(&format!("{what}, both"), 3 * values, || {
+                drop(ssim(x.clone(), y.clone()).expect("equal").sum().backward());
+            });
+        }
+    }
+}
+
+/// The inputs of a projection as tensors.
+struct Gaussians {
+    scene: Scene,
+    means: Tensor<2>,
+    quats: Tensor<2>,
+    scales: Tensor<2>,
+    opacities: Tensor<1>,
+    sh_coeffs: Tensor<3>,
+}
+
+impl Gaussians {
+    fn new(device: &Device, size: Size) -> Self {
+        let scene = Scene::new(size);
+        let n = size.0;
+        let g = scene.gaussians();
+        let data =
+            |values: &[f32], shape: &[usize]| TensorData::new(values.to_vec(), shape.to_vec());
+        Self {
+            means: Tensor::from_data(data(g.means, &[n, 3]), device),
+            quats: Tensor::from_data(data(g.quats, &[n, 4]), device),
+            scales: Tensor::from_data(data(g.scales, &[n, 3]), device),
+            opacities: Tensor::from_data(data(g.opacities, &[n]), device),
+            sh_coeffs: Tensor::from_data(data(g.sh_coeffs, &[n, 16, 3]), device),
+            scene,
+        }
+    }
+
+    fn autodiff(self) -> Self {
+        Self {
+            means: self.means.autodiff().require_grad(),
+            quats: self.quats.autodiff().require_grad(),
+            scales: self.scales.autodiff().require_grad(),
+            opacities: self.opacities.autodiff().require_grad(),
+            sh_coeffs: self.sh_coeffs.autodiff().require_grad(),
+            scene: self.scene,
+        }
+    }
+
+    fn project(&self) -> Tensor<2> {
+        let options = ProjectOptions {
+            activation: Activation::Linear,
+            ..ProjectOptions::default()
+        };
+        project(
+            self.means.clone(),
+            self.quats.clone(),
+            self.scales.clone(),
+            self.opacities.clone(),
+            self.sh_coeffs.clone(),
+            &self.scene.camera,
+            &options,
+        )
+        .expect("a good scene")
+    }
+}
