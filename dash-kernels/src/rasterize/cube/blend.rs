@@ -22,6 +22,10 @@ pub(super) fn units_per_tile(client: &Client) -> usize {
     subgroup.next_power_of_two().clamp(16, 64)
 }
 
+/// Splats drawn in a round of the loop over a tile's list. Mesa's software driver ends loops after
+/// 65,535 rounds in all; this many times as many splats are far more than a tile ever has.
+const PER_ROUND: usize = 4;
+
 /// What the forward pass leaves of every pixel.
 #[derive(Debug, Clone)]
 pub(super) struct Pixels {
@@ -294,9 +298,14 @@ fn blend_tiles(
     let mut place = list.start;
     let mut any_live = drawn.live[0];
     while place < list.end && any_live {
-        let splat = read_splat(splats, place, &list, &lists);
-        any_live = draw(&mut drawn, &splat, place, x, y, per_unit);
-        place += 1;
+        #[unroll]
+        for step in 0..PER_ROUND {
+            if place + step < list.end {
+                let splat = read_splat(splats, place + step, &list, &lists);
+                any_live = draw(&mut drawn, &splat, place + step, x, y, per_unit);
+            }
+        }
+        place += PER_ROUND;
     }
     #[unroll]
     for k in 0..per_unit {

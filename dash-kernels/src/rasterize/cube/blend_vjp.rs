@@ -21,7 +21,8 @@ use super::blend::{
     Frame, Lists, Splat, alpha_at, first_pixel, frame, lists_arg, read_splat, tile_list,
 };
 
-/// Splats whose gradients are added up together.
+/// Splats whose gradients are added up together; a round of the loop over a tile's list, whose
+/// inner loops are unrolled for the reason that [`PER_ROUND`](super::blend) has.
 const BATCH: usize = 6;
 const BATCH_VALUES: usize = BATCH * N_DIFFERENTIABLE;
 /// Adds the gradient to `v_splats [N, C]`, which holds zeros.
@@ -254,6 +255,7 @@ fn blend_tiles_vjp<A: FloatAdd>(
     let mut sums = Shared::<[f32]>::new_slice(comptime!(BATCH_VALUES * stride));
     let mut batch_end = end;
     while batch_end > list.start {
+        #[unroll]
         for step in 0..BATCH {
             if batch_end > list.start + step {
                 let place = batch_end - step - 1;
@@ -267,12 +269,14 @@ fn blend_tiles_vjp<A: FloatAdd>(
         }
         // A value is added up by one unit after all units have summed theirs.
         sync_cube();
-        let mut own = unit;
-        while own < BATCH_VALUES {
+        #[unroll]
+        for turn in 0..comptime!(BATCH_VALUES.div_ceil(units)) {
+            let own = unit + comptime!(turn * units);
             let step = own / N_DIFFERENTIABLE;
             let value = own % N_DIFFERENTIABLE;
-            if batch_end > list.start + step {
+            if own < BATCH_VALUES && batch_end > list.start + step {
                 let mut sum = 0.0f32;
+                #[unroll]
                 for other in 0..units {
                     sum += sums[own * stride + other];
                 }
@@ -284,7 +288,6 @@ fn blend_tiles_vjp<A: FloatAdd>(
                     v_slots[lists.slots[place] as usize * N_DIFFERENTIABLE + value] = sum;
                 }
             }
-            own += units;
         }
         // All are added up before the next batch overwrites them.
         sync_cube();

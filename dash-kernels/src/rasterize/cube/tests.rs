@@ -230,3 +230,33 @@ fn poison_in_every_column() {
         "an undrawn row has a gradient"
     );
 }
+
+/// Some drivers end a loop after 65,535 rounds: the splat behind so many others is drawn all the
+/// same, and has its gradient.
+#[test]
+fn long_lists_are_walked_to_their_end() {
+    let n = 70_000;
+    let mut splats = Vec::with_capacity((n + 1) * N_COLUMNS);
+    for i in 0..n {
+        // A pixel wide, in the corner of the tile.
+        let depth = 1.0 + i as f32 / n as f32;
+        splats.extend([0.5, 0.5, 9.0, 0.0, 9.0, 0.5, 1.0, 0.0, 0.0, depth, 1.0, 1.0]);
+    }
+    splats.extend([
+        8.0, 8.0, 1e-6, 0.0, 1e-6, 0.5, 0.0, 0.0, 1.0, 3.0, 99.0, 99.0,
+    ]);
+    let tensor = cube_tensor(&splats, [n + 1, N_COLUMNS]);
+    let (image, saved) = rasterize_with(tensor, options(16, 16), tuning());
+    let image = cube_values(&image);
+    let far_corner = &image[255 * N_CHANNELS..];
+    assert!(
+        (far_corner[3] - 0.5).abs() < 1e-4,
+        "alpha {}",
+        far_corner[3]
+    );
+    let v_image = cube_tensor(&vec![1.0; image.len()], [16, 16, N_CHANNELS]);
+    let v_splats = cube_values(&CubeBackend::rasterize_vjp(saved, v_image));
+    let v_blue = v_splats[n * N_COLUMNS + splats::BLUE];
+    // Half of every pixel but those by the corner, where some splats before it reach.
+    assert!((v_blue - 0.5 * 255.0).abs() < 2.0, "{v_blue}");
+}
