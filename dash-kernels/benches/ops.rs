@@ -19,6 +19,7 @@ use dash_kernels::project::{Activation, ProjectOptions, project};
 use dash_kernels::rasterize::{N_CHANNELS, RasterizeOptions, rasterize};
 use dash_kernels::splats::N_COLUMNS;
 use dash_kernels::ssim::ssim;
+use dash_kernels::{limits, set_deterministic};
 use scene::{Scene, Size};
 
 const N_POINTS: [usize; 3] = [10_000, 100_000, 1_000_000];
@@ -106,8 +107,17 @@ impl Bench {
         let time = median(&self.device, work);
         let share = (values * VALUE_BYTES) as f64 / time.as_secs_f64() / self.bandwidth;
         let (name, ms) = (self.name, time.as_secs_f64() * 1e3);
-        println!("{name:8} {what:46} {ms:9.2} ms {:5.1} %", 100.0 * share);
+        println!("{name:8} {what:56} {ms:9.2} ms {:5.1} %", 100.0 * share);
         self.too_long.set(time > TOO_LONG);
+    }
+
+    /// Runs `work` in the mode that costs something on GPUs only.
+    fn deterministic(&self, work: impl Fn()) {
+        if limits::largest_buffer_bytes(&self.device).is_some() {
+            set_deterministic(true);
+            work();
+            set_deterministic(false);
+        }
     }
 
     fn random<const R: usize>(&self, shape: [usize; R]) -> Tensor<R> {
@@ -160,9 +170,13 @@ impl Bench {
             let positions = positions.autodiff().require_grad();
             let table = table.clone().autodiff().require_grad();
             let values = 4 * corners + 2 * ends + 2 * layout.n_entries() * 2;
-            self.time(&format!("hash_encode {n}, both"), values, || {
+            let both = || {
                 let out = hash_encode(positions.clone(), table.clone(), &layout).expect("fits");
                 drop(out.sum().backward());
+            };
+            self.time(&format!("hash_encode {n}, both"), values, both);
+            self.deterministic(|| {
+                self.time(&format!("hash_encode {n}, both, deterministic"), values, both);
             });
         }
     }
@@ -207,9 +221,13 @@ impl Bench {
                     drop(rasterize(splats.clone(), &options));
                 });
                 let splats = splats.autodiff().require_grad();
-                self.time(&format!("{what}, both"), 3 * values, || {
+                let both = || {
                     let image = rasterize(splats.clone(), &options).expect("fits");
                     drop(image.sum().backward());
+                };
+                self.time(&format!("{what}, both"), 3 * values, both);
+                self.deterministic(|| {
+                    self.time(&format!("{what}, both, deterministic"), 3 * values, both);
                 });
             }
         }

@@ -10,7 +10,10 @@
 //!   pixels, pixel centres at +0.5.
 //! - Quaternions are (w, x, y, z) and normalised inside the operation.
 //! - The gradient of `x` is `v_x`; the pullback of `f` is `f_vjp`.
-//! - CPU results are bit-identical for any number of threads.
+//! - CPU results are bit-identical for any number of threads. On GPUs a run repeats bit for bit
+//!   after [`set_deterministic`].
+//! - Kernels never wait for the device; a buffer that outgrows its limits is an error before it is
+//!   made ([`limits`]).
 
 #![cfg_attr(
     feature = "ndarray",
