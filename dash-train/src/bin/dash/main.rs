@@ -89,8 +89,18 @@ fn keep_freed_memory() {
 #[cfg(not(all(target_os = "linux", target_env = "gnu")))]
 fn keep_freed_memory() {}
 
+/// Keeps Mesa's layer for choosing among GPUs out of a session without a display, in which it
+/// writes an error about that to stderr whenever GPUs are looked for.
+fn quieten_vulkan() {
+    if std::env::var_os("XDG_RUNTIME_DIR").is_none() {
+        // SAFETY: the environment is changed before there is a second thread.
+        unsafe { std::env::set_var("NODEVICE_SELECT", "1") };
+    }
+}
+
 fn main() -> ExitCode {
     keep_freed_memory();
+    quieten_vulkan();
     report_faults_on_one_line();
     let cli = Cli::parse();
     let outcome = std::panic::catch_unwind(|| run(&cli));
