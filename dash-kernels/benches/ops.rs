@@ -176,7 +176,11 @@ impl Bench {
             };
             self.time(&format!("hash_encode {n}, both"), values, both);
             self.deterministic(|| {
-                self.time(&format!("hash_encode {n}, both, deterministic"), values, both);
+                self.time(
+                    &format!("hash_encode {n}, both, deterministic"),
+                    values,
+                    both,
+                );
             });
         }
     }

@@ -7,8 +7,10 @@ static DETERMINISTIC: AtomicBool = AtomicBool::new(false);
 /// Makes the operations of this crate give the same bits on every run on the same device, from now
 /// on and for the whole process. On the CPU they always do.
 ///
-/// On a GPU gradients of hash tables are then sorted by row before they are added up, and a frame
-/// whose intersections outgrow their lists waits for the device to learn how many there are.
+/// On a GPU gradients of hash tables are then sorted by row before they are added up, and every
+/// call of [`rasterize`](crate::rasterize::rasterize) waits for the device to count the
+/// intersections of tiles and splats, so that there is room for them. Only where they outgrow the
+/// device's largest buffer (a fortieth of its bytes) does the order of additions stay open.
 pub fn set_deterministic(deterministic: bool) {
     DETERMINISTIC.store(deterministic, Ordering::Relaxed);
 }

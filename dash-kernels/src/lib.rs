@@ -12,7 +12,7 @@
 //! - The gradient of `x` is `v_x`; the pullback of `f` is `f_vjp`.
 //! - CPU results are bit-identical for any number of threads. On GPUs a run repeats bit for bit
 //!   after [`set_deterministic`].
-//! - Kernels never wait for the device; a buffer that outgrows its limits is an error before it is
+//! - Operations don't wait for the device, unless determinism is asked for; a buffer that outgrows its limits is an error before it is
 //!   made ([`limits`]).
 
 #![cfg_attr(

@@ -38,7 +38,16 @@ fn ask(device: &Device) -> Option<u64> {
             tracked.into_parts().0
         }
     };
-    Some(tensor.client.properties().memory.max_page_size)
+    // Kernels count values in 32 bits.
+    let countable = u64::from(u32::MAX) * VALUE_BYTES as u64;
+    Some(
+        tensor
+            .client
+            .properties()
+            .memory
+            .max_page_size
+            .min(countable),
+    )
 }
 
 #[cfg(not(feature = "cube"))]

@@ -21,6 +21,8 @@ pub fn devices() -> Vec<Device> {
         Device::flex(),
         #[cfg(feature = "wgpu")]
         Device::wgpu(burn::tensor::DeviceKind::DefaultDevice),
+        #[cfg(feature = "cuda")]
+        Device::cuda(0),
     ]);
     assert!(!devices.is_empty(), "tests need a backend feature");
     devices

@@ -28,6 +28,8 @@ fn devices() -> Vec<Device> {
         Device::flex(),
         #[cfg(feature = "wgpu")]
         Device::wgpu(burn::tensor::DeviceKind::DefaultDevice),
+        #[cfg(feature = "cuda")]
+        Device::cuda(0),
     ]
 }
 

@@ -21,6 +21,8 @@ pub fn devices() -> Vec<(&'static str, Device)> {
             "wgpu",
             Device::wgpu(burn::tensor::DeviceKind::DefaultDevice),
         ),
+        #[cfg(feature = "cuda")]
+        ("cuda", Device::cuda(0)),
     ]
 }
 

@@ -47,7 +47,7 @@ fn own_memory(tensor: CubeTensor) -> CubeTensor {
     if tensor.handle.can_mut() {
         tensor
     } else {
-        tensor.copy()
+        contiguous(tensor.copy())
     }
 }
 

@@ -9,7 +9,7 @@ pub(crate) mod tests;
 
 use burn::tensor::DType;
 use burn_cubecl::kernel::into_contiguous;
-use burn_cubecl::ops::numeric::{empty_device_contiguous_dtype, zeros_client};
+use burn_cubecl::ops::numeric::empty_device_contiguous_dtype;
 use burn_cubecl::tensor::CubeTensor;
 use cubecl::prelude::*;
 use cubecl::server::Handle;
@@ -32,14 +32,17 @@ pub(crate) fn uninitialised<const R: usize>(like: &CubeTensor, shape: [usize; R]
     empty_device_contiguous_dtype(client, device, shape.into(), DType::F32)
 }
 
-/// A tensor of zeros of `shape` beside `like`.
+/// A contiguous tensor of zeros of `shape` beside `like`; Burn's own pad their rows on CUDA.
 pub(crate) fn zeros<const R: usize>(like: &CubeTensor, shape: [usize; R]) -> CubeTensor {
-    let (client, device) = (like.client.clone(), like.device.clone());
-    zeros_client(client, device, shape.into(), DType::F32)
+    let tensor = uninitialised(like, shape);
+    let (count, dim) = units(&tensor.client, tensor.meta.num_elements());
+    fill_kernel::launch(&tensor.client, count, dim, arg(&tensor), 0);
+    tensor
 }
 
 /// A tensor as a kernel's argument.
 pub(crate) fn arg(tensor: &CubeTensor) -> BufferArg {
+    assert!(tensor.is_contiguous(), "kernels read row-major tensors");
     let length = tensor.meta.num_elements();
     // SAFETY: the tensor is contiguous and holds as many 4-byte values as its shape says.
     unsafe { BufferArg::from_raw_parts(tensor.handle.clone(), length) }

@@ -5,7 +5,7 @@
 //! by a prefix sum over (digit, block), every cube moves its block's pairs to their places. Within
 //! a cube each unit counts its own pairs in a column of shared memory, so that no atomics are
 //! needed and the order of equal digits is kept whatever the width of a subgroup.
-//! Shared memory: a count per unit and digit, 8.3 KiB. Deterministic.
+//! Shared memory: a count per unit and digit, 8.1 KiB. Deterministic.
 
 use cubecl::prelude::*;
 

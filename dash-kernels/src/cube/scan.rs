@@ -1,4 +1,4 @@
-//! Exclusive prefix sums of `u32` values.
+//! Exclusive prefix sums of `u32` values; sums that outgrow `u32` stay at its largest number.
 //!
 //! A unit owns `PER_UNIT` neighbouring values; a cube of `UNITS` units owns one block of them.
 //! Short inputs are summed by a single cube whose units own longer runs. Otherwise three launches:
@@ -51,9 +51,16 @@ pub(crate) fn exclusive_scan(client: &Client, values: &Buffer) -> Buffer {
     sums
 }
 
+/// The sum, or the largest number there is where that is less.
+#[cube]
+fn saturating_add(a: u32, b: u32) -> u32 {
+    let sum = a + b;
+    select(sum < a, 0xffff_ffffu32, sum)
+}
+
 /// The sum of the units before this one, and of all units; every unit of the cube has to call it.
 #[cube]
-pub(crate) fn cube_exclusive_sum(own: u32, #[comptime] units: usize) -> (u32, u32) {
+fn cube_exclusive_sum(own: u32, #[comptime] units: usize) -> (u32, u32) {
     let mut sums = Shared::<[u32]>::new_slice(units);
     let unit = UNIT_POS as usize;
     sums[unit] = own;
@@ -68,12 +75,16 @@ pub(crate) fn cube_exclusive_sum(own: u32, #[comptime] units: usize) -> (u32, u3
         }
         // All units have read before any writes.
         sync_cube();
-        inclusive += before;
+        inclusive = saturating_add(inclusive, before);
         sums[unit] = inclusive;
         reach *= 2;
     }
     sync_cube();
-    (inclusive - own, sums[units - 1])
+    let mut before = 0u32;
+    if unit > 0 {
+        before = sums[unit - 1];
+    }
+    (before, sums[units - 1])
 }
 
 #[cube(launch)]
@@ -98,7 +109,7 @@ fn scan_blocks(values: &[u32], block_starts: &[u32], sums: &mut [u32], n: u32) {
             first,
             PER_UNIT,
             n as usize,
-            block_starts[CUBE_POS] + before,
+            saturating_add(block_starts[CUBE_POS], before),
         );
     }
 }
@@ -120,7 +131,7 @@ fn sum_run(values: &[u32], first: usize, run: usize, n: usize) -> u32 {
     let mut sum = 0u32;
     let mut i = first;
     while i < first + run && i < n {
-        sum += values[i];
+        sum = saturating_add(sum, values[i]);
         i += 1;
     }
     sum
@@ -133,7 +144,7 @@ fn scan_run(values: &[u32], sums: &mut [u32], first: usize, run: usize, n: usize
     let mut i = first;
     while i < first + run && i < n {
         sums[i] = sum;
-        sum += values[i];
+        sum = saturating_add(sum, values[i]);
         i += 1;
         if i == n {
             sums[n] = sum;

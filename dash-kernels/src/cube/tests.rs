@@ -24,6 +24,7 @@ pub(crate) fn cube_tensor<const R: usize>(values: &[f32], shape: [usize; R]) -> 
 
 /// Its values.
 pub(crate) fn cube_values(tensor: &CubeTensor) -> Vec<f32> {
+    assert!(tensor.is_contiguous(), "results are row-major");
     let bytes = tensor
         .client
         .read_one(tensor.handle.clone())
@@ -85,6 +86,20 @@ fn prefix_sums_of_any_length() {
             assert_eq!(got[i], sum, "{n} values, place {i}");
             sum += value;
         }
+    }
+}
+
+#[test]
+fn sums_that_outgrow_their_type_stay_at_its_largest_number() {
+    let client = client();
+    for n in [100, 20_000] {
+        let values = vec![u32::MAX / 50; n];
+        let got = words(
+            &client,
+            &exclusive_scan(&client, &Buffer::from_words(&client, &values)),
+        );
+        assert_eq!(got[50], u32::MAX / 50 * 50);
+        assert!(got[51..].iter().all(|&sum| sum == u32::MAX), "{n} values");
     }
 }
 

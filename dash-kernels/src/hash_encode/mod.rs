@@ -21,6 +21,7 @@ pub use layout::{
 
 use crate::KernelError;
 use crate::host::{HostBackend, dims};
+use crate::limits::check_values;
 
 /// Features of points, interpolated from the table rows at the corners of the cells that hold
 /// them, level by level.
@@ -36,7 +37,8 @@ use crate::host::{HostBackend, dims};
 /// positions' gradient is that of the cell above it, at 1 that of the last cell.
 ///
 /// # Errors
-/// [`KernelError::Shape`] when a tensor does not fit the layout.
+/// [`KernelError::Shape`] when a tensor does not fit the layout, [`KernelError::Limit`] when one
+/// outgrows the device's largest buffer.
 ///
 /// # Source
 /// DASH Eq. 7-9; see [`LevelSizing`] for the level sizes.
@@ -63,6 +65,22 @@ pub fn hash_encode(
             table.dims(),
         ));
     }
+    let device = positions.device();
+    let n_values = table_shape[0] * table_shape[1];
+    check_values(
+        "the hash table",
+        n_values,
+        "lower `log2_hashmap_size`",
+        &device,
+    )?;
+    // The corners of a level's cells, where gradients are sorted, may outnumber the features.
+    let n_values = positions.dims()[0] * layout.n_features().max(1 << layout.dims());
+    check_values(
+        "the encoding",
+        n_values,
+        "encode fewer points at a time",
+        &device,
+    )?;
     Ok(Tensor::from_dispatch(Dispatch::hash_encode(
         positions.into_dispatch(),
         table.into_dispatch(),

@@ -76,8 +76,8 @@ impl Default for ProjectOptions {
 ///
 /// # Errors
 /// [`KernelError::Shape`] when shapes do not fit, [`KernelError::Config`] when the camera or the
-/// options are out of range, [`KernelError::Limit`] when the SH coefficients outgrow the device's
-/// largest buffer.
+/// options are out of range, [`KernelError::Limit`] when the SH coefficients or the splats outgrow
+/// the device's largest buffer.
 ///
 /// # Source
 /// Zwicker et al. 2001, eq. 31; Kerbl et al. 2023 (3DGS); radii of the opacity-aware kind of
@@ -101,7 +101,8 @@ pub fn project(
     let sh_degree = check_degree(k, options.sh_degree)?;
     check_camera(camera, options)?;
     let remedy = "lower the SH degree or the number of Gaussians";
-    check_values("the SH coefficients", n * k * 3, remedy, &means.device())?;
+    let n_values = n * (k * 3).max(N_COLUMNS);
+    check_values("a projection", n_values, remedy, &means.device())?;
     let view = View::new(camera, options, sh_degree);
     Ok(Tensor::from_dispatch(Dispatch::project(
         means.into_dispatch(),

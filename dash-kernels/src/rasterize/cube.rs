@@ -4,7 +4,7 @@
 //! by tile with a stable sort; each tile is then blended by one cube. How many (tile, splat)
 //! intersections there are is known to the device only: their buffers have a capacity that follows
 //! what earlier calls needed, and when it is exceeded every tile goes over all splats instead,
-//! slowly but with the same result, so that nothing ever waits for the device.
+//! slowly but with the same result, so that nothing has to wait for the device.
 
 mod blend;
 mod blend_vjp;

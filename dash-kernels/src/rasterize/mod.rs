@@ -58,8 +58,8 @@ pub struct RasterizeOptions {
 ///
 /// # Errors
 /// [`KernelError::Shape`] when the rows have another width, [`KernelError::Config`] when the image
-/// size or the background is out of range, [`KernelError::Limit`] when the image outgrows the
-/// device's largest buffer.
+/// size or the background is out of range, [`KernelError::Limit`] when the image or the
+/// splats outgrow the device's largest buffer.
 ///
 /// # Source
 /// Kerbl et al. 2023 (3DGS).
@@ -89,13 +89,11 @@ pub fn rasterize(splats: Tensor<2>, options: &RasterizeOptions) -> Result<Tensor
             options.background
         ));
     }
+    let device = splats.device();
     let n_values = options.width * options.height * N_CHANNELS;
-    check_values(
-        "the image",
-        n_values,
-        "draw a smaller one",
-        &splats.device(),
-    )?;
+    check_values("the image", n_values, "draw a smaller one", &device)?;
+    let n_values = found[0] * N_COLUMNS;
+    check_values("the splats", n_values, "draw fewer Gaussians", &device)?;
     Ok(Tensor::from_dispatch(Dispatch::rasterize(
         splats.into_dispatch(),
         *options,

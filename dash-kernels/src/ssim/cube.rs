@@ -1,7 +1,7 @@
 //! Structural similarity on CubeCL devices.
 //!
 //! A cube of 64 units owns a tile of 16 x 16 pixels of one channel. Moments are blurred along rows
-//! and then along columns in shared memory (forward 11.9 KiB, backward 24.8 KiB), a unit taking a
+//! and then along columns in shared memory (forward 11.8 KiB, backward 24.8 KiB), a unit taking a
 //! run of half a row or column, so that it reads each value once for all its neighbours; a barrier
 //! parts the steps. No atomics; deterministic.
 //!

@@ -16,6 +16,7 @@ use burn::tensor::Tensor;
 
 use crate::KernelError;
 use crate::host::{HostBackend, dims};
+use crate::limits::check_values;
 
 /// Per-pixel, per-channel structural similarity of two images.
 ///
@@ -32,7 +33,8 @@ use crate::host::{HostBackend, dims};
 /// rounding and passes the gradient on.
 ///
 /// # Errors
-/// [`KernelError::Shape`] when the shapes differ or a size is zero.
+/// [`KernelError::Shape`] when the shapes differ or a size is zero, [`KernelError::Limit`] when the
+/// images outgrow the device's largest buffer.
 ///
 /// # Source
 /// Wang et al. 2004, with the window and the padding of 3D Gaussian Splatting.
@@ -46,6 +48,8 @@ pub fn ssim(x: Tensor<3>, y: Tensor<3>) -> Result<Tensor<3>, KernelError> {
             found: found.to_vec(),
         });
     }
+    let n_values = expected.iter().product();
+    check_values("the image", n_values, "compare smaller ones", &x.device())?;
     Ok(Tensor::from_dispatch(Dispatch::ssim(
         x.into_dispatch(),
         y.into_dispatch(),

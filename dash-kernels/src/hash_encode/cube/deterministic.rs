@@ -14,6 +14,10 @@ use super::super::HashGridLayout;
 use super::levels::{corner_row, corner_weight, is_inside, level_words, locate};
 use super::{Grid, grid};
 
+/// Corners added up in a round of the loop over a row's: Mesa's software driver ends loops after
+/// 65,535 rounds.
+const PER_ROUND: usize = 16;
+
 /// The gradient `[T, F]`.
 pub(super) fn table_vjp(
     positions: &CubeTensor,
@@ -149,17 +153,22 @@ fn sum_rows(
         let mut next = place;
         let mut same = true;
         while same {
-            let corner = corners[next] as usize;
-            let point = corner / comptime!(1usize << grid.dims);
-            let at = (point * grid.levels + level as usize) * grid.features;
             #[unroll]
-            for f in 0..grid.features {
-                sums[f] += weights[corner] * v_out[at + f];
-            }
-            next += 1;
-            same = false;
-            if next < n_corners as usize {
-                same = rows[next] == row;
+            for _ in 0..PER_ROUND {
+                if same {
+                    let corner = corners[next] as usize;
+                    let point = corner / comptime!(1usize << grid.dims);
+                    let at = (point * grid.levels + level as usize) * grid.features;
+                    #[unroll]
+                    for f in 0..grid.features {
+                        sums[f] += weights[corner] * v_out[at + f];
+                    }
+                    next += 1;
+                    same = false;
+                    if next < n_corners as usize {
+                        same = rows[next] == row;
+                    }
+                }
             }
         }
         #[unroll]

@@ -23,7 +23,7 @@ pub(super) fn units_per_tile(client: &Client) -> usize {
 }
 
 /// Splats drawn in a round of the loop over a tile's list. Mesa's software driver ends loops after
-/// 65,535 rounds in all; this many times as many splats are far more than a tile ever has.
+/// 65,535 rounds in all, so that it draws the first 262,140 splats of a tile.
 const PER_ROUND: usize = 4;
 
 /// What the forward pass leaves of every pixel.

@@ -2,7 +2,7 @@
 //!
 //! Cubes and units own what they own in the forward pass; a unit sums a splat's gradient over its
 //! pixels. Those sums of `BATCH` splats are added up over the cube in shared memory (at most
-//! 15.6 KiB), one unit for each value, in a fixed order, and written to the slot of the (tile,
+//! 15.5 KiB), one unit for each value, in a fixed order, and written to the slot of the (tile,
 //! splat) intersection; `sum_slots` then adds up each splat's slots, which follow each other. No
 //! atomics, the same bits on every run - unless the lists overflowed: then there are no slots, and
 //! the cubes add to the splats' gradients atomically.
@@ -11,7 +11,7 @@ use burn_cubecl::tensor::CubeTensor;
 use cubecl::prelude::*;
 
 use crate::cube::atomic::{ExchangeAdd, FloatAdd, NativeAdd};
-use crate::cube::{Buffer, arg, calculate_cubes, finite_or_zero, units};
+use crate::cube::{Buffer, arg, calculate_cubes, is_finite, units};
 use crate::splats::{self, ALPHA_MAX, N_COLUMNS, N_DIFFERENTIABLE};
 
 use super::super::tiles::TILE;
@@ -52,7 +52,7 @@ fn launch_vjp<A: FloatAdd>(saved: &Saved, v_image: &CubeTensor, v_splats: &CubeT
         TILE * TILE / saved.tuning.units,
     );
     let n = saved.splats.meta.shape()[0];
-    let (count, dim) = units(client, n * N_DIFFERENTIABLE);
+    let (count, dim) = units(client, n);
     sum_slots::launch(
         client,
         count,
@@ -295,8 +295,8 @@ fn blend_tiles_vjp<A: FloatAdd>(
     }
 }
 
-/// A unit owns a differentiable column of one splat. A sum that is not finite, of colours or depths
-/// near the largest number there is, counts as zero.
+/// A unit owns one splat. A gradient with a value that is not finite, of colours or depths near the
+/// largest number there is, counts as zero.
 #[cube(launch)]
 fn sum_slots(
     v_slots: &[f32],
@@ -307,18 +307,32 @@ fn sum_slots(
     n: u32,
     capacity: u32,
 ) {
-    let row = ABSOLUTE_POS / N_DIFFERENTIABLE;
-    let value = ABSOLUTE_POS % N_DIFFERENTIABLE;
+    let row = ABSOLUTE_POS;
     if row < n as usize {
-        let at = row * N_COLUMNS + value;
-        // What the cubes of overflowed lists have added up.
-        let mut sum = v_splats[at];
+        let at = row * N_COLUMNS;
+        let mut sums = Array::<f32>::new(N_DIFFERENTIABLE);
+        #[unroll]
+        for value in 0..N_DIFFERENTIABLE {
+            // What the cubes of overflowed lists have added up.
+            sums[value] = v_splats[at + value];
+        }
         if starts[n as usize] <= capacity {
             let first = firsts[row] as usize;
             for slot in first..first + tile_counts[row] as usize {
-                sum += v_slots[slot * N_DIFFERENTIABLE + value];
+                #[unroll]
+                for value in 0..N_DIFFERENTIABLE {
+                    sums[value] += v_slots[slot * N_DIFFERENTIABLE + value];
+                }
             }
         }
-        v_splats[at] = finite_or_zero(sum);
+        let mut finite = true;
+        #[unroll]
+        for value in 0..N_DIFFERENTIABLE {
+            finite = finite && is_finite(sums[value]);
+        }
+        #[unroll]
+        for value in 0..N_DIFFERENTIABLE {
+            v_splats[at + value] = select(finite, sums[value], 0.0f32);
+        }
     }
 }

@@ -88,7 +88,7 @@ impl Intersections {
             n as u32,
         );
         let starts = exclusive_scan(client, &ordered_counts);
-        let capacity = capacity.unwrap_or_else(|| capacity::next(client, &starts, n));
+        let capacity = capacity.unwrap_or_else(|| capacity::next(client, &starts, n, tiles));
 
         let firsts = new(n);
         let (tile_keys, slots, slot_rows) = (new(capacity), new(capacity), new(capacity));
