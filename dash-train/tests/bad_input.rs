@@ -393,7 +393,7 @@ fn options_that_do_not_fit_the_data() {
     );
     bench.fails(&[&TRAIN[..], &["--memory", "1kB"]].concat(), "room");
     bench.fails(&[&TRAIN[..], &["--layout", "colmap"]].concat(), "room");
-    bench.fails(&[&TRAIN[..], &["--device", "wgpu"]].concat(), "wgpu");
+    bench.fails(&[&TRAIN[..], &["--device", "cuda:99"]].concat(), "cuda:99");
     bench.write("c.toml", "[loss]\ndsim = 1\n");
     bench.fails(&[&TRAIN[..], &["--config", "c.toml"]].concat(), "c.toml");
     bench.write("c.toml", "[loss\n");

@@ -292,7 +292,7 @@ fn progress_is_a_few_plain_lines_and_quiet_says_none() {
 #[test]
 fn both_cpu_backends_train() {
     let bench = Bench::with_room("blender");
-    for device in ["ndarray", "flex"] {
+    for device in ["ndarray", "flex", "wgpu"] {
         let args = [
             "train",
             "room",

@@ -1,0 +1,211 @@
+//! A tile's pixels, blurred moments and terms, and the blurs along rows and columns.
+
+use cubecl::prelude::*;
+
+use crate::cube::is_finite;
+
+use super::super::window::{C1, C2, RADIUS, TAPS, window};
+use super::{LARGEST, TILE, UNITS};
+
+#[derive(CubeType, CubeLaunch, Clone, Copy)]
+pub(super) struct Frame {
+    pub height: u32,
+    pub width: u32,
+    pub channels: u32,
+}
+
+/// The tile and channel of this cube.
+#[derive(CubeType, Clone, Copy)]
+pub(super) struct Tile {
+    /// First row and column; signed, because regions around it begin outside the image.
+    pub top: i32,
+    pub left: i32,
+    pub channel: u32,
+    /// What is taken off the two images.
+    pub shift_x: f32,
+    pub shift_y: f32,
+}
+
+#[cube]
+pub(super) fn pixel(image: &[f32], row: i32, column: i32, channel: u32, frame: &Frame) -> f32 {
+    let mut value = 0.0f32;
+    if row >= 0i32 && column >= 0i32 && (row as u32) < frame.height && (column as u32) < frame.width
+    {
+        let at = ((row as u32) * frame.width + column as u32) * frame.channels + channel;
+        let stored = image[at as usize];
+        if is_finite(stored) {
+            value = f32::clamp(stored, -LARGEST, LARGEST);
+        }
+    }
+    value
+}
+
+#[cube]
+pub(super) fn own_tile(x: &[f32], y: &[f32], frame: &Frame) -> Tile {
+    let side = comptime!(TILE as u32);
+    let columns = frame.width.div_ceil(side);
+    let cube = CUBE_POS as u32;
+    let channel = cube % frame.channels;
+    let tile = cube / frame.channels;
+    let top = tile / columns * side;
+    let left = tile % columns * side;
+    // The middle of the part of the tile that lies in the image.
+    let row = (top + u32::min(top + side, frame.height)) / 2u32;
+    let column = (left + u32::min(left + side, frame.width)) / 2u32;
+    Tile {
+        top: top as i32,
+        left: left as i32,
+        channel,
+        shift_x: pixel(x, row as i32, column as i32, channel, frame),
+        shift_y: pixel(y, row as i32, column as i32, channel, frame),
+    }
+}
+
+/// Reads both images in a square of `side` pixels that begins `margin` before the tile.
+#[cube]
+pub(super) fn load(
+    x: &[f32],
+    y: &[f32],
+    pixels: &mut Shared<[f32]>,
+    tile: &Tile,
+    frame: &Frame,
+    #[comptime] margin: usize,
+    #[comptime] side: usize,
+) {
+    let mut i = UNIT_POS as usize;
+    while i < comptime!(side * side) {
+        let row = tile.top + (i / side) as i32 - comptime!(margin as i32);
+        let column = tile.left + (i % side) as i32 - comptime!(margin as i32);
+        pixels[i] = pixel(x, row, column, tile.channel, frame) - tile.shift_x;
+        pixels[i + comptime!(side * side)] =
+            pixel(y, row, column, tile.channel, frame) - tile.shift_y;
+        i += UNITS;
+    }
+}
+
+/// The blurred value whose window starts at place `k`.
+#[cube]
+pub(super) fn blurred_at(values: &Array<f32>, #[comptime] k: usize) -> f32 {
+    let mut sum = 0.0f32;
+    #[unroll]
+    for tap in 0..TAPS {
+        sum += comptime!(window()[tap] as f32) * values[comptime!(k + tap)];
+    }
+    sum
+}
+
+/// Blurs the moments of a square of `side` pixels along its rows: `side` rows of what is left.
+#[cube]
+pub(super) fn blur_moments_along_rows(
+    pixels: &Shared<[f32]>,
+    blurred: &mut Shared<[f32]>,
+    #[comptime] side: usize,
+) {
+    let kept = comptime!(side - 2 * RADIUS);
+    let run = comptime!(kept / 2);
+    let count = comptime!(side * kept);
+    let mut item = UNIT_POS as usize;
+    while item < comptime!(2 * side) {
+        let row = item / 2;
+        let first = item % 2 * run;
+        let mut a = Array::<f32>::new(comptime!(run + 2 * RADIUS));
+        let mut b = Array::<f32>::new(comptime!(run + 2 * RADIUS));
+        let mut squares = Array::<f32>::new(comptime!(run + 2 * RADIUS));
+        let mut products = Array::<f32>::new(comptime!(run + 2 * RADIUS));
+        #[unroll]
+        for k in 0..comptime!(run + 2 * RADIUS) {
+            let at = row * side + first + k;
+            a[k] = pixels[at];
+            b[k] = pixels[at + comptime!(side * side)];
+            squares[k] = a[k] * a[k] + b[k] * b[k];
+            products[k] = a[k] * b[k];
+        }
+        let at = row * kept + first;
+        #[unroll]
+        for k in 0..run {
+            blurred[at + k] = blurred_at(&a, k);
+            blurred[at + comptime!(count + k)] = blurred_at(&b, k);
+            blurred[at + comptime!(2 * count + k)] = blurred_at(&squares, k);
+            blurred[at + comptime!(3 * count + k)] = blurred_at(&products, k);
+        }
+        item += UNITS;
+    }
+}
+
+/// A run of half a column of a square of `kept` pixels: its first place.
+#[cube]
+pub(super) fn column_run(item: usize, #[comptime] kept: usize) -> usize {
+    item / kept * comptime!(kept / 2 * kept) + item % kept
+}
+
+/// The values of a plane along a column, from a run's first place on.
+#[cube]
+pub(super) fn column_values(
+    plane: &Shared<[f32]>,
+    from: usize,
+    #[comptime] kept: usize,
+) -> Array<f32> {
+    let mut values = Array::<f32>::new(comptime!(kept / 2 + 2 * RADIUS));
+    #[unroll]
+    for k in 0..comptime!(kept / 2 + 2 * RADIUS) {
+        values[k] = plane[from + comptime!(k * kept)];
+    }
+    values
+}
+
+/// The factors of the similarity at a pixel; means are those of the shifted images.
+#[derive(CubeType, Clone, Copy)]
+pub(super) struct Terms {
+    pub shifted_x: f32,
+    pub shifted_y: f32,
+    pub mean_x: f32,
+    pub mean_y: f32,
+    pub variance: f32,
+    pub luminance: f32,
+    pub contrast: f32,
+    pub luminance_norm: f32,
+    pub contrast_norm: f32,
+}
+
+/// The terms from the blurred moments of the shifted images.
+#[cube]
+pub(super) fn terms(
+    shifted_x: f32,
+    shifted_y: f32,
+    squares: f32,
+    product: f32,
+    tile: &Tile,
+) -> Terms {
+    let mean_x = shifted_x + tile.shift_x;
+    let mean_y = shifted_y + tile.shift_y;
+    let variance = squares - (shifted_x * shifted_x + shifted_y * shifted_y);
+    Terms {
+        shifted_x,
+        shifted_y,
+        mean_x,
+        mean_y,
+        variance,
+        luminance: 2.0f32 * (mean_x * mean_y) + comptime!(C1 as f32),
+        contrast: 2.0f32 * (product - shifted_x * shifted_y) + comptime!(C2 as f32),
+        luminance_norm: mean_x * mean_x + mean_y * mean_y + comptime!(C1 as f32),
+        contrast_norm: f32::max(variance, 0.0f32) + comptime!(C2 as f32),
+    }
+}
+
+/// The gradient of the similarity at a pixel, zero outside the image.
+#[cube]
+pub(super) fn gradient_at(
+    v_out: &[f32],
+    row: i32,
+    column: i32,
+    channel: u32,
+    frame: &Frame,
+) -> f32 {
+    let mut v = 0.0f32;
+    if row >= 0i32 && column >= 0i32 && (row as u32) < frame.height && (column as u32) < frame.width
+    {
+        let at = ((row as u32) * frame.width + column as u32) * frame.channels + channel;
+        v = v_out[at as usize];
+    }
+    v
+}
