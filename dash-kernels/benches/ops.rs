@@ -50,7 +50,7 @@ fn main() {
             device,
             too_long: Cell::new(false),
         };
-        println!("{name}: copies {:.1} GB/s", bench.bandwidth / 1e9);
+        println!("{name}: {:.1} GB/s", bench.bandwidth / 1e9);
         bench.adam();
         bench.hash_encode();
         bench.project();
@@ -59,12 +59,22 @@ fn main() {
     }
 }
 
-/// Bytes per second, read and written, of adding a number to a large tensor.
+/// Bytes per second, read and written: the better of adding a number to a large tensor and of an
+/// Adam step in place, which needs no new memory.
 fn bandwidth(device: &Device) -> f64 {
     let n = 1 << 24;
-    let tensor = Tensor::<1>::zeros([n], device);
-    let seconds = median(device, || drop(tensor.clone() + 1.0));
-    (2 * n * VALUE_BYTES) as f64 / seconds.as_secs_f64()
+    let zeros = || Tensor::<1>::zeros([n], device);
+    let tensor = zeros();
+    let add = median(device, || drop(tensor.clone() + 1.0));
+    let state = Cell::new(Some((zeros(), zeros(), zeros())));
+    let adam = median(device, || {
+        let (param, first, second) = state.take().expect("put back");
+        let settings = AdamStep::default();
+        let stepped = adam_step(param, tensor.clone(), first, second, &settings);
+        state.set(Some(stepped.expect("equal shapes")));
+    });
+    let rate = |values: usize, time: Duration| (values * VALUE_BYTES) as f64 / time.as_secs_f64();
+    rate(2 * n, add).max(rate(7 * n, adam))
 }
 
 fn median(device: &Device, work: impl Fn()) -> Duration {
@@ -118,6 +128,15 @@ impl Bench {
             work();
             set_deterministic(false);
         }
+    }
+
+    /// Whether the device has a buffer for the colours of `n` Gaussians.
+    fn holds(&self, n: usize) -> bool {
+        let fits = limits::check_values("the colours", n * 48, "take fewer", &self.device);
+        if let Err(error) = &fits {
+            println!("{:8} {n} Gaussians: {error}", self.name);
+        }
+        fits.is_ok()
     }
 
     fn random<const R: usize>(&self, shape: [usize; R]) -> Tensor<R> {
@@ -190,6 +209,9 @@ impl Bench {
             return;
         }
         for n in N_POINTS {
+            if !self.holds(n) {
+                continue;
+            }
             let inputs = Gaussians::new(&self.device, Size(n, 1352, 1014, 3.0));
             let values = n * (3 + 4 + 3 + 1 + 48 + N_COLUMNS);
             self.time(&format!("project {n}, forward"), values, || {
@@ -209,6 +231,9 @@ impl Bench {
         for (width, height) in IMAGES {
             self.too_long.set(false);
             for n in N_POINTS {
+                if !self.holds(n) {
+                    continue;
+                }
                 let splats = Gaussians::new(&self.device, Size(n, width, height, 3.0)).project();
                 let options = RasterizeOptions {
                     width,
