@@ -15,15 +15,11 @@ use burn_cubecl::tensor::CubeTensor;
 use cubecl::prelude::*;
 
 use crate::cube::atomic::{ExchangeAdd, FloatAdd, NativeAdd, has_native_add};
-use crate::cube::{arg, contiguous, uninitialised, units, zeros};
+use crate::cube::{Buffer, arg, contiguous, uninitialised, units, zeros};
 use crate::determinism::is_deterministic;
 
-use super::layout::MAX_DIMS;
 use super::{HashEncode, HashEncodeVjp, HashGridLayout, Interpolation};
 use levels::{corner_row, corner_slope, corner_weight, is_inside, level_words, locate};
-
-/// Corners of a cell in the most dimensions there are.
-const MAX_CORNERS: usize = 1 << MAX_DIMS;
 
 impl HashEncode for CubeBackend {
     fn hash_encode(positions: CubeTensor, table: CubeTensor, layout: HashGridLayout) -> CubeTensor {
@@ -56,15 +52,16 @@ impl HashEncodeVjp for CubeBackend {
         [needs_positions, needs_table]: [bool; 2],
     ) -> [Option<CubeTensor>; 2] {
         let [positions, table, v_out] = [positions, table, v_out].map(contiguous);
+        let levels = level_words(&positions.client, layout);
         let v_positions =
-            needs_positions.then(|| positions_vjp(&positions, &table, &v_out, layout));
+            needs_positions.then(|| positions_vjp(&positions, &table, &v_out, &levels, layout));
         let v_table = needs_table.then(|| {
             if is_deterministic() {
-                deterministic::table_vjp(&positions, &table, &v_out, layout)
+                deterministic::table_vjp(&positions, &table, &v_out, &levels, layout)
             } else if has_native_add(&positions.client) {
-                table_vjp::<NativeAdd>(&positions, &table, &v_out, layout)
+                table_vjp::<NativeAdd>(&positions, &table, &v_out, &levels, layout)
             } else {
-                table_vjp::<ExchangeAdd>(&positions, &table, &v_out, layout)
+                table_vjp::<ExchangeAdd>(&positions, &table, &v_out, &levels, layout)
             }
         });
         [v_positions, v_table]
@@ -75,6 +72,7 @@ fn positions_vjp(
     positions: &CubeTensor,
     table: &CubeTensor,
     v_out: &CubeTensor,
+    levels: &Buffer,
     layout: &HashGridLayout,
 ) -> CubeTensor {
     let n = positions.meta.shape()[0];
@@ -87,7 +85,7 @@ fn positions_vjp(
         dim,
         arg(positions),
         arg(table),
-        level_words(client, layout).arg(),
+        levels.arg(),
         arg(v_out),
         arg(&v_positions),
         n as u32,
@@ -100,6 +98,7 @@ fn table_vjp<A: FloatAdd>(
     positions: &CubeTensor,
     table: &CubeTensor,
     v_out: &CubeTensor,
+    levels: &Buffer,
     layout: &HashGridLayout,
 ) -> CubeTensor {
     let n = positions.meta.shape()[0];
@@ -111,7 +110,7 @@ fn table_vjp<A: FloatAdd>(
         count,
         dim,
         arg(positions),
-        level_words(client, layout).arg(),
+        levels.arg(),
         arg(v_out),
         arg(&v_table),
         n as u32,
@@ -250,8 +249,3 @@ fn table_vjp_kernel<A: FloatAdd>(
         }
     }
 }
-
-const _: () = assert!(
-    MAX_CORNERS == 16,
-    "corners are numbered by bits, one per axis"
-);

@@ -11,7 +11,7 @@ use crate::cube::radix_sort::{DeviceCount, sort_pairs};
 use crate::cube::{Buffer, arg, units, zeros};
 
 use super::super::HashGridLayout;
-use super::levels::{corner_row, corner_weight, is_inside, level_words, locate};
+use super::levels::{corner_row, corner_weight, is_inside, locate};
 use super::{Grid, grid};
 
 /// Corners added up in a round of the loop over a row's: Mesa's software driver ends loops after
@@ -23,12 +23,12 @@ pub(super) fn table_vjp(
     positions: &CubeTensor,
     table: &CubeTensor,
     v_out: &CubeTensor,
+    levels: &Buffer,
     layout: &HashGridLayout,
 ) -> CubeTensor {
     let n = positions.meta.shape()[0];
     let v_table = zeros(table, [layout.n_entries(), layout.n_features_per_level()]);
     let client = &positions.client;
-    let levels = level_words(client, layout);
     let n_corners = n << layout.dims();
     let everything = Buffer::from_words(client, &[n_corners as u32]);
     for (l, level) in layout.levels().iter().enumerate() {

@@ -76,10 +76,11 @@ impl Case {
     fn v_tables(&self) -> [Vec<f32>; 3] {
         let (positions, table, v_out) = (self.positions(), self.table(), self.v_out());
         let layout = &self.layout;
+        let levels = level_words(&positions.client, layout);
         [
-            table_vjp::<NativeAdd>(&positions, &table, &v_out, layout),
-            table_vjp::<ExchangeAdd>(&positions, &table, &v_out, layout),
-            deterministic::table_vjp(&positions, &table, &v_out, layout),
+            table_vjp::<NativeAdd>(&positions, &table, &v_out, &levels, layout),
+            table_vjp::<ExchangeAdd>(&positions, &table, &v_out, &levels, layout),
+            deterministic::table_vjp(&positions, &table, &v_out, &levels, layout),
         ]
         .map(|v_table| cube_values(&v_table))
     }

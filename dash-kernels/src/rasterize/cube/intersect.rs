@@ -15,7 +15,7 @@ use super::super::RasterizeOptions;
 use super::super::tiles::TILE;
 use super::capacity;
 
-/// Splats of a tile that is nobody's: sorts behind every depth.
+/// Key of a splat that touches no tile: sorts behind every depth.
 const BEHIND_ALL: u32 = u32::MAX;
 
 /// Rounding of sigma, as a part of its terms' magnitudes: a tile is kept when rounding might.
