@@ -33,6 +33,8 @@ pub mod hash_encode;
 mod host;
 mod isa;
 pub mod limits;
+#[cfg(test)]
+mod poison_tests;
 pub mod project;
 pub mod rasterize;
 pub mod splats;

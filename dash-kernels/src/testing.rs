@@ -167,3 +167,34 @@ pub fn central_differences(at: &[f64], step: f64, loss: impl Fn(&[f64]) -> f64) 
         })
         .collect()
 }
+
+/// Values that kernels have got wrong elsewhere: not numbers, infinite, denormal, huge, and one
+/// step beside the thresholds of drawing.
+pub fn poison() -> [f32; 22] {
+    let alpha_min = crate::splats::ALPHA_MIN as f32;
+    let near = crate::splats::NEAR_PLANE as f32;
+    [
+        f32::NAN,
+        -f32::NAN,
+        f32::INFINITY,
+        f32::NEG_INFINITY,
+        0.0,
+        -0.0,
+        f32::from_bits(1),
+        -f32::from_bits(1),
+        f32::MIN_POSITIVE,
+        -f32::MIN_POSITIVE,
+        f32::MAX,
+        f32::MIN,
+        1e30,
+        -1e30,
+        alpha_min.next_down(),
+        alpha_min.next_up(),
+        near.next_down(),
+        near.next_up(),
+        1f32.next_down(),
+        1f32.next_up(),
+        -1.0,
+        88.8,
+    ]
+}

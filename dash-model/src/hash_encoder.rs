@@ -14,6 +14,10 @@ use crate::ModelError;
 /// Half-width of the uniform distribution that tables start from (instant-ngp).
 const INITIAL_FEATURE: f32 = 1e-4;
 
+/// Values of a table that every GPU binds: WebGPU promises 128 MiB. The same everywhere, so that files
+/// fit every device.
+const MAX_TABLE_VALUES: usize = (128 << 20) / size_of::<f32>();
+
 /// Sizes and forms of a [`HashEncoder`].
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -62,14 +66,22 @@ impl HashEncoderConfig {
     /// When the configuration is out of range, or the table too large for the device.
     pub fn init(&self, rng: &mut impl Rng, device: &Device) -> Result<HashEncoder, ModelError> {
         let layout = HashGridLayout::new(&self.grid())?;
-        let shape = [layout.n_entries(), layout.n_features_per_level()];
-        let remedy = "lower the encoder's `log2_hashmap_size` or `n_levels`";
-        check_values("the hash table", shape[0] * shape[1], remedy, device)?;
-        let values: Vec<f32> = (0..shape[0] * shape[1])
-            .map(|_| rng.random_range(-INITIAL_FEATURE..INITIAL_FEATURE))
-            .collect();
-        let table = Param::from_data(TensorData::new(values, shape), device);
-        Ok(HashEncoder { table, layout })
+        let parts = layout.split(MAX_TABLE_VALUES);
+        let mut tables = Vec::with_capacity(parts.len());
+        for part in &parts {
+            let shape = [part.n_entries(), part.n_features_per_level()];
+            let remedy = "lower the encoder's `log2_hashmap_size`";
+            check_values("a level's hash table", shape[0] * shape[1], remedy, device)?;
+            let values: Vec<f32> = (0..shape[0] * shape[1])
+                .map(|_| rng.random_range(-INITIAL_FEATURE..INITIAL_FEATURE))
+                .collect();
+            tables.push(Param::from_data(TensorData::new(values, shape), device));
+        }
+        Ok(HashEncoder {
+            tables,
+            layout,
+            parts,
+        })
     }
 }
 
@@ -79,10 +91,14 @@ impl HashEncoderConfig {
 /// DASH Eqs. 3 (3D) and 7-9 (4D); Müller et al. 2022.
 #[derive(Module, Debug)]
 pub struct HashEncoder {
-    /// Features of all levels `[T, F]`.
-    pub table: Param<Tensor<2>>,
+    /// Features of all levels `[T, F]`, in one tensor unless they take more than 128 MiB: then
+    /// consecutive levels share one as far as they fit.
+    pub tables: Vec<Param<Tensor<2>>>,
     #[module(skip)]
     layout: HashGridLayout,
+    /// The levels of each table.
+    #[module(skip)]
+    parts: Vec<HashGridLayout>,
 }
 
 impl HashEncoder {
@@ -94,7 +110,21 @@ impl HashEncoder {
     /// # Errors
     /// When `D` differs from the configuration.
     pub fn forward(&self, positions: Tensor<2>) -> Result<Tensor<2>, ModelError> {
-        Ok(hash_encode(positions, self.table.val(), &self.layout)?)
+        let mut features = Vec::with_capacity(self.tables.len());
+        for (table, part) in self.tables.iter().zip(&self.parts) {
+            features.push(hash_encode(positions.clone(), table.val(), part)?);
+        }
+        Ok(match features.len() {
+            1 => features.remove(0),
+            _ => Tensor::cat(features, 1),
+        })
+    }
+
+    /// Whether a parameter of this name, among those of a whole model, is an encoder's table.
+    pub fn is_table(parameter: &str) -> bool {
+        parameter
+            .rsplit_once('.')
+            .is_some_and(|(module, _)| module.ends_with(".tables") || module == "tables")
     }
 
     /// The integers of the grid.
@@ -105,5 +135,101 @@ impl HashEncoder {
     /// `L * F`.
     pub fn n_output_features(&self) -> usize {
         self.layout.n_levels() * self.layout.n_features_per_level()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use dash_kernels::hash_encode::reference;
+    use rand::SeedableRng;
+    use rand_pcg::Pcg64;
+
+    use super::*;
+    use crate::gaussians::to_host;
+    use crate::parameters::named_parameters;
+
+    fn devices() -> Vec<Device> {
+        vec![
+            #[cfg(feature = "flex")]
+            Device::flex(),
+            #[cfg(feature = "wgpu")]
+            Device::wgpu(burn::tensor::DeviceKind::DefaultDevice),
+            #[cfg(feature = "cuda")]
+            Device::cuda(0),
+        ]
+    }
+
+    /// 160 MiB of hashed levels, more than many devices bind at once.
+    fn large() -> HashEncoderConfig {
+        HashEncoderConfig {
+            n_levels: 20,
+            n_features_per_level: 2,
+            log2_hashmap_size: 20,
+            base_resolution: vec![1025, 1025],
+            finest_resolution: vec![4096, 3000],
+            smoothstep: false,
+            reference_sizing: false,
+        }
+    }
+
+    #[test]
+    fn a_table_over_the_binding_limit_is_split_by_level() {
+        const N: usize = 50;
+        let mut rng = Pcg64::seed_from_u64(1);
+        let positions: Vec<f32> = (0..2 * N).map(|_| rng.random_range(0.0..1.0)).collect();
+        for device in devices() {
+            let device = device.autodiff();
+            let encoder = large()
+                .init(&mut Pcg64::seed_from_u64(2), &device)
+                .expect("a good configuration");
+            let sizes: Vec<usize> = encoder.tables.iter().map(|t| t.dims()[0]).collect();
+            assert_eq!(sizes, [16 << 20, 4 << 20]);
+            for name in named_parameters(&encoder).keys() {
+                assert!(HashEncoder::is_table(name), "{name}");
+            }
+
+            let tensor =
+                Tensor::<2>::from_data(TensorData::new(positions.clone(), [N, 2]), &device);
+            let features = encoder.forward(tensor).expect("fits");
+            let grads = features.clone().sum().backward();
+            let table: Vec<f64> = encoder
+                .tables
+                .iter()
+                .flat_map(|t| to_host(t.val()))
+                .map(f64::from)
+                .collect();
+            let wide: Vec<f64> = positions.iter().map(|&x| f64::from(x)).collect();
+            let expected = reference::hash_encode(&wide, &table, encoder.layout());
+            for (i, (got, expected)) in to_host(features).iter().zip(&expected).enumerate() {
+                // Weights of a fine level are rounded to a few 1e-7 of the largest feature.
+                let error = (f64::from(*got) - expected).abs();
+                assert!(
+                    error <= 1e-6 * 1e-4,
+                    "feature {i}: {got}, expected {expected}"
+                );
+            }
+            // Each point's weights on a level add up to 1, whichever table holds the level.
+            for (table, levels) in encoder.tables.iter().zip([16, 4]) {
+                let gradient = to_host(table.val().grad(&grads).expect("a table is trained"));
+                let sum: f64 = gradient.iter().map(|&v| f64::from(v)).sum();
+                let expected = (N * 2 * levels) as f64;
+                assert!((sum - expected).abs() < 1e-3, "{sum}, expected {expected}");
+            }
+        }
+    }
+
+    #[test]
+    fn tables_are_told_from_other_parameters() {
+        for name in ["tables.0", "field.encoder.tables.12"] {
+            assert!(HashEncoder::is_table(name), "{name}");
+        }
+        for name in [
+            "field.trunk.layers.0.weight",
+            "static.means",
+            "tables",
+            "stables.0",
+        ] {
+            assert!(!HashEncoder::is_table(name), "{name}");
+        }
     }
 }

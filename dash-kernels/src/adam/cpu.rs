@@ -104,6 +104,16 @@ impl Kernel for Piece<'_> {
     }
 }
 
+/// The moments, or zeros where the optimiser can't have made them.
+#[inline(always)]
+fn sound_moments(first: f32, second: f32) -> (f32, f32) {
+    if first.is_finite() & second.is_finite() & (second >= 0.0) {
+        (first, second)
+    } else {
+        (0.0, 0.0)
+    }
+}
+
 /// Branch-free, so that a group becomes vector instructions.
 #[inline(always)]
 fn element(
@@ -114,8 +124,9 @@ fn element(
     constants: &Constants,
 ) -> (f32, f32, f32) {
     let g = grad.clamp(-MAX_GRADIENT, MAX_GRADIENT);
-    let m = constants.beta1 * first + constants.one_minus_beta1 * g;
-    let v = constants.beta2 * second + constants.one_minus_beta2 * g * g;
+    let (old_m, old_v) = sound_moments(first, second);
+    let m = constants.beta1 * old_m + constants.one_minus_beta1 * g;
+    let v = constants.beta2 * old_v + constants.one_minus_beta2 * g * g;
     let root = (v * constants.inverse_correction2).sqrt() + constants.epsilon;
     // A zero first moment asks for no step even where the root is zero too.
     let step = if m == 0.0 {

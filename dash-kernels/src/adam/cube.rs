@@ -98,8 +98,10 @@ fn adam_kernel(
     }
     if stepped {
         let g = f32::clamp(g, -MAX_GRADIENT, MAX_GRADIENT);
-        let m = constants.beta1 * first_moment[i] + constants.one_minus_beta1 * g;
-        let v = constants.beta2 * second_moment[i] + constants.one_minus_beta2 * g * g;
+        let (old_m, old_v) = (first_moment[i], second_moment[i]);
+        let sound = is_finite(old_m) && is_finite(old_v) && old_v >= 0.0f32;
+        let m = constants.beta1 * select(sound, old_m, 0.0f32) + constants.one_minus_beta1 * g;
+        let v = constants.beta2 * select(sound, old_v, 0.0f32) + constants.one_minus_beta2 * g * g;
         let denominator = (v * constants.inverse_correction2).sqrt() + constants.epsilon;
         // Zero moments and epsilon 0 ask for no step.
         let step = select(m == 0.0f32, 0.0f32, constants.rate * m / denominator);

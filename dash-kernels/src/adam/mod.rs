@@ -55,7 +55,8 @@ impl Default for AdamStep {
 /// else holds is updated in place.
 ///
 /// Gradients are clamped to [`MAX_GRADIENT`]. An element whose gradient is not finite, or whose
-/// step would not be, is left as it is, moments included.
+/// step would not be, is left as it is, moments included; so is a parameter that is not finite.
+/// Moments that no step leaves behind (not finite, a negative second one) count as zeros.
 ///
 /// # Shapes
 /// All four tensors have the same shape.

@@ -22,8 +22,14 @@ pub fn adam_step<T: Float>(
             continue;
         }
         let g = g.max(-max).min(max);
-        let m = beta1 * first_moment[i] + (T::one() - beta1) * g;
-        let v = beta2 * second_moment[i] + (T::one() - beta2) * g * g;
+        let (m, v) = (first_moment[i], second_moment[i]);
+        let (m, v) = if m.is_finite() && v.is_finite() && v >= T::zero() {
+            (m, v)
+        } else {
+            (T::zero(), T::zero())
+        };
+        let m = beta1 * m + (T::one() - beta1) * g;
+        let v = beta2 * v + (T::one() - beta2) * g * g;
         let m_unbiased = m / constant(1.0 - power(settings.beta1));
         let v_unbiased = v / constant(1.0 - power(settings.beta2));
         let step = constant(settings.learning_rate) * m_unbiased

@@ -32,37 +32,6 @@ pub(crate) fn cube_values(tensor: &CubeTensor) -> Vec<f32> {
     bytemuck::cast_slice(&bytes[..tensor.meta.num_elements() * WORD_BYTES]).to_vec()
 }
 
-/// Values that kernels have got wrong elsewhere: not numbers, infinite, denormal, huge, and one
-/// step beside the thresholds of drawing.
-pub(crate) fn poison() -> [f32; 22] {
-    let alpha_min = crate::splats::ALPHA_MIN as f32;
-    let near = crate::splats::NEAR_PLANE as f32;
-    [
-        f32::NAN,
-        -f32::NAN,
-        f32::INFINITY,
-        f32::NEG_INFINITY,
-        0.0,
-        -0.0,
-        f32::from_bits(1),
-        -f32::from_bits(1),
-        f32::MIN_POSITIVE,
-        -f32::MIN_POSITIVE,
-        f32::MAX,
-        f32::MIN,
-        1e30,
-        -1e30,
-        alpha_min.next_down(),
-        alpha_min.next_up(),
-        near.next_down(),
-        near.next_up(),
-        1f32.next_down(),
-        1f32.next_up(),
-        -1.0,
-        88.8,
-    ]
-}
-
 /// The words of a buffer.
 pub(crate) fn words(client: &Client, buffer: &Buffer) -> Vec<u32> {
     let bytes = client

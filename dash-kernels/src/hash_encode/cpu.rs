@@ -14,6 +14,7 @@ use rayon::prelude::*;
 
 use super::corners::{Cells, LANES, Lanes, LevelConstants, PointBlock};
 use super::layout::HashGridLayout;
+use super::{LARGEST_COTANGENT, finite_or_zero};
 use crate::isa::{Kernel, dispatch};
 
 /// Calls `$function::<D, 2^D, F>($args)` for the layout's `D` and `F`.
@@ -82,6 +83,12 @@ fn level_rows<'a, const F: usize>(
 ) -> &'a [[f32; F]] {
     let (start, size) = (layout.levels()[level].offset, layout.levels()[level].size);
     &table.as_chunks().0[start as usize..][..size as usize]
+}
+
+/// A gradient of the output as it counts.
+#[inline(always)]
+fn bounded(v: f32) -> f32 {
+    finite_or_zero(v).clamp(-LARGEST_COTANGENT, LARGEST_COTANGENT)
 }
 
 /// The level's features at the start of a point's row.
@@ -153,7 +160,7 @@ impl<const D: usize, const CORNERS: usize, const F: usize> Kernel
                     }
                 }
                 if block.inside[lane] {
-                    out[..F].copy_from_slice(&sum);
+                    out[..F].copy_from_slice(&sum.map(finite_or_zero));
                 }
             }
         }
@@ -230,12 +237,12 @@ impl<const D: usize, const CORNERS: usize, const F: usize> Kernel
                 if !block.inside[lane] {
                     continue;
                 }
-                let v_out = level_features::<F>(v_out);
+                let v_out = level_features::<F>(v_out).map(bounded);
                 for corner in 0..CORNERS {
                     let row = rows[corner][lane].wrapping_sub(self.first_row);
                     let weight = weights[corner][lane];
                     if let Some(v_row) = self.v_rows.get_mut(row as usize) {
-                        for (v_row, v) in v_row.iter_mut().zip(v_out) {
+                        for (v_row, v) in v_row.iter_mut().zip(&v_out) {
                             *v_row += weight * v;
                         }
                     }
@@ -276,7 +283,7 @@ fn slopes<const D: usize, const CORNERS: usize, const F: usize>(
                 let (point, axis) = (i / D, i % D);
                 let (block, lane) = (point / LANES, point % LANES);
                 if blocks[block].inside[lane] {
-                    *v = sums[block][axis][lane];
+                    *v = finite_or_zero(sums[block][axis][lane]);
                 }
             }
         });
@@ -311,11 +318,11 @@ impl<const D: usize, const CORNERS: usize, const F: usize> Kernel
             cells.rows(&self.level, &mut rows);
             let mut v_weights = [[0.0; LANES]; CORNERS];
             for (lane, v_out) in v_out.chunks(self.width).enumerate() {
-                let v_out = level_features::<F>(v_out);
+                let v_out = level_features::<F>(v_out).map(bounded);
                 for corner in 0..CORNERS {
                     let row = &self.rows[rows[corner][lane] as usize];
                     let mut dot = 0.0;
-                    for (value, v) in row.iter().zip(v_out) {
+                    for (value, v) in row.iter().zip(&v_out) {
                         dot += value * v;
                     }
                     v_weights[corner][lane] = dot;

@@ -15,10 +15,10 @@ use burn_cubecl::tensor::CubeTensor;
 use cubecl::prelude::*;
 
 use crate::cube::atomic::{ExchangeAdd, FloatAdd, NativeAdd, has_native_add};
-use crate::cube::{Buffer, arg, contiguous, uninitialised, units, zeros};
+use crate::cube::{Buffer, arg, contiguous, finite_or_zero, uninitialised, units, zeros};
 use crate::determinism::is_deterministic;
 
-use super::{HashEncode, HashEncodeVjp, HashGridLayout, Interpolation};
+use super::{HashEncode, HashEncodeVjp, HashGridLayout, Interpolation, LARGEST_COTANGENT};
 use levels::{corner_row, corner_slope, corner_weight, is_inside, level_words, locate};
 
 impl HashEncode for CubeBackend {
@@ -137,6 +137,12 @@ fn grid(layout: &HashGridLayout) -> Grid {
     }
 }
 
+/// A gradient of the output as it counts.
+#[cube]
+fn bounded(v: f32) -> f32 {
+    f32::clamp(finite_or_zero(v), -LARGEST_COTANGENT, LARGEST_COTANGENT)
+}
+
 #[cube(launch)]
 fn encode(
     positions: &[f32],
@@ -172,7 +178,7 @@ fn encode(
     let at = (point * grid.levels + level) * grid.features;
     #[unroll]
     for f in 0..grid.features {
-        out[at + f] = features[f];
+        out[at + f] = finite_or_zero(features[f]);
     }
 }
 
@@ -205,7 +211,7 @@ fn positions_vjp_kernel(
                 let mut v_weight = 0.0f32;
                 #[unroll]
                 for f in 0..grid.features {
-                    v_weight += table[row + f] * v_out[at + f];
+                    v_weight += table[row + f] * bounded(v_out[at + f]);
                 }
                 #[unroll]
                 for axis in 0..grid.dims {
@@ -216,7 +222,7 @@ fn positions_vjp_kernel(
     }
     #[unroll]
     for axis in 0..grid.dims {
-        v_positions[point * grid.dims + axis] = v[axis];
+        v_positions[point * grid.dims + axis] = finite_or_zero(v[axis]);
     }
 }
 
@@ -244,7 +250,7 @@ fn table_vjp_kernel<A: FloatAdd>(
             let weight = corner_weight(&cell, corner, grid.dims);
             #[unroll]
             for f in 0..grid.features {
-                A::add(&v_table[row + f], weight * v_out[at + f]);
+                A::add(&v_table[row + f], weight * bounded(v_out[at + f]));
             }
         }
     }

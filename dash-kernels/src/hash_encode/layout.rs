@@ -150,6 +150,38 @@ impl HashGridLayout {
         })
     }
 
+    /// The grid in parts of consecutive levels whose tables hold at most `max_values` each, for
+    /// devices that can't bind the whole; a level that is larger is a part of its own. The parts'
+    /// features follow each other as the whole grid's do, and so do their rows.
+    pub fn split(&self, max_values: usize) -> Vec<Self> {
+        let mut parts: Vec<Vec<HashGridLevel>> = Vec::new();
+        let mut rows = 0;
+        for level in self.levels.iter() {
+            let fits = (rows + level.size) as u128 * self.features as u128 <= max_values as u128;
+            match parts.last_mut() {
+                Some(part) if fits => part.push(HashGridLevel {
+                    offset: rows,
+                    ..*level
+                }),
+                _ => {
+                    rows = 0;
+                    parts.push(vec![HashGridLevel {
+                        offset: 0,
+                        ..*level
+                    }]);
+                }
+            }
+            rows += level.size;
+        }
+        parts
+            .into_iter()
+            .map(|levels| Self {
+                levels: levels.into(),
+                ..self.clone()
+            })
+            .collect()
+    }
+
     /// The levels, coarse to fine.
     pub fn levels(&self) -> &[HashGridLevel] {
         &self.levels

@@ -13,6 +13,7 @@ mod tests;
 use burn::backend::tensor::FloatTensor;
 use burn::backend::{Backend, Dispatch, backend_extension};
 use burn::tensor::Tensor;
+use num_traits::Float;
 
 pub use layout::{
     HASH_PRIMES, HashGridConfig, HashGridLayout, HashGridLevel, Interpolation, LevelSizing,
@@ -23,6 +24,10 @@ use crate::KernelError;
 use crate::host::{HostBackend, dims};
 use crate::limits::check_values;
 
+/// Gradients of features are clamped to plus and minus this: rows that many points share can add
+/// up a hundred million of them in f32.
+pub const LARGEST_COTANGENT: f32 = 1e30;
+
 /// Features of points, interpolated from the table rows at the corners of the cells that hold
 /// them, level by level.
 ///
@@ -30,11 +35,13 @@ use crate::limits::check_values;
 /// `positions [N, D]` in [0, 1], `table [T, F]` -> `[N, L * F]`; feature `f` of level `l` is
 /// column `l * F + f`. `T` is [`HashGridLayout::n_entries`].
 ///
-/// A point with a coordinate outside [0, 1], or NaN, has zero features.
+/// A point with a coordinate outside [0, 1], or NaN, has zero features; a feature that would not be
+/// finite, of a damaged table, is zero.
 ///
 /// # Gradient
 /// To the table and to the positions; both are zero for points outside. On a cell's border the
-/// positions' gradient is that of the cell above it, at 1 that of the last cell.
+/// positions' gradient is that of the cell above it, at 1 that of the last cell. Gradients of the
+/// output are clamped to [`LARGEST_COTANGENT`], and count as zero where they are not finite.
 ///
 /// # Errors
 /// [`KernelError::Shape`] when a tensor does not fit the layout, [`KernelError::Limit`] when one
@@ -109,6 +116,11 @@ pub trait HashEncodeVjp: HashEncode {
         layout: &HashGridLayout,
         needed: [bool; 2],
     ) -> [Option<FloatTensor<Self>>; 2];
+}
+
+#[inline(always)]
+fn finite_or_zero<T: Float>(value: T) -> T {
+    if value.is_finite() { value } else { T::zero() }
 }
 
 impl<B: HostBackend> HashEncode for B {

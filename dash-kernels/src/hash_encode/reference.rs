@@ -3,6 +3,7 @@
 use num_traits::Float;
 
 use super::layout::{HashGridLayout, HashGridLevel, Interpolation, MAX_DIMS};
+use super::{LARGEST_COTANGENT, finite_or_zero};
 
 /// `positions [N, D]`, `table [T, F]` -> `[N, L * F]`. See [`hash_encode`](super::hash_encode).
 pub fn hash_encode<T: Float>(positions: &[T], table: &[T], layout: &HashGridLayout) -> Vec<T> {
@@ -14,7 +15,7 @@ pub fn hash_encode<T: Float>(positions: &[T], table: &[T], layout: &HashGridLayo
             out[corner.feature + f] = out[corner.feature + f] + value;
         }
     });
-    out
+    out.into_iter().map(finite_or_zero).collect()
 }
 
 /// Gradients `(v_positions [N, D], v_table [T, F])` from `v_out [N, L * F]`.
@@ -25,12 +26,15 @@ pub fn hash_encode_vjp<T: Float>(
     layout: &HashGridLayout,
 ) -> (Vec<T>, Vec<T>) {
     let features = layout.n_features_per_level();
+    let largest = T::from(LARGEST_COTANGENT).expect("a float type holds any f32, rounded");
     let mut v_positions = vec![T::zero(); positions.len()];
     let mut v_table = vec![T::zero(); table.len()];
     for_each_corner(positions, layout, |corner| {
         let mut v_weight = T::zero();
         for f in 0..features {
-            let v = v_out[corner.feature + f];
+            let v = finite_or_zero(v_out[corner.feature + f])
+                .max(-largest)
+                .min(largest);
             let row = corner.row * features + f;
             v_table[row] = v_table[row] + corner.weight * v;
             v_weight = v_weight + table[row] * v;
@@ -40,6 +44,7 @@ pub fn hash_encode_vjp<T: Float>(
             v_positions[at] = v_positions[at] + v_weight * corner.slopes[axis];
         }
     });
+    let v_positions = v_positions.into_iter().map(finite_or_zero).collect();
     (v_positions, v_table)
 }
 

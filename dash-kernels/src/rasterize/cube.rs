@@ -31,6 +31,8 @@ struct Tuning {
     units: usize,
     /// Whether the device adds floats atomically.
     native_add: bool,
+    /// Gradients of intersections that the device binds at once.
+    slots_per_window: usize,
     /// Room for intersections where it is not to follow what earlier calls needed.
     capacity: Option<usize>,
 }
@@ -40,6 +42,7 @@ impl Tuning {
         Self {
             units: blend::units_per_tile(client),
             native_add: has_native_add(client),
+            slots_per_window: capacity::slots_per_window(client),
             capacity: None,
         }
     }

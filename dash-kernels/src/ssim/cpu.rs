@@ -224,7 +224,9 @@ impl Kernel for BackwardTile<'_> {
                     let v = v_mean[i]
                         + 2.0 * f64::from(x[i]) * v_squares[i]
                         + finite_or_zero(y[i]) * v_product[i];
-                    *v_x = if x[i].is_finite() { v as f32 } else { 0.0 };
+                    let v = if x[i].is_finite() { v as f32 } else { 0.0 };
+                    // Gradients near the largest number there is leave its range.
+                    *v_x = if v.is_finite() { v } else { 0.0 };
                 }
                 break;
             }
@@ -239,7 +241,7 @@ fn moments_vjp(moments: [&[f64]; 4], v_out: &[f32], gradients: [&mut [f64]; 3]) 
     let [v_mean, v_squares, v_product] = gradients;
     for i in 0..v_out.len() {
         let terms = Terms::new(mean_x[i], mean_y[i], squares[i], product[i]);
-        (v_mean[i], v_squares[i], v_product[i]) = terms.vjp(f64::from(v_out[i]));
+        (v_mean[i], v_squares[i], v_product[i]) = terms.vjp(finite_or_zero(v_out[i]));
     }
 }
 

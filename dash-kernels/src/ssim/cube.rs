@@ -15,7 +15,7 @@ use burn_cubecl::CubeBackend;
 use burn_cubecl::tensor::CubeTensor;
 use cubecl::prelude::*;
 
-use crate::cube::{arg, calculate_cubes, contiguous, is_finite, uninitialised};
+use crate::cube::{arg, calculate_cubes, contiguous, finite_or_zero, is_finite, uninitialised};
 
 use super::window::RADIUS;
 use super::{Ssim, SsimVjp};
@@ -179,7 +179,7 @@ fn backward(x: &[f32], y: &[f32], v_out: &[f32], v_x: &mut [f32], frame: Frame) 
                 let v = blurred_at(&v_means, k)
                     + 2.0f32 * a * blurred_at(&v_squares, k)
                     + b * blurred_at(&v_products, k);
-                v_x[at as usize] = select(is_finite(x[at as usize]), v, 0.0f32);
+                v_x[at as usize] = select(is_finite(x[at as usize]), finite_or_zero(v), 0.0f32);
             }
         }
         item += UNITS;

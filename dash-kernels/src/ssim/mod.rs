@@ -30,7 +30,7 @@ use crate::limits::check_values;
 /// # Gradient
 /// To both images, each worked out only where it is tracked. Zero through the variances where
 /// they were clamped, and at pixels that are not finite; the final clamp to [-1, 1] only removes
-/// rounding and passes the gradient on.
+/// rounding and passes the gradient on. A gradient of the output that is not finite counts as zero.
 ///
 /// # Errors
 /// [`KernelError::Shape`] when the shapes differ or a size is zero, [`KernelError::Limit`] when the

@@ -19,8 +19,8 @@ pub fn ssim_vjp<T: Float>(x: &[T], y: &[T], v_out: &[T], shape: [usize; 3]) -> (
     let (x_finite, y_finite) = (finite_or_zero(x), finite_or_zero(y));
     let v_moments: Vec<Moments<T>> = moments(&x_finite, &y_finite, shape)
         .into_iter()
-        .zip(v_out)
-        .map(|(m, &v)| m.similarity_vjp(v))
+        .zip(finite_or_zero(v_out))
+        .map(|(m, v)| m.similarity_vjp(v))
         .collect();
     // A symmetric window with zero padding is its own transpose.
     let pull =

@@ -1,7 +1,7 @@
 //! What follows a backward pass: a step of Adam, then density control of both sets.
 
 use burn::tensor::{Gradients, Tensor};
-use dash_model::Gaussians;
+use dash_model::{Gaussians, HashEncoder};
 
 use super::coarse::{Stages, teaches_gaussians};
 use super::config::DensityConfig;
@@ -40,7 +40,7 @@ pub(crate) fn parameters(trainer: &mut Trainer, time: f32, gradients: &mut Gradi
         Some("sh_rest") => rates.sh_rest,
         Some("trajectories") if name.starts_with(STATIC) => trajectories * settling,
         Some("trajectories") => trajectories,
-        Some("table") => rates.grid * field,
+        _ if HashEncoder::is_table(name) => rates.grid * field,
         _ => rates.network * field,
     };
     let teaches_gaussians = teaches_gaussians(trainer, time);
@@ -53,7 +53,7 @@ pub(crate) fn parameters(trainer: &mut Trainer, time: f32, gradients: &mut Gradi
     if let Some(motion) = trainer.motion.take() {
         let left = stages.field_rate(trainer.step);
         let pace = |name: &str| {
-            if name.ends_with(".table") {
+            if HashEncoder::is_table(name) {
                 Pace::from(rates.motion_grid * left)
             } else {
                 Pace {

@@ -12,7 +12,7 @@ use crate::cube::{Buffer, arg, units, zeros};
 
 use super::super::HashGridLayout;
 use super::levels::{corner_row, corner_weight, is_inside, locate};
-use super::{Grid, grid};
+use super::{Grid, bounded, grid};
 
 /// Corners added up in a round of the loop over a row's: Mesa's software driver ends loops after
 /// 65,535 rounds.
@@ -161,7 +161,7 @@ fn sum_rows(
                     let at = (point * grid.levels + level as usize) * grid.features;
                     #[unroll]
                     for f in 0..grid.features {
-                        sums[f] += weights[corner] * v_out[at + f];
+                        sums[f] += weights[corner] * bounded(v_out[at + f]);
                     }
                     next += 1;
                     same = false;

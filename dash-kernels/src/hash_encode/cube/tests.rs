@@ -1,7 +1,8 @@
 //! Precision on fine levels, the ways of adding up the table's gradient, poison.
 
-use crate::cube::tests::{cube_tensor, cube_values, poison};
+use crate::cube::tests::{cube_tensor, cube_values};
 use crate::hash_encode::{HashGridConfig, LevelSizing, reference};
+use crate::testing::poison;
 use crate::testing_hash::*;
 
 use super::*;

@@ -194,3 +194,38 @@ fn bad_configurations_are_refused() {
         assert!(what.contains(word), "{what:?} does not mention {word}");
     }
 }
+
+#[test]
+fn parts_hold_the_levels_of_the_whole() {
+    let layout = super::small_layout(3, 4, |_| ());
+    let sizes: Vec<usize> = layout
+        .levels()
+        .iter()
+        .map(|l| l.size as usize * 4)
+        .collect();
+    for max_values in [1, sizes[0] + sizes[1], 3 * 512 * 4, usize::MAX] {
+        let parts = layout.split(max_values);
+        let mut from_parts = Vec::new();
+        for part in &parts {
+            let n_values = part.n_entries() * 4;
+            assert!(
+                n_values <= max_values || part.n_levels() == 1,
+                "{max_values}"
+            );
+            assert_eq!(part.levels()[0].offset, 0);
+            let before: u64 = from_parts.iter().map(|l: &HashGridLevel| l.size).sum();
+            from_parts.extend(part.levels().iter().map(|l| HashGridLevel {
+                offset: l.offset + before,
+                ..*l
+            }));
+        }
+        assert_eq!(from_parts, layout.levels());
+        // As few as there can be, in this order.
+        for pair in parts.windows(2) {
+            let first_of_next = pair[1].levels()[0].size as usize * 4;
+            assert!(pair[0].n_entries() * 4 + first_of_next > max_values);
+        }
+    }
+    assert_eq!(layout.split(usize::MAX).len(), 1);
+    assert_eq!(layout.split(1).len(), layout.n_levels());
+}

@@ -2,7 +2,7 @@
 
 use burn::backend::Backend;
 
-use crate::cube::tests::{cube_tensor, cube_values, poison};
+use crate::cube::tests::{cube_tensor, cube_values};
 use crate::project::{Gaussians, ProjectOptions, reference};
 use crate::testing::*;
 

@@ -3,9 +3,10 @@
 //! Cubes and units own what they own in the forward pass; a unit sums a splat's gradient over its
 //! pixels. Those sums of `BATCH` splats are added up over the cube in shared memory (at most
 //! 15.5 KiB), one unit for each value, in a fixed order, and written to the slot of the (tile,
-//! splat) intersection; `sum_slots` then adds up each splat's slots, which follow each other. No
-//! atomics, the same bits on every run - unless the lists overflowed: then there are no slots, and
-//! the cubes add to the splats' gradients atomically.
+//! splat) intersection; `sum_slots` then adds up each splat's slots, which follow each other. Where
+//! the device can't bind as many slots as there may be intersections, both kernels go over them
+//! in windows. No atomics, the same bits on every run - unless the lists overflowed: then there are
+//! no slots, and the cubes add to the splats' gradients atomically.
 
 use burn_cubecl::tensor::CubeTensor;
 use cubecl::prelude::*;
@@ -37,7 +38,36 @@ pub(super) fn blend_vjp(saved: &Saved, v_image: &CubeTensor, v_splats: &CubeTens
 fn launch_vjp<A: FloatAdd>(saved: &Saved, v_image: &CubeTensor, v_splats: &CubeTensor) {
     let client = &v_image.client;
     let lists = &saved.intersections;
-    let v_slots = Buffer::uninitialised(client, lists.capacity * N_DIFFERENTIABLE);
+    let slots_per_window = saved.tuning.slots_per_window.min(lists.capacity);
+    let v_slots = Buffer::uninitialised(client, slots_per_window * N_DIFFERENTIABLE);
+    for first in (0..lists.capacity).step_by(slots_per_window) {
+        let window = || {
+            let length = slots_per_window.min(lists.capacity - first);
+            let is_last = first + length == lists.capacity;
+            WindowLaunch::new(first as u32, length as u32, u32::from(is_last))
+        };
+        blend_window::<A>(saved, v_image, v_splats, &v_slots, window());
+        sum_window(saved, v_splats, &v_slots, window());
+    }
+}
+
+/// The slots whose gradients are held at a time.
+#[derive(CubeType, CubeLaunch, Clone, Copy)]
+struct Window {
+    first: u32,
+    length: u32,
+    is_last: u32,
+}
+
+fn blend_window<A: FloatAdd>(
+    saved: &Saved,
+    v_image: &CubeTensor,
+    v_splats: &CubeTensor,
+    v_slots: &Buffer,
+    window: WindowLaunch,
+) {
+    let client = &v_image.client;
+    let lists = &saved.intersections;
     blend_tiles_vjp::launch::<A>(
         client,
         calculate_cubes(client, lists.tiles[0] * lists.tiles[1]),
@@ -49,8 +79,14 @@ fn launch_vjp<A: FloatAdd>(saved: &Saved, v_image: &CubeTensor, v_splats: &CubeT
         v_slots.arg(),
         arg(v_splats),
         frame(lists, &saved.options, &saved.splats),
+        window,
         TILE * TILE / saved.tuning.units,
     );
+}
+
+fn sum_window(saved: &Saved, v_splats: &CubeTensor, v_slots: &Buffer, window: WindowLaunch) {
+    let client = &v_splats.client;
+    let lists = &saved.intersections;
     let n = saved.splats.meta.shape()[0];
     let (count, dim) = units(client, n);
     sum_slots::launch(
@@ -62,6 +98,7 @@ fn launch_vjp<A: FloatAdd>(saved: &Saved, v_image: &CubeTensor, v_splats: &CubeT
         lists.tile_counts.arg(),
         lists.starts.arg(),
         arg(v_splats),
+        window,
         n as u32,
         lists.capacity as u32,
     );
@@ -223,6 +260,7 @@ fn blend_tiles_vjp<A: FloatAdd>(
     v_slots: &mut [f32],
     v_splats: &[Atomic<A::Word>],
     frame: Frame,
+    window: Window,
     #[comptime] per_unit: usize,
 ) {
     let units = comptime!(TILE * TILE / per_unit);
@@ -248,7 +286,11 @@ fn blend_tiles_vjp<A: FloatAdd>(
     if !list.overflowed && unit < N_DIFFERENTIABLE {
         // Splats behind all pixels: their slots are read all the same.
         for place in usize::max(end, list.start)..list.end {
-            v_slots[lists.slots[place] as usize * N_DIFFERENTIABLE + unit] = 0.0f32;
+            // Wraps around for slots before the window.
+            let slot = lists.slots[place] - window.first;
+            if slot < window.length {
+                v_slots[slot as usize * N_DIFFERENTIABLE + unit] = 0.0f32;
+            }
         }
     }
 
@@ -282,10 +324,15 @@ fn blend_tiles_vjp<A: FloatAdd>(
                 }
                 let place = batch_end - step - 1;
                 if list.overflowed {
-                    let row = lists.order[place] as usize;
-                    A::add(&v_splats[row * N_COLUMNS + value], sum);
+                    if window.first == 0u32 {
+                        let row = lists.order[place] as usize;
+                        A::add(&v_splats[row * N_COLUMNS + value], sum);
+                    }
                 } else {
-                    v_slots[lists.slots[place] as usize * N_DIFFERENTIABLE + value] = sum;
+                    let slot = lists.slots[place] - window.first;
+                    if slot < window.length {
+                        v_slots[slot as usize * N_DIFFERENTIABLE + value] = sum;
+                    }
                 }
             }
         }
@@ -304,6 +351,7 @@ fn sum_slots(
     tile_counts: &[u32],
     starts: &[u32],
     v_splats: &mut [f32],
+    window: Window,
     n: u32,
     capacity: u32,
 ) {
@@ -313,15 +361,17 @@ fn sum_slots(
         let mut sums = Array::<f32>::new(N_DIFFERENTIABLE);
         #[unroll]
         for value in 0..N_DIFFERENTIABLE {
-            // What the cubes of overflowed lists have added up.
+            // What earlier windows, or the cubes of overflowed lists, have added up.
             sums[value] = v_splats[at + value];
         }
         if starts[n as usize] <= capacity {
-            let first = firsts[row] as usize;
-            for slot in first..first + tile_counts[row] as usize {
+            let window_end = window.first + window.length;
+            let from = u32::clamp(firsts[row], window.first, window_end);
+            let to = u32::clamp(firsts[row] + tile_counts[row], window.first, window_end);
+            for slot in from - window.first..to - window.first {
                 #[unroll]
                 for value in 0..N_DIFFERENTIABLE {
-                    sums[value] += v_slots[slot * N_DIFFERENTIABLE + value];
+                    sums[value] += v_slots[slot as usize * N_DIFFERENTIABLE + value];
                 }
             }
         }
@@ -332,7 +382,8 @@ fn sum_slots(
         }
         #[unroll]
         for value in 0..N_DIFFERENTIABLE {
-            v_splats[at + value] = select(finite, sums[value], 0.0f32);
+            let kept = finite || window.is_last == 0u32;
+            v_splats[at + value] = select(kept, sums[value], 0.0f32);
         }
     }
 }

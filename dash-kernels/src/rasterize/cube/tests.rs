@@ -1,6 +1,6 @@
 //! What only this backend has: lists of tiles, their overflow, several ways to the same result.
 
-use crate::cube::tests::{cube_tensor, cube_values, poison, words};
+use crate::cube::tests::{cube_tensor, cube_values, words};
 use crate::rasterize::reference;
 use crate::rasterize::tests::{background, cotangents, mask_thresholds, options, random};
 use crate::rasterize::tiles::TILE;
@@ -115,6 +115,37 @@ fn every_cube_size_gives_the_same() {
         let got = run(&splats, &v_image, Tuning { units, ..tuning() });
         assert_same(&format!("{units} units"), &got, &expected);
     }
+}
+
+/// Slots that don't fit one buffer are gone over in windows, in the same order.
+#[test]
+fn windows_of_slots_change_no_bit() {
+    let splats = random(37, 300, SIZE[0], SIZE[1]);
+    let v_image = to_f32(&cotangents(37, SIZE[0] * SIZE[1]));
+    let whole = Tuning {
+        capacity: Some(1 << 14),
+        ..tuning()
+    };
+    let expected = run(&splats, &v_image, whole);
+    assert!(expected.1.iter().any(|&v| v != 0.0));
+    for slots_per_window in [517, 4096] {
+        let got = run(
+            &splats,
+            &v_image,
+            Tuning {
+                slots_per_window,
+                ..whole
+            },
+        );
+        assert!(got == expected, "windows of {slots_per_window}");
+    }
+    // Without room for the lists there are no slots, whatever the windows.
+    let short = Tuning {
+        slots_per_window: 40,
+        capacity: Some(100),
+        ..whole
+    };
+    assert_same("overflow", &run(&splats, &v_image, short), &expected);
 }
 
 /// Lists that are too short are noticed on the device, and the result is right all the same, with

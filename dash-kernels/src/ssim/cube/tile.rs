@@ -2,7 +2,7 @@
 
 use cubecl::prelude::*;
 
-use crate::cube::is_finite;
+use crate::cube::{finite_or_zero, is_finite};
 
 use super::super::window::{C1, C2, RADIUS, TAPS, window};
 use super::{LARGEST, TILE, UNITS};
@@ -205,7 +205,7 @@ pub(super) fn gradient_at(
     if row >= 0i32 && column >= 0i32 && (row as u32) < frame.height && (column as u32) < frame.width
     {
         let at = ((row as u32) * frame.width + column as u32) * frame.channels + channel;
-        v = v_out[at as usize];
+        v = finite_or_zero(v_out[at as usize]);
     }
     v
 }
