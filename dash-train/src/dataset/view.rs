@@ -13,8 +13,8 @@ use super::distortion::{Distortion, undistort};
 use super::image::{ImageData, decode, decode_mask};
 use super::{DatasetError, LoadOptions};
 
-/// Folder with masks of what moves, which synthetic scenes carry.
-const MASK_FOLDER: &str = "masks";
+/// Folder with masks of what truly moves, which synthetic scenes carry.
+const MOTION_FOLDER: &str = "motion_masks";
 
 /// What a view is for.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
@@ -60,7 +60,7 @@ pub struct View {
     /// The image's path below the dataset (for `camNN/images/0003.png`: `camNN/0003`), without extension.
     pub name: String,
     pub(crate) image: Arc<ImageData>,
-    pub(crate) mask: Option<Arc<Vec<u8>>>,
+    pub(crate) motion_mask: Option<Arc<Vec<u8>>>,
 }
 
 impl View {
@@ -85,7 +85,7 @@ impl View {
             split: Split::Train,
             name: name.to_string(),
             image: Arc::new(ImageData::from_rgb(width, height, pixels)),
-            mask: None,
+            motion_mask: None,
         }
     }
 
@@ -93,13 +93,19 @@ impl View {
     ///
     /// # Shapes
     /// `[H * W * 3]`, rows first, sRGB values in [0, 1].
-    pub fn rgb(&self, background: [f32; 3]) -> Vec<f32> {
-        self.image.rgb(background)
+    ///
+    /// # Errors
+    /// When the image is read only now and is damaged or gone.
+    pub fn rgb(&self, background: [f32; 3]) -> Result<Vec<f32>, DatasetError> {
+        Ok(self.image.rgb(background))
     }
 
     /// The image's alpha `[H * W]` in [0, 1]; `None` when it has none.
-    pub fn alpha(&self) -> Option<Vec<f32>> {
-        self.image.alpha()
+    ///
+    /// # Errors
+    /// As [`rgb`](Self::rgb).
+    pub fn alpha(&self) -> Result<Option<Vec<f32>>, DatasetError> {
+        Ok(self.image.alpha())
     }
 
     /// Whether the image has alpha.
@@ -109,8 +115,8 @@ impl View {
 
     /// True motion `[H * W]`, 255 where the colour depends on something that moves, else 0. Only
     /// test views of synthetic scenes have it.
-    pub fn mask(&self) -> Option<&[u8]> {
-        self.mask.as_deref().map(Vec::as_slice)
+    pub fn motion_mask(&self) -> Option<&[u8]> {
+        self.motion_mask.as_deref().map(Vec::as_slice)
     }
 
     /// Memory that the image takes.
@@ -221,7 +227,7 @@ impl<'a> Context<'a> {
         self.charge(image.pixels.len() as u64)?;
         let mask_file = self
             .root
-            .join(MASK_FOLDER)
+            .join(MOTION_FOLDER)
             .join(format!("{}.png", view.name));
         let mask = (view.split == Split::Test && mask_file.is_file())
             .then(|| decode_mask(&mask_file, full_size, width, height))
@@ -235,7 +241,7 @@ impl<'a> Context<'a> {
             split: view.split,
             name: view.name,
             image: Arc::new(image),
-            mask: mask.map(Arc::new),
+            motion_mask: mask.map(Arc::new),
         })
     }
 

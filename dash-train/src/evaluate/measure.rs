@@ -1,6 +1,7 @@
 //! Scores of a scene over the views of one split.
 
 use std::collections::BTreeMap;
+use std::collections::btree_map::Entry;
 
 use dash_model::{DynamicScene, Layer};
 use serde::{Deserialize, Serialize};
@@ -138,11 +139,12 @@ pub fn evaluate(
     for view in &views {
         let (picture, secs) = render_timed(scene, &view.camera, view.time, Layer::Full)?;
         seconds += secs;
-        let moving = masks
-            .entry(view.camera_index)
-            .or_insert_with(|| camera_moving_pixels(dataset, view, background));
-        per_view.push(score(view, &picture, moving, background));
-        if let Some(truth) = view.mask() {
+        let moving = match masks.entry(view.camera_index) {
+            Entry::Occupied(known) => known.into_mut(),
+            Entry::Vacant(new) => new.insert(camera_moving_pixels(dataset, view, background)?),
+        };
+        per_view.push(score(view, &picture, moving, background)?);
+        if let Some(truth) = view.motion_mask() {
             let (dynamic, _) = render_timed(scene, &view.camera, view.time, Layer::Dynamic)?;
             let truth: Vec<bool> = truth.iter().map(|&m| m > MASK_HALF).collect();
             *counts.get_or_insert_default() += split_scores(&dynamic.alpha, &truth);
@@ -171,11 +173,16 @@ pub fn evaluate(
     })
 }
 
-fn score(view: &View, picture: &Picture, moving: &[bool], background: [f32; 3]) -> ViewScores {
+fn score(
+    view: &View,
+    picture: &Picture,
+    moving: &[bool],
+    background: [f32; 3],
+) -> Result<ViewScores, TrainError> {
     let (width, height) = (view.camera.width, view.camera.height);
-    let truth = view.rgb(background);
+    let truth = view.rgb(background)?;
     let image: Vec<f32> = picture.rgb.iter().copied().map(as_saved).collect();
-    ViewScores {
+    Ok(ViewScores {
         camera: view.camera_name.clone(),
         frame: view.frame,
         time: view.time,
@@ -183,7 +190,7 @@ fn score(view: &View, picture: &Picture, moving: &[bool], background: [f32; 3]) 
         psnr_dynamic: masked_psnr(&image, &truth, moving).and_then(finite),
         ssim: finite(ssim(&image, &truth, width, height)),
         ms_ssim: finite(ms_ssim(&image, &truth, width, height)),
-    }
+    })
 }
 
 /// The value that an 8-bit picture would hold; NaN stays NaN.
@@ -193,7 +200,11 @@ fn as_saved(value: f32) -> f32 {
 
 /// Which pixels move in the video of this view's camera, over all its frames; of a single picture,
 /// those that the dataset's mask of it marks.
-fn camera_moving_pixels(dataset: &Dataset, view: &View, background: [f32; 3]) -> Vec<bool> {
+fn camera_moving_pixels(
+    dataset: &Dataset,
+    view: &View,
+    background: [f32; 3],
+) -> Result<Vec<bool>, TrainError> {
     let camera = &view.camera;
     // Views of one camera differ in size only if the dataset's images do.
     let same = |other: &&View| {
@@ -202,12 +213,15 @@ fn camera_moving_pixels(dataset: &Dataset, view: &View, background: [f32; 3]) ->
     };
     let mut video: Vec<&View> = dataset.views.iter().filter(same).collect();
     video.sort_by_key(|view| view.frame);
-    if let ([_], Some(mask)) = (video.as_slice(), view.mask()) {
-        return mask.iter().map(|&m| m > MASK_HALF).collect();
+    if let ([_], Some(mask)) = (video.as_slice(), view.motion_mask()) {
+        return Ok(mask.iter().map(|&m| m > MASK_HALF).collect());
     }
-    let frames: Vec<Vec<f32>> = video.iter().map(|view| view.rgb(background)).collect();
+    let frames: Vec<Vec<f32>> = video
+        .iter()
+        .map(|view| view.rgb(background))
+        .collect::<Result<_, _>>()?;
     let frames: Vec<&[f32]> = frames.iter().map(Vec::as_slice).collect();
-    moving_pixels(&frames, camera.width, camera.height)
+    Ok(moving_pixels(&frames, camera.width, camera.height))
 }
 
 fn settings(background: [f32; 3], downscale: f64, width: usize, height: usize) -> MetricSettings {
@@ -291,13 +305,21 @@ mod tests {
     fn of_a_single_picture_the_mask_says_what_moves() {
         let mut dataset = room();
         let all = dataset.split(Split::Test).next().expect("has one").clone();
-        let marked: Vec<bool> = all.mask().expect("true").iter().map(|&m| m > 0).collect();
-        let of_the_video = camera_moving_pixels(&dataset, &all, [0.0; 3]);
+        let marked: Vec<bool> = all
+            .motion_mask()
+            .expect("true")
+            .iter()
+            .map(|&m| m > 0)
+            .collect();
+        let of_the_video = camera_moving_pixels(&dataset, &all, [0.0; 3]).expect("in memory");
         assert!(of_the_video != marked, "the video has other moments, too");
         dataset.views.retain(|view| view.name == all.name);
-        assert_eq!(camera_moving_pixels(&dataset, &all, [0.0; 3]), marked);
-        dataset.views[0].mask = None;
-        let none = camera_moving_pixels(&dataset, &dataset.views[0], [0.0; 3]);
+        assert_eq!(
+            camera_moving_pixels(&dataset, &all, [0.0; 3]).expect("in memory"),
+            marked
+        );
+        dataset.views[0].motion_mask = None;
+        let none = camera_moving_pixels(&dataset, &dataset.views[0], [0.0; 3]).expect("in memory");
         assert!(none.iter().all(|moves| !moves));
     }
 
@@ -321,7 +343,7 @@ mod tests {
         let shown = 128.0 / 255.0;
         let mut sum = 0.0;
         for (view, got) in dataset.split(Split::Test).zip(&scores.per_view) {
-            let truth = view.rgb([0.0; 3]);
+            let truth = view.rgb([0.0; 3]).expect("in memory");
             let errors = truth.iter().map(|v| f64::from(v - shown).powi(2));
             let expected = -10.0 * (errors.sum::<f64>() / truth.len() as f64).log10();
             let got = got.psnr.expect("defined");

@@ -48,7 +48,7 @@ pub fn write_overview(
         shown
             .iter()
             .map(|view| view.rgb(scene.settings.background))
-            .collect(),
+            .collect::<Result<_, _>>()?,
     );
     for layer in [Layer::Full, Layer::Static, Layer::Dynamic] {
         let pictures = shown

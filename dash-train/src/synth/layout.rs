@@ -25,8 +25,8 @@ impl SynthLayout {
     /// The truth about what moves in it, relative to the dataset.
     pub fn mask_path(self, camera: usize, frame: usize, frames: usize) -> String {
         match self {
-            Self::N3dv => format!("masks/cam{camera:02}/{frame:04}.png"),
-            Self::Blender => format!("masks/{}.png", blender_stem(camera, frame, frames)),
+            Self::N3dv => format!("motion_masks/cam{camera:02}/{frame:04}.png"),
+            Self::Blender => format!("motion_masks/{}.png", blender_stem(camera, frame, frames)),
         }
     }
 

@@ -18,9 +18,9 @@
 //! # Files
 //! - `n3dv`: `camNN/images/%04d.png` or `camNN.mp4`; `poses_bounds.npy` (LLFF: camera-to-world
 //!   columns down, right, backwards; height, width, focal length; near, far);
-//!   `points3D_downsample2.ply`; `masks/camNN/%04d.png`.
+//!   `points3D_downsample2.ply`; `motion_masks/camNN/%04d.png`.
 //! - `blender`: `transforms_train.json`, `transforms_test.json` (camera 0), `train/r_%04d.png` (one
-//!   camera after another), `test/r_%04d.png`, `points3d.ply`, `masks/train/`, `masks/test/`.
+//!   camera after another), `test/r_%04d.png`, `points3d.ply`, `motion_masks/train/`, `motion_masks/test/`.
 //! - both: `truth.json`, see [`Truth`].
 //!
 //! # Modules

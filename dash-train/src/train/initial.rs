@@ -8,7 +8,7 @@ use rand_pcg::Pcg64;
 
 use super::sweep::Sweep;
 use crate::cameras::focus_point;
-use crate::dataset::{Dataset, View};
+use crate::dataset::{Dataset, DatasetError, View};
 
 /// Most views that points are looked for in.
 const MAX_VIEWS: usize = 64;
@@ -41,7 +41,7 @@ pub(crate) fn initial_points(
     background: [f32; 3],
     limits: [usize; 2],
     rng: &mut Pcg64,
-) -> InitialPoints {
+) -> Result<InitialPoints, DatasetError> {
     let cloud = dataset.points.as_ref();
     let n = cloud.map_or(0, |cloud| cloud.positions.len());
     let kept = n.min(limits[1]);
@@ -60,7 +60,7 @@ pub(crate) fn initial_points(
     let sweep = Sweep::new(
         &views_at_start(dataset, train_views, first_part),
         background,
-    );
+    )?;
     if kept > 0 && !sweep.shows(&points) {
         tracing::warn!(
             "the {n} points of {} have other colours than the pictures where they are, as if drawn at random: they are not used",
@@ -74,7 +74,7 @@ pub(crate) fn initial_points(
         points.positions.extend(swept.positions);
         points.colors.extend(swept.colors);
     }
-    points
+    Ok(points)
 }
 
 /// The views of the first part of the clip, where it has one; else some of all times.

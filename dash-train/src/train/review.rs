@@ -109,7 +109,7 @@ fn is_needed(trainer: &Trainer, still: &Gaussians) -> Result<bool, TrainError> {
     };
     let (mut moving_error, mut still_error) = (0.0, 0.0);
     for view in witnesses(trainer) {
-        let truth = view.rgb(scene.settings.background);
+        let truth = view.rgb(scene.settings.background)?;
         let error = |scene: &DynamicScene| -> Result<f64, TrainError> {
             let image = scene.render(&view.camera, view.time)?.rgb().detach();
             let pairs = to_host(image).into_iter().zip(&truth);

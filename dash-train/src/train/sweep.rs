@@ -8,7 +8,7 @@ use rayon::prelude::*;
 
 use super::initial::InitialPoints;
 use crate::cameras::focus_point;
-use crate::dataset::View;
+use crate::dataset::{DatasetError, View};
 
 /// Depths between which points are looked for, in units of the distance to where the cameras look.
 const DEPTHS: [f64; 2] = [0.25, 8.0];
@@ -58,20 +58,22 @@ pub(crate) struct Sweep<'a> {
 
 impl<'a> Sweep<'a> {
     /// Prepares views.
-    pub(crate) fn new(views: &[&'a View], background: [f32; 3]) -> Self {
+    pub(crate) fn new(views: &[&'a View], background: [f32; 3]) -> Result<Self, DatasetError> {
         let cameras: Vec<Camera> = views.iter().map(|view| view.camera.clone()).collect();
         let pictures = views
             .par_iter()
             .enumerate()
-            .map(|(index, view)| Picture {
-                camera: &view.camera,
-                colors: smoothed(&view.rgb(background), &view.camera),
-                alpha: view.alpha(),
-                witnesses: witnesses(&cameras, index),
+            .map(|(index, view)| {
+                Ok(Picture {
+                    camera: &view.camera,
+                    colors: smoothed(&view.rgb(background)?, &view.camera),
+                    alpha: view.alpha()?,
+                    witnesses: witnesses(&cameras, index),
+                })
             })
-            .collect();
+            .collect::<Result<_, DatasetError>>()?;
         let focus = glam::DVec3::from(focus_point(&cameras));
-        Self { pictures, focus }
+        Ok(Self { pictures, focus })
     }
 
     /// At most `n` points, and their colours, that several of the views agree on.
@@ -271,7 +273,7 @@ mod tests {
     fn a_cloud_of_random_colours_is_told_from_a_reconstruction() {
         let views = walls();
         let views: Vec<&View> = views.iter().collect();
-        let sweep = Sweep::new(&views, [0.0; 3]);
+        let sweep = Sweep::new(&views, [0.0; 3]).expect("in memory");
         let mut rng = Pcg64::seed_from_u64(5);
         let mut points = sweep.points(300, &mut rng);
         assert!(sweep.shows(&points));
@@ -288,7 +290,7 @@ mod tests {
     fn points_lie_on_a_textured_wall() {
         let views = walls();
         let views: Vec<&View> = views.iter().collect();
-        let sweep = Sweep::new(&views, [0.0; 3]);
+        let sweep = Sweep::new(&views, [0.0; 3]).expect("in memory");
         let points = sweep.points(300, &mut Pcg64::seed_from_u64(5));
         assert!(points.positions.len() > 200, "{}", points.positions.len());
         let mut off: Vec<f32> = points.positions.iter().map(|p| p[2].abs()).collect();

@@ -114,7 +114,7 @@ impl Trainer {
             background,
             [config.min_initial_points, config.max_initial_points],
             &mut rng,
-        );
+        )?;
         let core = Core::of(&dataset, &points);
         let near_plane = config
             .near_plane
@@ -282,7 +282,7 @@ impl Trainer {
         let image = rendering.rgb();
         let target = Tensor::<3>::from_data(
             TensorData::new(
-                view.rgb(self.scene.settings.background),
+                view.rgb(self.scene.settings.background)?,
                 [camera.height, camera.width, 3],
             ),
             &self.device,

@@ -37,7 +37,7 @@ pub(crate) fn psnr(
     for &index in views {
         let view = &dataset.views[index];
         let image = to_host(scene.render(&view.camera, view.time)?.rgb().detach());
-        sum += crate::metrics::psnr(&image, &view.rgb(scene.settings.background));
+        sum += crate::metrics::psnr(&image, &view.rgb(scene.settings.background)?);
     }
     Ok(Some(sum / views.len() as f64))
 }

@@ -96,17 +96,18 @@ fn dnerf_cameras_times_splits_and_transparency() {
     }
     let view = &dataset.views[0];
     // 51 / 255 = 0.2: c * 0.2 + 0.8 over white.
-    for (got, expected) in view
-        .rgb([1.0; 3])
-        .iter()
-        .zip([0.956_862_75, 0.878_431_4, 0.8])
+    for (got, expected) in
+        view.rgb([1.0; 3])
+            .expect("in memory")
+            .iter()
+            .zip([0.956_862_75, 0.878_431_4, 0.8])
     {
         assert!(
             (got - expected).abs() < 1e-6,
             "got {got}, expected {expected}"
         );
     }
-    assert!((view.alpha().expect("RGBA")[5] - 0.2).abs() < 1e-6);
+    assert!((view.alpha().expect("in memory").expect("RGBA")[5] - 0.2).abs() < 1e-6);
 }
 
 #[test]
@@ -329,10 +330,10 @@ fn truncated_files_are_errors() {
 fn masks_of_test_views() {
     let fixture = dnerf();
     image::GrayImage::from_pixel(W as u32, H as u32, image::Luma([255]))
-        .save(fixture.path("masks/test/r_0.png"))
+        .save(fixture.path("motion_masks/test/r_0.png"))
         .expect("writes");
     let views = fixture.load().expect("loads").views;
-    assert_eq!(views[3].mask(), Some(&[255; W * H][..]));
-    fixture.image("masks/test/r_0.png", W + 1, H, [255; 3]);
-    fixture.refuses(&["masks", "r_0.png", "8x6", "9x6"]);
+    assert_eq!(views[3].motion_mask(), Some(&[255; W * H][..]));
+    fixture.image("motion_masks/test/r_0.png", W + 1, H, [255; 3]);
+    fixture.refuses(&["motion_masks", "r_0.png", "8x6", "9x6"]);
 }

@@ -100,7 +100,10 @@ fn binary_models_in_either_folder() {
             [("a", Split::Test), ("b", Split::Train)],
             "in the order of names"
         );
-        assert_eq!(dataset.views[1].rgb([0.0; 3])[0], 20.0 / 255.0);
+        assert_eq!(
+            dataset.views[1].rgb([0.0; 3]).expect("in memory")[0],
+            20.0 / 255.0
+        );
         assert_cameras_equal(&dataset.views[0].camera, &expected_camera());
         let points = dataset.points.expect("points");
         assert_eq!(

@@ -272,6 +272,10 @@ fn damaged_bytes_never_panic() {
 fn views_can_be_made_without_a_folder() {
     let mut view = super::View::from_rgb8("made", camera(0), 0.5, vec![51; W * H * 3]);
     view.split = super::Split::Test;
-    assert_eq!(view.rgb([1.0; 3]), vec![0.2; W * H * 3]);
-    assert!(view.alpha().is_none() && view.mask().is_none() && view.split.to_string() == "test");
+    assert_eq!(view.rgb([1.0; 3]).expect("in memory"), vec![0.2; W * H * 3]);
+    assert!(
+        view.alpha().expect("in memory").is_none()
+            && view.motion_mask().is_none()
+            && view.split.to_string() == "test"
+    );
 }

@@ -84,7 +84,7 @@ fn cameras_times_and_images_are_exact() {
                 Split::Train
             }
         );
-        let rgb = view.rgb([0.0; 3]);
+        let rgb = view.rgb([0.0; 3]).expect("in memory");
         assert_eq!(rgb.len(), W * H * 3);
         assert_eq!(
             rgb[..3],
@@ -155,7 +155,10 @@ fn options_choose_size_frames_and_test_cameras() {
     );
     assert_eq!(dataset.split(Split::Train).count(), 3);
     assert_cameras_equal(&dataset.views[3].camera, &camera(1).resized(5, 4));
-    assert_eq!(dataset.views[3].rgb([0.0; 3]).len(), 5 * 4 * 3);
+    assert_eq!(
+        dataset.views[3].rgb([0.0; 3]).expect("in memory").len(),
+        5 * 4 * 3
+    );
     assert_eq!(dataset.image_bytes(), 9 * 5 * 4 * 3);
 
     let out_of_range = LoadOptions {
@@ -288,13 +291,19 @@ fn masks_come_with_test_views_only() {
         let mask = image::GrayImage::from_fn(W as u32, H as u32, |x, _| {
             image::Luma([if x < 4 { 255 } else { 0 }])
         });
-        mask.save(fixture.path(&format!("masks/cam{camera}/0001.png")))
+        mask.save(fixture.path(&format!("motion_masks/cam{camera}/0001.png")))
             .expect("writes");
     }
     let views = fixture.load().expect("loads").views;
-    let has_mask: Vec<bool> = views.iter().map(|view| view.mask().is_some()).collect();
+    let has_mask: Vec<bool> = views
+        .iter()
+        .map(|view| view.motion_mask().is_some())
+        .collect();
     assert_eq!(has_mask, [false, true, false, false]);
-    assert_eq!(views[1].mask().expect("a mask")[2..6], [255, 255, 0, 0]);
+    assert_eq!(
+        views[1].motion_mask().expect("a mask")[2..6],
+        [255, 255, 0, 0]
+    );
 }
 
 /// Writes a short video of frames with rising brightness; `false` when there is no ffmpeg to try.
@@ -342,7 +351,7 @@ fn videos_are_decoded_frame_by_frame() {
         assert_eq!(view.time, frame as f32 / 4.0);
         assert_cameras_equal(&view.camera, &camera(camera_index));
         let expected = ([60, 20][camera_index] + 30 * frame) as f32 / 255.0;
-        for got in view.rgb([0.0; 3]) {
+        for got in view.rgb([0.0; 3]).expect("in memory") {
             assert!(
                 (got - expected).abs() < 6.0 / 255.0,
                 "view {index}: got {got}, expected {expected}"

@@ -29,7 +29,7 @@ fn load_at(name: &str, downscale: f64) -> Option<Dataset> {
 /// Of the points in front of the camera: the share inside the image, and of those the median
 /// difference (of the channels' mean, in [0, 1]) between the point's colour and its pixel.
 fn agreement(view: &View, points: &PointCloud) -> (f64, f64) {
-    let rgb = view.rgb([1.0; 3]);
+    let rgb = view.rgb([1.0; 3]).expect("in memory");
     let (mut in_front, mut differences) = (0, Vec::new());
     for (position, color) in points.positions.iter().zip(&points.colors) {
         let Some(([u, v], _)) = view.camera.project(position.map(f64::from)) else {
@@ -147,7 +147,12 @@ fn nr_nerf_is_one_moving_camera() {
 fn red_sphere(view: &View) -> Option<[f64; 2]> {
     let (width, height) = (view.camera.width, view.camera.height);
     let (mut n, mut sum) = (0.0, [0.0; 2]);
-    for (index, pixel) in view.rgb([1.0; 3]).chunks_exact(3).enumerate() {
+    for (index, pixel) in view
+        .rgb([1.0; 3])
+        .expect("in memory")
+        .chunks_exact(3)
+        .enumerate()
+    {
         if pixel[0] < 0.1 || pixel[0] < 2.0 * pixel[1].max(pixel[2]) {
             continue;
         }

@@ -91,7 +91,8 @@ fn n3dv_holds_the_exact_cameras_pictures_and_masks() {
             image.into_rgb8().into_raw() == view.rgb,
             "{name}: another picture"
         );
-        let mask = image::open(out.join(format!("masks/cam{index:02}/0001.png"))).expect("a PNG");
+        let mask =
+            image::open(out.join(format!("motion_masks/cam{index:02}/0001.png"))).expect("a PNG");
         assert_eq!(mask.color(), image::ColorType::L8);
         let moving: Vec<bool> = mask
             .into_luma8()
@@ -149,7 +150,11 @@ fn blender_holds_the_exact_cameras_and_splits_off_camera_0() {
             assert_eq!(stem, format!("./{split}/r_{index:04}"));
             let image = image::open(out.join(format!("{stem}.png"))).expect("a PNG");
             assert_eq!(image.dimensions(), (40, 30));
-            assert!(out.join("masks").join(format!("{stem}.png")).is_file());
+            assert!(
+                out.join("motion_masks")
+                    .join(format!("{stem}.png"))
+                    .is_file()
+            );
         }
     }
 }
@@ -324,7 +329,7 @@ fn videos_need_ffmpeg_and_a_failure_leaves_nothing() {
             let files = tree(&out);
             assert!(files.contains_key("cam03.mp4"));
             let frames = files.keys().filter(|f| f.ends_with(".png"));
-            assert!(frames.into_iter().all(|f| f.starts_with("masks/")));
+            assert!(frames.into_iter().all(|f| f.starts_with("motion_masks/")));
         }
         Err(error) => assert!(matches!(error, SynthError::FfmpegMissing { .. }), "{error}"),
     }
