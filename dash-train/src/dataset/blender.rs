@@ -5,6 +5,7 @@ use std::path::{Path, PathBuf};
 use dash_kernels::Camera;
 
 use super::distortion::Distortion;
+use super::frames::Source;
 use super::image::dimensions;
 use super::transforms::{Transforms, find_image, parse};
 use super::view::{Context, Lens, PlannedView, Split};
@@ -61,7 +62,7 @@ pub(super) fn read(context: &Context) -> Result<Parts, DatasetError> {
     for ((entry, &camera_index), (frame, time)) in entries.into_iter().zip(&camera_of).zip(times) {
         planned.push(PlannedView {
             lens: Lens::new(entry.distortion, &entry.camera, &entry.listed_in)?,
-            file: entry.file,
+            source: Source::File(entry.file),
             name: entry.name,
             camera_name: format!("cam{camera_index:02}"),
             camera_index,

@@ -7,6 +7,7 @@ use std::path::{Path, PathBuf};
 use dash_kernels::Camera;
 
 use super::distortion::Distortion;
+use super::frames::Source;
 use super::image::MAX_IMAGE_SIDE;
 use super::view::{Context, Lens, PlannedView, Split};
 use super::{
@@ -159,7 +160,7 @@ pub(super) fn read(context: &Context) -> Result<Parts, DatasetError> {
         let inside = file.strip_prefix(&folder).unwrap_or(&file);
         let name = inside.with_extension("").to_string_lossy().into_owned();
         planned.push(PlannedView {
-            file,
+            source: Source::File(file),
             camera_name: name.clone(),
             name,
             camera_index,

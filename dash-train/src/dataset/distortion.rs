@@ -198,6 +198,7 @@ mod tests {
                 height: 60,
                 channels: 3,
                 pixels: vec![0; 80 * 60 * 3],
+                counted: None,
             };
             let shade = |[x, y]: [f64; 2]| [128.0 + 100.0 * x, 128.0 + 100.0 * y];
             for y in 0..60 {

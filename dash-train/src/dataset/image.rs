@@ -3,9 +3,10 @@
 use std::fmt;
 use std::fs;
 use std::io::Cursor;
+use std::ops::Range;
 use std::path::Path;
 
-use image::{DynamicImage, ImageFormat, ImageReader, Limits};
+use image::{DynamicImage, ImageDecoder, ImageFormat, ImageReader, Limits};
 
 use super::DatasetError;
 
@@ -21,6 +22,8 @@ pub(crate) struct ImageData {
     pub(super) height: usize,
     pub(super) channels: usize,
     pub(super) pixels: Vec<u8>,
+    /// For each pixel 255 where it counts, else 0; `None` where all do.
+    pub(super) counted: Option<Vec<u8>>,
 }
 
 impl fmt::Debug for ImageData {
@@ -42,6 +45,7 @@ impl ImageData {
             height,
             channels: RGB,
             pixels,
+            counted: None,
         }
     }
 
@@ -51,11 +55,18 @@ impl ImageData {
 
     /// `[H, W, 3]` in [0, 1], over `background`.
     pub(super) fn rgb(&self, background: [f32; 3]) -> Vec<f32> {
+        self.rgb_rows(background, 0..self.height)
+    }
+
+    /// Some rows of [`rgb`](Self::rgb).
+    pub(super) fn rgb_rows(&self, background: [f32; 3], rows: Range<usize>) -> Vec<f32> {
+        let line = self.width * self.channels;
+        let pixels = &self.pixels[rows.start * line..rows.end * line];
         if !self.has_alpha() {
-            return self.pixels.iter().map(|&v| f32::from(v) / 255.0).collect();
+            return pixels.iter().map(|&v| f32::from(v) / 255.0).collect();
         }
-        let mut out = Vec::with_capacity(self.width * self.height * RGB);
-        for pixel in self.pixels.chunks_exact(RGBA) {
+        let mut out = Vec::with_capacity(pixels.len() / RGBA * RGB);
+        for pixel in pixels.chunks_exact(RGBA) {
             let alpha = f32::from(pixel[RGB]) / 255.0;
             for (&value, behind) in pixel[..RGB].iter().zip(background) {
                 out.push(f32::from(value) / 255.0 * alpha + behind * (1.0 - alpha));
@@ -114,6 +125,7 @@ impl ImageData {
             height,
             channels: self.channels,
             pixels: Vec::with_capacity(width * height * self.channels),
+            counted: None,
         }
     }
 
@@ -143,6 +155,14 @@ impl ImageData {
         }
         out
     }
+
+    /// 255 where the first channel is at least half (with `inverted`, less than half), else 0.
+    pub(super) fn thresholded(&self, inverted: bool) -> Vec<u8> {
+        self.pixels
+            .chunks_exact(self.channels)
+            .map(|p| if (p[0] > 127) != inverted { 255 } else { 0 })
+            .collect()
+    }
 }
 
 pub(super) fn accumulate(sum: &mut [f32; RGBA], value: [f32; RGBA], weight: f32) {
@@ -169,13 +189,29 @@ fn coverage(from: usize, to: usize) -> Vec<Vec<(usize, f32)>> {
 
 /// An image's width and height from its header.
 pub(super) fn dimensions(path: &Path) -> Result<(usize, usize), DatasetError> {
-    let reader = ImageReader::open(path)
+    let (width, height, _) = header(path)?;
+    Ok((width, height))
+}
+
+/// An image's width, height and whether it has alpha, from its header.
+pub(super) fn header(path: &Path) -> Result<(usize, usize, bool), DatasetError> {
+    let mut reader = ImageReader::open(path)
         .and_then(ImageReader::with_guessed_format)
         .map_err(DatasetError::io(path))?;
-    let (width, height) = reader
-        .into_dimensions()
+    reader.limits(limits());
+    let decoder = reader
+        .into_decoder()
         .map_err(|e| DatasetError::image(path, e))?;
-    Ok((width as usize, height as usize))
+    let (width, height) = decoder.dimensions();
+    let has_alpha = decoder.color_type().has_alpha();
+    Ok((width as usize, height as usize, has_alpha))
+}
+
+fn limits() -> Limits {
+    let mut limits = Limits::default();
+    limits.max_image_width = Some(MAX_IMAGE_SIDE);
+    limits.max_image_height = Some(MAX_IMAGE_SIDE);
+    limits
 }
 
 /// Decodes an image file completely.
@@ -189,19 +225,18 @@ pub(super) fn decode(path: &Path) -> Result<ImageData, DatasetError> {
             height,
             channels: RGBA,
             pixels,
+            counted: None,
         }
     } else {
         ImageData::from_rgb(width, height, decoded.into_rgb8().into_raw())
     })
 }
 
-/// Decodes a mask: 255 where at least half of a pixel of the `width x height` view is set, else 0.
+/// Decodes a mask of an image of the given size.
 pub(super) fn decode_mask(
     path: &Path,
     full_size: (usize, usize),
-    width: usize,
-    height: usize,
-) -> Result<Vec<u8>, DatasetError> {
+) -> Result<ImageData, DatasetError> {
     let decoded = decode_any(path)?.into_rgb8();
     let found = (decoded.width() as usize, decoded.height() as usize);
     if found != full_size {
@@ -212,12 +247,7 @@ pub(super) fn decode_mask(
             "write the mask again or remove it",
         ));
     }
-    let mask = ImageData::from_rgb(found.0, found.1, decoded.into_raw()).resized(width, height);
-    Ok(mask
-        .pixels
-        .chunks_exact(RGB)
-        .map(|p| if p[0] > 127 { 255 } else { 0 })
-        .collect())
+    Ok(ImageData::from_rgb(found.0, found.1, decoded.into_raw()))
 }
 
 fn decode_any(path: &Path) -> Result<DynamicImage, DatasetError> {
@@ -231,10 +261,7 @@ fn decode_any(path: &Path) -> Result<DynamicImage, DatasetError> {
             "the file ends before the image does (truncated)",
         ));
     }
-    let mut limits = Limits::default();
-    limits.max_image_width = Some(MAX_IMAGE_SIDE);
-    limits.max_image_height = Some(MAX_IMAGE_SIDE);
-    reader.limits(limits);
+    reader.limits(limits());
     reader.decode().map_err(|e| DatasetError::image(path, e))
 }
 
@@ -321,6 +348,7 @@ mod tests {
             height: 1,
             channels: 4,
             pixels: vec![200, 100, 50, 255, 9, 9, 9, 0],
+            counted: None,
         };
         assert_eq!(image.rgb([1.0, 0.0, 0.5])[3..], [1.0, 0.0, 0.5]);
         let half = image.resized(1, 1);
@@ -369,12 +397,14 @@ mod tests {
             image::Luma([if x == 0 || x > 1 { 255 } else { 0 }])
         });
         mask.save(&path).expect("writes");
-        assert_eq!(
-            decode_mask(&path, (4, 2), 4, 2).expect("reads")[..4],
-            [255, 0, 255, 255]
-        );
-        assert_eq!(decode_mask(&path, (4, 2), 2, 1).expect("reads"), [255, 255]);
-        assert_eq!(decode_mask(&path, (4, 2), 1, 1).expect("reads"), [255]);
-        assert!(decode_mask(&path, (8, 4), 4, 2).is_err());
+        let mask = |width, height, inverted| {
+            let whole = decode_mask(&path, (4, 2)).expect("reads");
+            whole.resized(width, height).thresholded(inverted)
+        };
+        assert_eq!(mask(4, 2, false)[..4], [255, 0, 255, 255]);
+        assert_eq!(mask(4, 2, true)[..4], [0, 255, 0, 0]);
+        assert_eq!(mask(2, 1, false), [255, 255]);
+        assert_eq!(mask(1, 1, false), [255]);
+        assert!(decode_mask(&path, (8, 4)).is_err());
     }
 }

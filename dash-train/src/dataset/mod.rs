@@ -18,6 +18,7 @@ mod colmap_text;
 mod distortion;
 mod error;
 mod files;
+mod frames;
 mod image;
 mod n3dv;
 mod npy;
@@ -36,9 +37,11 @@ use clap::ValueEnum;
 use serde::{Deserialize, Serialize};
 
 pub use error::DatasetError;
+pub use frames::FrameStatistics;
 pub use view::{Split, View};
 
 use crate::ply::{PointCloud, read_points};
+use frames::{FrameStore, Pixels};
 use view::Context;
 
 /// Files with initial points, in the order in which they are looked for.
@@ -86,7 +89,47 @@ impl Dataset {
         self.n_frames == 1
     }
 
-    /// Memory that the images take.
+    /// Says in which order views (by index) will be asked for next, so that images that are made on
+    /// demand can be made ahead of that.
+    pub fn announce(&self, order: impl Iterator<Item = usize>) {
+        let Some(store) = self.frame_store() else {
+            return;
+        };
+        let index = |view: usize| match &self.views.get(view)?.pixels {
+            Pixels::Ready(_) => None,
+            Pixels::Stored { index, .. } => Some(*index),
+        };
+        store.announce(order.filter_map(index).collect());
+    }
+
+    /// [`announce`](Self::announce)s some views of this dataset, in their order, `times` times over.
+    pub(crate) fn announce_again(&self, views: &[&View], times: usize) {
+        let Some(store) = self.frame_store() else {
+            return;
+        };
+        let once: Vec<usize> = views
+            .iter()
+            .filter_map(|view| match &view.pixels {
+                Pixels::Ready(_) => None,
+                Pixels::Stored { index, .. } => Some(*index),
+            })
+            .collect();
+        store.announce(once.repeat(times));
+    }
+
+    /// How images on demand have kept up; `None` where all are in memory.
+    pub fn frame_statistics(&self) -> Option<FrameStatistics> {
+        Some(self.frame_store()?.statistics())
+    }
+
+    fn frame_store(&self) -> Option<&FrameStore> {
+        self.views.iter().find_map(|view| match &view.pixels {
+            Pixels::Ready(_) => None,
+            Pixels::Stored { store, .. } => Some(store.as_ref()),
+        })
+    }
+
+    /// Memory that the images take together.
     pub fn image_bytes(&self) -> u64 {
         self.views.iter().map(View::image_bytes).sum()
     }
@@ -174,8 +217,11 @@ pub struct LoadOptions {
     pub frame_stride: usize,
     /// Decoding threads; all of rayon's when `None`.
     pub threads: Option<usize>,
-    /// Images may take this much memory before loading stops with an error.
-    pub max_image_bytes: u64,
+    /// Memory that images may take, bytes; half of what is free when `None`. What does not fit is
+    /// decoded when it is needed.
+    pub memory: Option<u64>,
+    /// Whether white in the pictures of `masks/` marks what does not count, instead of what does.
+    pub invert_masks: bool,
 }
 
 impl Default for LoadOptions {
@@ -187,8 +233,8 @@ impl Default for LoadOptions {
             max_frames: None,
             frame_stride: 1,
             threads: None,
-            // Twice an N3DV scene at its usual 1352x1014 x 300 frames x 20 cameras.
-            max_image_bytes: 48 << 30,
+            memory: None,
+            invert_masks: false,
         }
     }
 }

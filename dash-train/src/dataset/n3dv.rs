@@ -2,14 +2,17 @@
 
 use std::fs;
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 
 use dash_kernels::Camera;
 use rayon::prelude::*;
 
+use super::frames::Source;
 use super::image::{MAX_IMAGE_SIDE, dimensions};
 use super::npy::{ROW, parse_rows};
-use super::view::{Context, PlannedView, Split, View};
-use super::{DatasetError, Parts, files, find_points, frame_time, pose, video};
+use super::video::VideoIndex;
+use super::view::{Context, PlannedView, Split};
+use super::{DatasetError, Parts, files, find_points, frame_time, pose};
 
 pub(super) const POSES_FILE: &str = "poses_bounds.npy";
 /// Frames may differ from the poses' aspect ratio by this much and one pixel.
@@ -21,7 +24,7 @@ enum Frames {
     Video(PathBuf),
 }
 
-struct Source {
+struct CameraSource {
     name: String,
     frames: Frames,
 }
@@ -53,15 +56,15 @@ pub(super) fn read(context: &Context) -> Result<Parts, DatasetError> {
         .options
         .held_out((0..n_cameras).map(|index| index == 0).collect())?;
     let points = find_points(context.root, None)?;
-    let (views, n_frames) = match image_lists(&sources) {
+    let planned = match image_lists(&sources) {
         Some(lists) => {
             check_frames(context.root, &sources, &lists)?;
-            let planned = plan(context, &cameras, &sources, &lists, &held_out)?;
-            let n_frames = planned.len() / n_cameras;
-            (context.load_views(planned)?, n_frames)
+            plan(context, &cameras, &sources, &lists, &held_out)?
         }
-        None => decode_videos(context, &cameras, &sources, &held_out)?,
+        None => plan_videos(context, &cameras, &sources, &held_out)?,
     };
+    let n_frames = planned.len() / n_cameras;
+    let views = context.load_views(planned)?;
     Ok(Parts {
         views,
         points,
@@ -106,7 +109,7 @@ fn camera(path: &Path, index: usize, row: &[f64; ROW]) -> Result<Camera, Dataset
 }
 
 /// The camera folders that hold images, else the camera videos, in natural order.
-fn sources(root: &Path) -> Result<Vec<Source>, DatasetError> {
+fn sources(root: &Path) -> Result<Vec<CameraSource>, DatasetError> {
     let is_camera = |name: &str| {
         name.get(..3)
             .is_some_and(|start| start.eq_ignore_ascii_case("cam"))
@@ -123,21 +126,22 @@ fn sources(root: &Path) -> Result<Vec<Source>, DatasetError> {
         }
         let inner = folder.join("images");
         let images = files::list_images(if inner.is_dir() { &inner } else { &folder })?;
-        folders.push(Source {
+        folders.push(CameraSource {
             name: name.clone(),
             frames: Frames::Images(images),
         });
     }
-    let has_images = |source: &Source| matches!(&source.frames, Frames::Images(i) if !i.is_empty());
+    let has_images =
+        |source: &CameraSource| matches!(&source.frames, Frames::Images(i) if !i.is_empty());
     if folders.iter().any(has_images) {
         return Ok(folders);
     }
-    let videos: Vec<Source> = names
+    let videos: Vec<CameraSource> = names
         .iter()
         .filter(|name| is_camera(name) && files::has_extension(name, &["mp4"]))
         .map(|name| (root.join(name), name))
         .filter(|(path, _)| path.is_file())
-        .map(|(path, name)| Source {
+        .map(|(path, name)| CameraSource {
             name: files::stem(Path::new(name)),
             frames: Frames::Video(path),
         })
@@ -161,7 +165,7 @@ fn ends_in_digit(name: &str) -> bool {
     name.ends_with(|c: char| c.is_ascii_digit())
 }
 
-fn image_lists(sources: &[Source]) -> Option<Vec<&[PathBuf]>> {
+fn image_lists(sources: &[CameraSource]) -> Option<Vec<&[PathBuf]>> {
     sources
         .iter()
         .map(|source| match &source.frames {
@@ -172,7 +176,11 @@ fn image_lists(sources: &[Source]) -> Option<Vec<&[PathBuf]>> {
 }
 
 /// Every camera must have the same frames, or times would be mixed up between cameras.
-fn check_frames(root: &Path, sources: &[Source], lists: &[&[PathBuf]]) -> Result<(), DatasetError> {
+fn check_frames(
+    root: &Path,
+    sources: &[CameraSource],
+    lists: &[&[PathBuf]],
+) -> Result<(), DatasetError> {
     let stems: Vec<Vec<String>> = lists
         .iter()
         .map(|list| list.iter().map(|path| files::stem(path)).collect())
@@ -241,7 +249,7 @@ fn same_count(
 fn plan(
     context: &Context,
     cameras: &[Camera],
-    sources: &[Source],
+    sources: &[CameraSource],
     lists: &[&[PathBuf]],
     held_out: &[bool],
 ) -> Result<Vec<PlannedView>, DatasetError> {
@@ -256,7 +264,7 @@ fn plan(
         let camera_name = &sources[camera_index].name;
         for (frame, file) in kept.iter().enumerate() {
             planned.push(PlannedView {
-                file: file.to_path_buf(),
+                source: Source::File(file.to_path_buf()),
                 name: format!("{camera_name}/{}", files::stem(file)),
                 camera_name: camera_name.clone(),
                 camera_index,
@@ -292,62 +300,53 @@ fn at_size(
     Ok(camera.resized(width, height))
 }
 
-fn decode_videos(
+fn plan_videos(
     context: &Context,
     cameras: &[Camera],
-    sources: &[Source],
+    sources: &[CameraSource],
     held_out: &[bool],
-) -> Result<(Vec<View>, usize), DatasetError> {
-    let options = context.options;
-    let last_needed = options.max_frames.map(|max| {
-        (max - 1)
-            .saturating_mul(options.frame_stride)
-            .saturating_add(1)
-    });
-    let decode = |(camera_index, source): (usize, &Source)| -> Result<Vec<View>, DatasetError> {
-        let Frames::Video(path) = &source.frames else {
-            return Ok(Vec::new());
-        };
-        let mut views: Vec<View> = Vec::new();
-        video::decode_frames(path, last_needed, |index, image| {
-            if !options.keeps_frame(index) {
-                return Ok(());
-            }
-            let camera = at_size(&cameras[camera_index], (image.width, image.height), path)?;
-            let planned = PlannedView {
-                file: path.clone(),
-                name: format!("{}/{index:04}", source.name),
-                camera_name: source.name.clone(),
-                camera_index,
-                frame: views.len(),
-                time: 0.0,
-                split: Split::held_out(held_out[camera_index]),
-                camera,
-                lens: None,
-            };
-            views.push(context.finish(planned, image)?);
-            Ok(())
-        })?;
-        Ok(views)
-    };
-    let per_camera = sources
+) -> Result<Vec<PlannedView>, DatasetError> {
+    let videos = sources
         .par_iter()
-        .enumerate()
-        .map(decode)
-        .collect::<Result<Vec<Vec<View>>, DatasetError>>()?;
-    let n_frames = per_camera[0].len();
-    for (source, views) in sources.iter().zip(&per_camera) {
+        .map(|source| match &source.frames {
+            Frames::Video(path) => Ok(Arc::new(VideoIndex::read(path)?)),
+            Frames::Images(_) => Err(DatasetError::invalid(
+                &context.root.join(&source.name),
+                "a video",
+                "a folder",
+                "use folders of images or videos, not both",
+            )),
+        })
+        .collect::<Result<Vec<_>, DatasetError>>()?;
+    let mut planned = Vec::new();
+    for (camera_index, (source, video)) in sources.iter().zip(&videos).enumerate() {
+        let n_frames = video.n_frames();
         same_count(
             context.root,
             &sources[0].name,
-            n_frames,
+            videos[0].n_frames(),
             &source.name,
-            views.len(),
+            n_frames,
         )?;
+        let camera = at_size(&cameras[camera_index], video.size(), video.path())?;
+        let keeps = |index: &usize| context.options.keeps_frame(*index);
+        let kept: Vec<usize> = (0..n_frames).filter(keeps).collect();
+        for (frame, &index) in kept.iter().enumerate() {
+            planned.push(PlannedView {
+                source: Source::Video {
+                    video: video.clone(),
+                    frame: index,
+                },
+                name: format!("{}/{index:04}", source.name),
+                camera_name: source.name.clone(),
+                camera_index,
+                frame,
+                time: frame_time(frame, kept.len()),
+                split: Split::held_out(held_out[camera_index]),
+                camera: camera.clone(),
+                lens: None,
+            });
+        }
     }
-    let mut views: Vec<View> = per_camera.into_iter().flatten().collect();
-    for view in &mut views {
-        view.time = frame_time(view.frame, n_frames);
-    }
-    Ok((views, n_frames))
+    Ok(planned)
 }

@@ -1,7 +1,10 @@
-//! Frames of a video, decoded by the program `ffmpeg`.
+//! Frames of a video, decoded by the program `ffmpeg`; `index.rs` knows where they are.
+
+mod index;
 
 use std::ffi::OsString;
 use std::io::{self, BufRead, BufReader, Read};
+use std::ops::Range;
 use std::path::Path;
 use std::process::{Child, ChildStdout, Command, Stdio};
 use std::thread;
@@ -10,32 +13,78 @@ use super::DatasetError;
 use super::image::{ImageData, MAX_IMAGE_SIDE};
 use crate::video::ffmpeg_program;
 
+pub(super) use index::VideoIndex;
+
 /// As much of what `ffmpeg` complains is kept for the error message.
 const MAX_COMPLAINT_BYTES: u64 = 4096;
 /// The option that forbids duplicating and dropping frames, and its name before ffmpeg 5.1.
 const PASSTHROUGH: [&str; 2] = ["-fps_mode", "-vsync"];
 
-/// Calls `on_frame` with every frame in order, stopping after `max_frames`; returns their number.
+/// Calls `on_frame` with the frames of a range, in order.
 ///
 /// # Errors
-/// When `ffmpeg` is missing, cannot decode the file, or `on_frame` fails.
+/// When `ffmpeg` is missing, cannot decode the file or gives fewer frames, or `on_frame` fails.
 pub(super) fn decode_frames(
-    path: &Path,
-    max_frames: Option<usize>,
-    on_frame: impl FnMut(usize, ImageData) -> Result<(), DatasetError>,
-) -> Result<usize, DatasetError> {
+    video: &VideoIndex,
+    range: Range<usize>,
+    mut on_frame: impl FnMut(usize, ImageData) -> Result<(), DatasetError>,
+) -> Result<(), DatasetError> {
     let program = ffmpeg_program();
-    decode_frames_with(&program.to_string_lossy(), path, max_frames, on_frame)
+    let program = program.to_string_lossy();
+    let part = video.part(range.clone());
+    let mut next = range.start;
+    let found = decode_frames_with(&program, video.path(), &part, |_, image| {
+        on_frame(next, image)?;
+        next += 1;
+        Ok(())
+    })?;
+    if found == range.len() {
+        return Ok(());
+    }
+    Err(failed(
+        video.path(),
+        format!(
+            "expected {} frames from number {} on, found {found}; the file may be damaged: \
+             write it again (`ffmpeg -i OLD -c:v libx264 NEW.mp4`)",
+            range.len(),
+            range.start
+        ),
+    ))
+}
+
+/// Width and height of the video's frames, as they are shown.
+pub(super) fn frame_size(path: &Path) -> Result<(usize, usize), DatasetError> {
+    let program = ffmpeg_program();
+    let mut size = None;
+    let first = Part {
+        max_frames: Some(1),
+        ..Part::default()
+    };
+    decode_frames_with(&program.to_string_lossy(), path, &first, |_, image| {
+        size = Some((image.width, image.height));
+        Ok(())
+    })?;
+    size.ok_or_else(|| failed(path, "it has no frames".into()))
+}
+
+/// A part of a video.
+#[derive(Debug, Clone, Default, PartialEq)]
+struct Part {
+    /// Seconds into the file from which decoding starts: a moment after a key frame's.
+    seek: Option<f64>,
+    /// The first and last presentation time, on the file's clock.
+    times: Option<[f64; 2]>,
+    max_frames: Option<usize>,
 }
 
 fn decode_frames_with(
     program: &str,
     path: &Path,
-    max_frames: Option<usize>,
+    part: &Part,
     mut on_frame: impl FnMut(usize, ImageData) -> Result<(), DatasetError>,
 ) -> Result<usize, DatasetError> {
     for option in PASSTHROUGH {
-        let (n_frames, complaint) = run(program, path, option, max_frames, &mut on_frame)?;
+        let (n_frames, complaint) = run(program, path, option, part, &mut on_frame)?;
         match complaint {
             Some(complaint) if n_frames == 0 && complaint.contains(&option[1..]) => {}
             Some(reason) => return Err(failed(path, reason)),
@@ -61,7 +110,7 @@ fn run(
     program: &str,
     path: &Path,
     passthrough: &str,
-    max_frames: Option<usize>,
+    part: &Part,
     on_frame: &mut impl FnMut(usize, ImageData) -> Result<(), DatasetError>,
 ) -> Result<(usize, Option<String>), DatasetError> {
     // `file:` keeps names with a colon or a leading dash from being taken for protocols or options.
@@ -70,10 +119,17 @@ fn run(
     let mut command = Command::new(program);
     command
         .args(["-nostdin", "-hide_banner", "-loglevel", "error", "-xerror"])
-        .args(["-protocol_whitelist", "file", "-threads", "2", "-i"])
-        .arg(input)
-        .args(["-map", "0:v:0", passthrough, "passthrough"]);
-    if let Some(max) = max_frames {
+        .args(["-protocol_whitelist", "file", "-threads", "2"]);
+    if let Some(seconds) = part.seek {
+        command.args(["-noaccurate_seek", "-ss", &format!("{seconds:.6}")]);
+    }
+    // Times stay those of the file, so that frames can be told by them.
+    command.args(["-copyts", "-i"]).arg(input);
+    command.args(["-map", "0:v:0", passthrough, "passthrough"]);
+    if let Some([from, to]) = part.times {
+        command.args(["-vf", &format!("select=between(t\\,{from:.6}\\,{to:.6})")]);
+    }
+    if let Some(max) = part.max_frames {
         command.args(["-frames:v", &max.to_string()]);
     }
     // PPM is raw rgb24 behind a header with the size, so that no second program has to be asked.
@@ -181,8 +237,13 @@ mod tests {
     #[test]
     fn a_missing_ffmpeg_is_one_error_that_says_how_to_install_it() {
         let path = Path::new("cam00.mp4");
-        let error = decode_frames_with("ffmpeg-that-does-not-exist", path, None, |_, _| Ok(()))
-            .expect_err("no such program");
+        let error = decode_frames_with(
+            "ffmpeg-that-does-not-exist",
+            path,
+            &Part::default(),
+            |_, _| Ok(()),
+        )
+        .expect_err("no such program");
         assert!(matches!(error, DatasetError::FfmpegMissing { .. }));
         let message = error.to_string();
         assert!(

@@ -1,20 +1,28 @@
 //! Views: a camera, a time and an image; and the step from a listed image to a loaded view.
 
 use std::fmt;
+use std::ops::Range;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
-use std::sync::atomic::{AtomicU64, Ordering};
 
 use dash_kernels::Camera;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
-use super::distortion::{Distortion, undistort};
-use super::image::{ImageData, decode, decode_mask};
+use super::distortion::Distortion;
+use super::frames::{
+    CountedMask, FrameStore, Pixels, Recipe, Source, bytes_in_words, default_budget, groups,
+    make_group,
+};
+use super::image::{ImageData, decode_mask, header};
 use super::{DatasetError, LoadOptions};
 
 /// Folder with masks of what truly moves, which synthetic scenes carry.
 const MOTION_FOLDER: &str = "motion_masks";
+/// Folder with masks of the pixels that count.
+const COUNTED_FOLDER: &str = "masks";
+/// Most threads that make frames ahead of time.
+const MAX_FRAME_THREADS: usize = 4;
 
 /// What a view is for.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
@@ -59,8 +67,20 @@ pub struct View {
     pub split: Split,
     /// The image's path below the dataset (for `camNN/images/0003.png`: `camNN/0003`), without extension.
     pub name: String,
-    pub(crate) image: Arc<ImageData>,
-    pub(crate) motion_mask: Option<Arc<Vec<u8>>>,
+    pub(crate) pixels: Pixels,
+    /// Memory that the image takes when it is there.
+    pub(crate) bytes: u64,
+    pub(crate) has_alpha: bool,
+    pub(crate) motion_mask: Option<MotionMask>,
+}
+
+/// A mask of what truly moves.
+#[derive(Debug, Clone)]
+pub(crate) enum MotionMask {
+    /// `[H * W]` of 0 and 255.
+    Ready(Arc<Vec<u8>>),
+    /// Read when it is asked for, with the size of its image as captured.
+    File(PathBuf, (usize, usize)),
 }
 
 impl View {
@@ -84,7 +104,9 @@ impl View {
             camera,
             split: Split::Train,
             name: name.to_string(),
-            image: Arc::new(ImageData::from_rgb(width, height, pixels)),
+            bytes: pixels.len() as u64,
+            has_alpha: false,
+            pixels: Pixels::Ready(Arc::new(ImageData::from_rgb(width, height, pixels))),
             motion_mask: None,
         }
     }
@@ -97,7 +119,16 @@ impl View {
     /// # Errors
     /// When the image is read only now and is damaged or gone.
     pub fn rgb(&self, background: [f32; 3]) -> Result<Vec<f32>, DatasetError> {
-        Ok(self.image.rgb(background))
+        Ok(self.pixels.get()?.rgb(background))
+    }
+
+    /// Some rows of [`rgb`](Self::rgb).
+    pub(crate) fn rgb_rows(
+        &self,
+        background: [f32; 3],
+        rows: Range<usize>,
+    ) -> Result<Vec<f32>, DatasetError> {
+        Ok(self.pixels.get()?.rgb_rows(background, rows))
     }
 
     /// The image's alpha `[H * W]` in [0, 1]; `None` when it has none.
@@ -105,29 +136,71 @@ impl View {
     /// # Errors
     /// As [`rgb`](Self::rgb).
     pub fn alpha(&self) -> Result<Option<Vec<f32>>, DatasetError> {
-        Ok(self.image.alpha())
+        Ok(self.pixels.get()?.alpha())
+    }
+
+    /// Camera, colours and alpha at a size of which no side is longer than `max_side`.
+    pub(crate) fn at_most(
+        &self,
+        max_side: usize,
+        background: [f32; 3],
+    ) -> Result<(Camera, Vec<f32>, Option<Vec<f32>>), DatasetError> {
+        let image = self.pixels.get()?;
+        let (width, height) = (self.camera.width, self.camera.height);
+        let longer = width.max(height);
+        if longer <= max_side {
+            return Ok((self.camera.clone(), image.rgb(background), image.alpha()));
+        }
+        let shrink = |side: usize| (side * max_side / longer).max(1);
+        let small = ImageData::clone(&image).resized(shrink(width), shrink(height));
+        let camera = self.camera.resized(small.width, small.height);
+        Ok((camera, small.rgb(background), small.alpha()))
+    }
+
+    /// Which pixels count, `[H * W]` of 1 and 0; `None` where all do.
+    ///
+    /// # Errors
+    /// As [`rgb`](Self::rgb).
+    pub fn counted(&self) -> Result<Option<Vec<f32>>, DatasetError> {
+        let image = self.pixels.get()?;
+        Ok(image.counted.as_ref().map(|mask| {
+            mask.iter()
+                .map(|&counts| f32::from(u8::from(counts > 0)))
+                .collect()
+        }))
     }
 
     /// Whether the image has alpha.
     pub fn has_alpha(&self) -> bool {
-        self.image.has_alpha()
+        self.has_alpha
     }
 
     /// True motion `[H * W]`, 255 where the colour depends on something that moves, else 0. Only
     /// test views of synthetic scenes have it.
-    pub fn motion_mask(&self) -> Option<&[u8]> {
-        self.motion_mask.as_deref().map(Vec::as_slice)
+    ///
+    /// # Errors
+    /// As [`rgb`](Self::rgb).
+    pub fn motion_mask(&self) -> Result<Option<Arc<Vec<u8>>>, DatasetError> {
+        match &self.motion_mask {
+            None => Ok(None),
+            Some(MotionMask::Ready(mask)) => Ok(Some(mask.clone())),
+            Some(MotionMask::File(path, full_size)) => {
+                let mask = decode_mask(path, *full_size)?;
+                let mask = mask.resized(self.camera.width, self.camera.height);
+                Ok(Some(Arc::new(mask.thresholded(false))))
+            }
+        }
     }
 
-    /// Memory that the image takes.
+    /// Memory that the image takes when it is there.
     pub fn image_bytes(&self) -> u64 {
-        self.image.pixels.len() as u64
+        self.bytes
     }
 }
 
 /// A view whose image is still to be decoded.
 pub(super) struct PlannedView {
-    pub(super) file: PathBuf,
+    pub(super) source: Source,
     pub(super) name: String,
     pub(super) camera_name: String,
     pub(super) camera_index: usize,
@@ -140,7 +213,7 @@ pub(super) struct PlannedView {
 }
 
 /// How to undo a lens's distortion.
-#[derive(Clone)]
+#[derive(Debug, Clone)]
 pub(super) struct Lens {
     pub(super) distortion: Distortion,
     /// Intrinsics of the undistorted image; the pose is the view's.
@@ -169,70 +242,97 @@ impl Lens {
 pub(super) struct Context<'a> {
     pub(super) root: &'a Path,
     pub(super) options: &'a LoadOptions,
-    loaded_bytes: AtomicU64,
 }
 
 impl<'a> Context<'a> {
     pub(super) fn new(root: &'a Path, options: &'a LoadOptions) -> Self {
-        Self {
-            root,
-            options,
-            loaded_bytes: AtomicU64::new(0),
-        }
+        Self { root, options }
     }
 
-    /// Decodes the images of all planned views in parallel, keeping their order.
+    /// The views of a plan, in its order: with their images where all of them fit the memory that
+    /// they may take, else with images that are made when they are asked for.
     pub(super) fn load_views(&self, planned: Vec<PlannedView>) -> Result<Vec<View>, DatasetError> {
+        let recipes: Vec<Recipe> = planned
+            .par_iter()
+            .map(|view| self.recipe(view))
+            .collect::<Result<_, _>>()?;
+        let total: u64 = recipes.iter().map(Recipe::bytes).sum();
+        let budget = self.options.memory.unwrap_or_else(default_budget);
+        let on_demand = total > budget;
+        let pixels = if on_demand {
+            tracing::info!(
+                "{}: the images take {}, more than the {} for them: they are decoded on demand",
+                self.root.display(),
+                bytes_in_words(total),
+                bytes_in_words(budget)
+            );
+            let threads = rayon::current_num_threads().min(MAX_FRAME_THREADS);
+            let store = Arc::new(FrameStore::new(recipes.clone(), budget, threads)?);
+            let stored = |index| Pixels::Stored {
+                store: store.clone(),
+                index,
+            };
+            (0..recipes.len()).map(stored).collect()
+        } else {
+            make_all(&recipes)?
+        };
         planned
-            .into_par_iter()
-            .map(|view| {
-                let image = decode(&view.file)?;
-                self.finish(view, image)
-            })
+            .into_iter()
+            .zip(&recipes)
+            .zip(pixels)
+            .map(|((view, recipe), pixels)| self.view(view, recipe, pixels, on_demand))
             .collect()
     }
 
-    /// Checks, undistorts and downscales a decoded image, and adds the mask if there is one.
-    pub(super) fn finish(&self, view: PlannedView, image: ImageData) -> Result<View, DatasetError> {
-        let full_size = (image.width, image.height);
-        if full_size != (view.camera.width, view.camera.height) {
-            return Err(DatasetError::invalid(
-                &view.file,
-                format!(
-                    "an image of {}x{} pixels",
-                    view.camera.width, view.camera.height
-                ),
-                format!("{}x{}", image.width, image.height),
-                "use the images the poses were made for (--downscale makes them smaller on loading)",
-            ));
-        }
-        let (image, camera) = match &view.lens {
-            None => (image, view.camera),
-            Some(lens) => {
-                let flat = undistort(&image, &view.camera, &lens.distortion, &lens.pinhole);
-                let (fx, fy) = (lens.pinhole.fx, lens.pinhole.fy);
-                (
-                    flat,
-                    Camera {
-                        fx,
-                        fy,
-                        ..view.camera
-                    },
-                )
-            }
+    fn recipe(&self, view: &PlannedView) -> Result<Recipe, DatasetError> {
+        let has_alpha = match &view.source {
+            Source::File(path) => header(path)?.2,
+            Source::Video { .. } => false,
         };
+        let counted = self.beside(COUNTED_FOLDER, view).map(|path| CountedMask {
+            path,
+            inverted: self.options.invert_masks,
+        });
         let shrink = |side: usize| (side as f64 / self.options.downscale).round().max(1.0) as usize;
-        let (width, height) = (shrink(image.width), shrink(image.height));
-        let image = image.resized(width, height);
-        self.charge(image.pixels.len() as u64)?;
-        let mask_file = self
-            .root
-            .join(MOTION_FOLDER)
-            .join(format!("{}.png", view.name));
-        let mask = (view.split == Split::Test && mask_file.is_file())
-            .then(|| decode_mask(&mask_file, full_size, width, height))
-            .transpose()?;
-        Ok(View {
+        Ok(Recipe {
+            source: view.source.clone(),
+            size: (shrink(view.camera.width), shrink(view.camera.height)),
+            camera: view.camera.clone(),
+            lens: view.lens.clone(),
+            has_alpha,
+            counted,
+        })
+    }
+
+    /// The picture of the view's name in a folder of masks.
+    fn beside(&self, folder: &str, view: &PlannedView) -> Option<PathBuf> {
+        let file = self.root.join(folder).join(format!("{}.png", view.name));
+        file.is_file().then_some(file)
+    }
+
+    fn view(
+        &self,
+        view: PlannedView,
+        recipe: &Recipe,
+        pixels: Pixels,
+        on_demand: bool,
+    ) -> Result<View, DatasetError> {
+        let full_size = (view.camera.width, view.camera.height);
+        let motion = match view.split {
+            Split::Test => self.beside(MOTION_FOLDER, &view),
+            Split::Train => None,
+        };
+        let motion_mask = motion.map(|path| MotionMask::File(path, full_size));
+        let camera = match &view.lens {
+            None => view.camera,
+            Some(lens) => Camera {
+                fx: lens.pinhole.fx,
+                fy: lens.pinhole.fy,
+                ..view.camera
+            },
+        };
+        let (width, height) = recipe.size;
+        let mut view = View {
             camera_name: view.camera_name,
             camera_index: view.camera_index,
             frame: view.frame,
@@ -240,24 +340,53 @@ impl<'a> Context<'a> {
             camera: camera.resized(width, height),
             split: view.split,
             name: view.name,
-            image: Arc::new(image),
-            motion_mask: mask.map(Arc::new),
-        })
-    }
-
-    fn charge(&self, bytes: u64) -> Result<(), DatasetError> {
-        let total = self.loaded_bytes.fetch_add(bytes, Ordering::Relaxed) + bytes;
-        if total <= self.options.max_image_bytes {
-            return Ok(());
+            pixels,
+            bytes: recipe.bytes(),
+            has_alpha: recipe.has_alpha,
+            motion_mask,
+        };
+        if !on_demand {
+            view.motion_mask = view.motion_mask()?.map(MotionMask::Ready);
         }
-        Err(DatasetError::invalid(
-            self.root,
-            format!(
-                "images that fit {} bytes of memory",
-                self.options.max_image_bytes
-            ),
-            format!("at least {total} bytes"),
-            "load smaller images (--downscale) or fewer frames",
-        ))
+        Ok(view)
     }
+}
+
+/// Makes all images, in parallel over files and videos.
+fn make_all(recipes: &[Recipe]) -> Result<Vec<Pixels>, DatasetError> {
+    let made: Vec<Vec<(usize, ImageData)>> = videos(recipes)
+        .into_par_iter()
+        .map(|group| {
+            let mut made = Vec::with_capacity(group.len());
+            make_group(recipes, &group, |index, image| {
+                made.push((index, image));
+                Ok(())
+            })?;
+            Ok(made)
+        })
+        .collect::<Result<_, DatasetError>>()?;
+    let mut made: Vec<(usize, ImageData)> = made.into_iter().flatten().collect();
+    made.sort_by_key(|(index, _)| *index);
+    Ok(made
+        .into_iter()
+        .map(|(_, image)| Pixels::Ready(Arc::new(image)))
+        .collect())
+}
+
+/// As [`groups`], with those of one video together.
+fn videos(recipes: &[Recipe]) -> Vec<Vec<usize>> {
+    let mut joined: Vec<Vec<usize>> = Vec::new();
+    let video = |group: &[usize]| match &recipes[*group.first()?].source {
+        Source::File(_) => None,
+        Source::Video { video, .. } => Some(Arc::as_ptr(video)),
+    };
+    for group in groups(recipes) {
+        match joined.last_mut() {
+            Some(last) if video(&group).is_some() && video(last) == video(&group) => {
+                last.extend(group);
+            }
+            _ => joined.push(group),
+        }
+    }
+    joined
 }

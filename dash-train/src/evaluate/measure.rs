@@ -10,7 +10,7 @@ use crate::TrainError;
 use crate::dataset::{Dataset, Split, View};
 use crate::metrics::{
     MOVING_PIXELS_RULE, MS_SSIM_RULE, PSNR_RULE, SPLIT_RULE, SSIM_RULE, SplitCounts, masked_psnr,
-    moving_pixels, ms_ssim, ms_ssim_scales, psnr, split_scores, ssim,
+    moving_pixels_by_bands, ms_ssim, ms_ssim_scales, n_bands, psnr, split_scores, ssim,
 };
 use crate::render::{Picture, render_timed};
 
@@ -144,7 +144,7 @@ pub fn evaluate(
             Entry::Vacant(new) => new.insert(camera_moving_pixels(dataset, view, background)?),
         };
         per_view.push(score(view, &picture, moving, background)?);
-        if let Some(truth) = view.motion_mask() {
+        if let Some(truth) = view.motion_mask()? {
             let (dynamic, _) = render_timed(scene, &view.camera, view.time, Layer::Dynamic)?;
             let truth: Vec<bool> = truth.iter().map(|&m| m > MASK_HALF).collect();
             *counts.get_or_insert_default() += split_scores(&dynamic.alpha, &truth);
@@ -213,15 +213,16 @@ fn camera_moving_pixels(
     };
     let mut video: Vec<&View> = dataset.views.iter().filter(same).collect();
     video.sort_by_key(|view| view.frame);
-    if let ([_], Some(mask)) = (video.as_slice(), view.motion_mask()) {
+    if let ([_], Some(mask)) = (video.as_slice(), view.motion_mask()?) {
         return Ok(mask.iter().map(|&m| m > MASK_HALF).collect());
     }
-    let frames: Vec<Vec<f32>> = video
-        .iter()
-        .map(|view| view.rgb(background))
-        .collect::<Result<_, _>>()?;
-    let frames: Vec<&[f32]> = frames.iter().map(Vec::as_slice).collect();
-    Ok(moving_pixels(&frames, camera.width, camera.height))
+    // Frames on demand are asked for again for every band of rows.
+    let size = [camera.width, camera.height];
+    dataset.announce_again(&video, n_bands(video.len(), size));
+    let moving = moving_pixels_by_bands(video.len(), size, |frame, rows| {
+        video[frame].rgb_rows(background, rows)
+    })?;
+    Ok(moving)
 }
 
 fn settings(background: [f32; 3], downscale: f64, width: usize, height: usize) -> MetricSettings {
@@ -307,6 +308,7 @@ mod tests {
         let all = dataset.split(Split::Test).next().expect("has one").clone();
         let marked: Vec<bool> = all
             .motion_mask()
+            .expect("in memory")
             .expect("true")
             .iter()
             .map(|&m| m > 0)

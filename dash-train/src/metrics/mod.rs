@@ -15,6 +15,7 @@ mod similarity;
 mod split;
 
 pub use moving::{MOVING_PIXELS_RULE, MOVING_THRESHOLD, moving_pixels};
+pub(crate) use moving::{moving_pixels_by_bands, n_bands};
 pub use similarity::{MS_SSIM_RULE, SSIM_RULE, ms_ssim, ms_ssim_scales, ssim};
 pub use split::{DYNAMIC_ALPHA_THRESHOLD, SPLIT_RULE, SplitCounts, split_scores};
 

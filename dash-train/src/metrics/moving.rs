@@ -1,8 +1,14 @@
 //! Which pixels move in the video of a camera that stands still.
 
+use std::convert::Infallible;
+use std::ops::Range;
+
 use rayon::prelude::*;
 
 use super::CHANNELS;
+
+/// Rows of all frames that are looked at together take about this much memory.
+const BAND_BYTES: usize = 128 << 20;
 
 /// A blurred value this far from its median over time has moved. Sensor noise of standard
 /// deviation 0.03 is 0.01 after the blur: a tenth of it.
@@ -32,32 +38,67 @@ pub fn moving_pixels(video: &[&[f32]], width: usize, height: usize) -> Vec<bool>
             "moving_pixels: a frame is not {width} x {height}"
         );
     }
-    let mut moving = vec![false; width * height];
-    if video.len() < 2 || moving.is_empty() {
-        return moving;
+    let rows = |frame: usize, rows: Range<usize>| {
+        let line = width * CHANNELS;
+        Ok::<_, Infallible>(video[frame][rows.start * line..rows.end * line].to_vec())
+    };
+    match moving_pixels_by_bands(video.len(), [width, height], rows) {
+        Ok(moving) => moving,
+        Err(never) => match never {},
     }
-    moving.par_chunks_mut(width).enumerate().for_each_init(
-        || {
-            (
-                vec![0.0; width * CHANNELS * video.len()],
-                vec![0.0; video.len()],
-            )
-        },
-        |(blurred, sorted), (y, row)| {
-            for (t, frame) in video.iter().enumerate() {
-                blur_row(frame, [width, height], y, |value, v| {
-                    blurred[value * video.len() + t] = v;
-                });
-            }
-            for (x, moves) in row.iter_mut().enumerate() {
-                *moves = (x * CHANNELS..(x + 1) * CHANNELS).any(|value| {
-                    let over_time = &blurred[value * video.len()..(value + 1) * video.len()];
-                    departs(over_time, sorted)
-                });
-            }
-        },
-    );
-    moving
+}
+
+/// [`moving_pixels`] of a video that is not in memory as a whole: bands of rows are looked at one after
+/// the other, and `rows_of` gives those of a frame, `[rows, W, 3]`.
+///
+/// # Errors
+/// What `rows_of` refuses.
+pub(crate) fn moving_pixels_by_bands<E>(
+    n_frames: usize,
+    [width, height]: [usize; 2],
+    mut rows_of: impl FnMut(usize, Range<usize>) -> Result<Vec<f32>, E>,
+) -> Result<Vec<bool>, E> {
+    let mut moving = vec![false; width * height];
+    if n_frames < 2 || moving.is_empty() {
+        return Ok(moving);
+    }
+    let band_rows = rows_per_band(n_frames, width);
+    for (band, moving) in moving.chunks_mut(width * band_rows).enumerate() {
+        let first = band * band_rows;
+        let last = first + moving.len() / width;
+        // The blur reaches a row further.
+        let seen = first.saturating_sub(1)..(last + 1).min(height);
+        let strips = (0..n_frames)
+            .map(|frame| rows_of(frame, seen.clone()))
+            .collect::<Result<Vec<_>, E>>()?;
+        moving.par_chunks_mut(width).enumerate().for_each_init(
+            || (vec![0.0; width * CHANNELS * n_frames], vec![0.0; n_frames]),
+            |(blurred, sorted), (y, row)| {
+                for (t, strip) in strips.iter().enumerate() {
+                    blur_row(strip, width, &seen, first + y, |value, v| {
+                        blurred[value * n_frames + t] = v;
+                    });
+                }
+                for (x, moves) in row.iter_mut().enumerate() {
+                    *moves = (x * CHANNELS..(x + 1) * CHANNELS).any(|value| {
+                        let over_time = &blurred[value * n_frames..(value + 1) * n_frames];
+                        departs(over_time, sorted)
+                    });
+                }
+            },
+        );
+    }
+    Ok(moving)
+}
+
+/// How often [`moving_pixels_by_bands`] asks for rows of every frame.
+pub(crate) fn n_bands(n_frames: usize, [width, height]: [usize; 2]) -> usize {
+    height.div_ceil(rows_per_band(n_frames, width))
+}
+
+fn rows_per_band(n_frames: usize, width: usize) -> usize {
+    let row_bytes = width * CHANNELS * size_of::<f32>() * n_frames;
+    (BAND_BYTES / row_bytes.max(1)).max(1)
 }
 
 /// Whether a value leaves its median; `sorted` is scratch space of the same length.
@@ -70,14 +111,23 @@ fn departs(over_time: &[f32], sorted: &mut [f32]) -> bool {
         .any(|v| (v - median).abs() > MOVING_THRESHOLD)
 }
 
-/// Calls `out(x * 3 + channel, mean)` for row `y`: means over the 3x3 pixels that exist.
-fn blur_row(frame: &[f32], [width, height]: [usize; 2], y: usize, mut out: impl FnMut(usize, f32)) {
-    let rows = y.saturating_sub(1)..(y + 2).min(height);
+/// Calls `out(x * 3 + channel, mean)` for row `y` of a frame of which the rows `seen` are given: means
+/// over the 3x3 pixels that exist.
+fn blur_row(
+    strip: &[f32],
+    width: usize,
+    seen: &Range<usize>,
+    y: usize,
+    mut out: impl FnMut(usize, f32),
+) {
+    // Beyond the rows that are given there is no picture.
+    let rows = y.saturating_sub(1).max(seen.start)..(y + 2).min(seen.end);
+    let rows = rows.start - seen.start..rows.end - seen.start;
     for x in 0..width {
         let columns = x.saturating_sub(1)..(x + 2).min(width);
         let mut sum = [0.0; CHANNELS];
         for row in rows.clone() {
-            let pixels = &frame
+            let pixels = &strip
                 [(row * width + columns.start) * CHANNELS..(row * width + columns.end) * CHANNELS];
             for pixel in pixels.chunks_exact(CHANNELS) {
                 for (sum, v) in sum.iter_mut().zip(pixel) {

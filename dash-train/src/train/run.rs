@@ -42,6 +42,9 @@ pub struct DataConfig {
     pub downscale: f64,
     /// Cameras of the test split, where they are not the layout's own.
     pub test_cameras: Option<Vec<usize>>,
+    /// Whether white in the dataset's `masks/` marks what does not count, instead of what does.
+    #[serde(default)]
+    pub invert_masks: bool,
     /// The device it ran on, as named on the command line.
     pub device: String,
 }
@@ -53,6 +56,7 @@ impl DataConfig {
             layout: self.layout,
             downscale: self.downscale,
             test_cameras: self.test_cameras.clone(),
+            invert_masks: self.invert_masks,
             ..Default::default()
         }
     }
@@ -79,6 +83,9 @@ pub struct LogLine {
     pub n_static: usize,
     /// Dynamic Gaussians.
     pub n_dynamic: usize,
+    /// Seconds that steps have waited for images so far, where these are decoded on demand.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub waited_seconds: Option<f64>,
     /// PSNR of views that are neither trained on nor tested, dB, where measured.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub validation_psnr: Option<f64>,
@@ -274,6 +281,7 @@ pub fn train(
                 train_psnr: psnr / count as f32,
                 n_static: report.n_static,
                 n_dynamic: report.n_dynamic,
+                waited_seconds: trainer.waited_seconds(),
                 validation_psnr: if measured {
                     trainer.validation_psnr()?
                 } else {

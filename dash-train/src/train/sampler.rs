@@ -13,6 +13,9 @@ const NEW: usize = 16;
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 pub(crate) struct ViewSampler {
     left: Vec<u32>,
+    /// Whether `left` has been told since it was drawn.
+    #[serde(skip)]
+    is_told: bool,
 }
 
 impl ViewSampler {
@@ -25,6 +28,7 @@ impl ViewSampler {
     ) -> usize {
         if self.left.is_empty() {
             self.left = shuffled(n, is_candidate, rng);
+            self.is_told = false;
         }
         self.left.pop().map_or(0, |view| view as usize)
     }
@@ -45,8 +49,15 @@ impl ViewSampler {
             others.truncate(ROUND - self.left.len());
             self.left.extend(others);
             self.left.shuffle(rng);
+            self.is_told = false;
         }
         self.left.pop().map_or(0, |view| view as usize)
+    }
+
+    /// The views that are left of the round, next first; once for each round.
+    pub(crate) fn tell_new_round(&mut self) -> Option<impl Iterator<Item = usize>> {
+        let is_new = !std::mem::replace(&mut self.is_told, true);
+        is_new.then(|| self.left.iter().rev().map(|&view| view as usize))
     }
 
     /// Forgets what is left of the round.
@@ -74,9 +85,14 @@ mod tests {
         let mut rng = Pcg64::seed_from_u64(3);
         let mut sampler = ViewSampler::default();
         for _ in 0..3 {
-            let mut round: Vec<usize> = (0..7)
+            let first = sampler.next(9, |view| view < 7, &mut rng);
+            let told: Vec<usize> = sampler.tell_new_round().expect("drawn anew").collect();
+            assert!(sampler.tell_new_round().is_none(), "told already");
+            let left: Vec<usize> = (1..7)
                 .map(|_| sampler.next(9, |view| view < 7, &mut rng))
                 .collect();
+            assert_eq!(told, left);
+            let mut round: Vec<usize> = std::iter::once(first).chain(left).collect();
             round.sort_unstable();
             assert_eq!(round, [0, 1, 2, 3, 4, 5, 6]);
         }

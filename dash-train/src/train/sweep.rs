@@ -18,6 +18,9 @@ const CANDIDATES: usize = 192;
 const WITNESSES: usize = 12;
 /// Witnesses that must have a point in sight.
 const MIN_WITNESSES: usize = 2;
+/// Longest side of the pictures that are compared: larger ones say no more about where points are,
+/// and many of them are held at once.
+const MAX_SIDE: usize = 512;
 /// Mean colour difference from which on views don't agree.
 const MAX_DIFFERENCE: f32 = 0.15;
 /// Differences this close count as equal; the farthest depth is taken, where a point hides nothing.
@@ -35,14 +38,14 @@ const MAX_CHANCE: f32 = 0.9;
 const MIN_ALPHA: f32 = 0.5;
 
 /// A view with its colours smoothed, so that one pixel stands for its surroundings.
-struct Picture<'a> {
-    camera: &'a Camera,
+struct Picture {
+    camera: Camera,
     colors: Vec<[f32; 3]>,
     alpha: Option<Vec<f32>>,
     witnesses: Vec<usize>,
 }
 
-impl Picture<'_> {
+impl Picture {
     /// The colour where a point would be; `None` out of sight.
     fn color_at(&self, point: [f64; 3]) -> Option<[f32; 3]> {
         let ([u, v], _) = self.camera.project_inside(point)?;
@@ -51,23 +54,24 @@ impl Picture<'_> {
 }
 
 /// Views to look for points in.
-pub(crate) struct Sweep<'a> {
-    pictures: Vec<Picture<'a>>,
+pub(crate) struct Sweep {
+    pictures: Vec<Picture>,
     focus: glam::DVec3,
 }
 
-impl<'a> Sweep<'a> {
+impl Sweep {
     /// Prepares views.
-    pub(crate) fn new(views: &[&'a View], background: [f32; 3]) -> Result<Self, DatasetError> {
+    pub(crate) fn new(views: &[&View], background: [f32; 3]) -> Result<Self, DatasetError> {
         let cameras: Vec<Camera> = views.iter().map(|view| view.camera.clone()).collect();
         let pictures = views
             .par_iter()
             .enumerate()
             .map(|(index, view)| {
+                let (camera, rgb, alpha) = view.at_most(MAX_SIDE, background)?;
                 Ok(Picture {
-                    camera: &view.camera,
-                    colors: smoothed(&view.rgb(background)?, &view.camera),
-                    alpha: view.alpha()?,
+                    colors: smoothed(&rgb, &camera),
+                    camera,
+                    alpha,
                     witnesses: witnesses(&cameras, index),
                 })
             })
@@ -81,7 +85,7 @@ impl<'a> Sweep<'a> {
         let rays: Vec<(usize, usize, usize)> = (0..DRAWS_PER_POINT * n)
             .map(|draw| {
                 let picture = draw % self.pictures.len();
-                let camera = self.pictures[picture].camera;
+                let camera = &self.pictures[picture].camera;
                 let x = rng.random_range(0..camera.width);
                 (picture, x, rng.random_range(0..camera.height))
             })
@@ -138,7 +142,7 @@ impl<'a> Sweep<'a> {
     /// `None` when too few have any of the ray in sight.
     pub(crate) fn best(&self, index: usize, x: usize, y: usize) -> Option<(f32, glam::DVec3)> {
         let picture = &self.pictures[index];
-        let camera = picture.camera;
+        let camera = &picture.camera;
         let color = picture.colors[y * camera.width + x];
         let position = glam::DVec3::from(camera.position());
         let distance = self.focus.distance(position).max(1e-6);

@@ -67,6 +67,8 @@ pub struct Trainer {
     pub(crate) optimizer: Optimizer,
     pub(crate) rng: Pcg64,
     pub(crate) sampler: ViewSampler,
+    /// Spent in steps on waiting for images.
+    waited_secs: f64,
     pub(crate) step: usize,
     pub(crate) density_static: DensityStatistics,
     pub(crate) density_dynamic: DensityStatistics,
@@ -153,6 +155,7 @@ impl Trainer {
             optimizer: Optimizer::default(),
             rng,
             sampler: ViewSampler::default(),
+            waited_secs: 0.0,
             step: 0,
             density_static: DensityStatistics::new(n),
             density_dynamic: DensityStatistics::new(0),
@@ -205,8 +208,12 @@ impl Trainer {
         self.scene.settings.sh_degree = (self.step / sh_interval).min(self.config.sh_degree);
 
         let dataset = self.dataset.clone();
-        let view = &dataset.views[self.next_view()];
+        let view = self.next_view();
+        self.announce_views(view);
+        let view = &dataset.views[view];
+        let waited = self.waiting();
         let forward = self.forward(view)?;
+        self.waited_secs += self.waiting() - waited;
         let loss = to_host(forward.loss.clone())[0];
         if !loss.is_finite() {
             return Err(TrainError::NotFinite {
@@ -252,6 +259,26 @@ impl Trainer {
         train_views[index]
     }
 
+    /// Seconds that anyone has waited for images.
+    fn waiting(&self) -> f64 {
+        let statistics = self.dataset.frame_statistics();
+        statistics.map_or(0.0, |statistics| statistics.waited_secs)
+    }
+
+    /// Seconds that steps have waited for images; `None` where all images are in memory.
+    pub fn waited_seconds(&self) -> Option<f64> {
+        self.dataset.frame_statistics().map(|_| self.waited_secs)
+    }
+
+    /// Tells the dataset which views come next, where the order is a new one.
+    fn announce_views(&mut self, view: usize) {
+        let train_views = &self.train_views;
+        if let Some(upcoming) = self.sampler.tell_new_round() {
+            let upcoming = upcoming.map(|i| train_views[i]);
+            self.dataset.announce(std::iter::once(view).chain(upcoming));
+        }
+    }
+
     fn forward(&mut self, view: &View) -> Result<Forward, TrainError> {
         let (camera, time) = (&view.camera, view.time);
         let mut regularisers = Vec::new();
@@ -287,7 +314,16 @@ impl Trainer {
             ),
             &self.device,
         );
-        let mut loss = photometric(image.clone(), target.clone(), self.config.loss.dssim)?;
+        // Where pixels don't count, the picture is what it should be.
+        let judged = match view.counted()? {
+            None => image.clone(),
+            Some(counted) => {
+                let shape = [camera.height, camera.width, 1];
+                let counted = Tensor::<3>::from_data(TensorData::new(counted, shape), &self.device);
+                target.clone() + (image.clone() - target.clone()) * counted
+            }
+        };
+        let mut loss = photometric(judged.clone(), target.clone(), self.config.loss.dssim)?;
         if self.config.loss.smoothness > 0.0
             && let Some(dynamic) = self
                 .scene
@@ -309,7 +345,7 @@ impl Trainer {
         }
         Ok(Forward {
             loss,
-            image: image.detach(),
+            image: judged.detach(),
             target,
             static_probe: (static_leaf, static_splats),
             dynamic_probe,

@@ -15,6 +15,9 @@ use super::image_files::{checked_size, scratch_beside};
 pub const FFMPEG: &str = "ffmpeg";
 /// The environment variable that names another program or path for [`FFMPEG`].
 pub const FFMPEG_VARIABLE: &str = "DASH_FFMPEG";
+const FFPROBE: &str = "ffprobe";
+/// Names another `ffprobe` program.
+const FFPROBE_VARIABLE: &str = "DASH_FFPROBE";
 /// x264's constant rate factor: visually without loss.
 const CRF: &str = "18";
 /// As much of what `ffmpeg` complains is kept for the error message.
@@ -25,6 +28,22 @@ pub fn ffmpeg_program() -> OsString {
     std::env::var_os(FFMPEG_VARIABLE)
         .filter(|program| !program.is_empty())
         .unwrap_or_else(|| FFMPEG.into())
+}
+
+/// The program that lists a video's frames: `DASH_FFPROBE` where it is set, else `ffprobe` beside the
+/// `ffmpeg` that `DASH_FFMPEG` names, else `ffprobe` from the path.
+pub fn ffprobe_program() -> OsString {
+    let set = |variable| std::env::var_os(variable).filter(|program| !program.is_empty());
+    if let Some(program) = set(FFPROBE_VARIABLE) {
+        return program;
+    }
+    let beside = set(FFMPEG_VARIABLE).and_then(|ffmpeg| {
+        let ffmpeg = PathBuf::from(ffmpeg);
+        let name = ffmpeg.file_name()?.to_str()?.replace(FFMPEG, FFPROBE);
+        let beside = ffmpeg.with_file_name(name);
+        (beside != ffmpeg && beside.is_file()).then(|| beside.into_os_string())
+    });
+    beside.unwrap_or_else(|| FFPROBE.into())
 }
 
 /// Whether `ffmpeg` can be run, so that a command can complain before it renders for an hour.

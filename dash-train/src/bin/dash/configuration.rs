@@ -47,6 +47,8 @@ pub struct DataSection {
     pub downscale: Option<f64>,
     /// Cameras of the test split.
     pub test_cameras: Option<Vec<usize>>,
+    /// Whether masks are to be inverted.
+    pub invert_masks: Option<bool>,
     /// Chosen with `--device` instead.
     #[serde(rename = "device")]
     _device: Option<String>,

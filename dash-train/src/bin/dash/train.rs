@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use clap::Args;
-use dash_train::dataset::{Dataset, Layout, LoadOptions, Split, load};
+use dash_train::dataset::{Dataset, Layout, Split, load};
 use dash_train::device::DeviceChoice;
 use dash_train::evaluate::{Process, evaluate_run};
 use dash_train::train::{
@@ -52,10 +52,13 @@ pub struct TrainArgs {
     /// Make images smaller by this factor [default: 1]
     #[arg(long, value_name = "K", value_parser = values::downscale)]
     downscale: Option<f64>,
-    /// Memory that the dataset's images may take, such as 2GiB; more is an error, since every image
-    /// is kept decoded [default: 48GiB]
+    /// Memory that the dataset's images may take, such as 2GiB; those that don't fit are decoded when
+    /// they are needed [default: half of what is free]
     #[arg(long, value_name = "BYTES", value_parser = values::bytes)]
     memory: Option<u64>,
+    /// White in the pictures of `masks/` marks what does not count, instead of what does
+    #[arg(long)]
+    invert_masks: bool,
     /// Seed of everything random [default: 0]
     #[arg(long, value_name = "S")]
     seed: Option<u64>,
@@ -125,6 +128,7 @@ fn start(
         layout: args.layout.or(file.data.layout),
         downscale: args.downscale.or(file.data.downscale).unwrap_or(1.0),
         test_cameras: test_cameras(args).or_else(|| file.data.test_cameras.clone()),
+        invert_masks: args.invert_masks || file.data.invert_masks.unwrap_or(false),
         device: choice.to_string(),
     };
     let dataset = load_dataset(&data, args.memory)?;
@@ -136,7 +140,7 @@ fn start(
 
 fn load_dataset(data: &DataConfig, memory: Option<u64>) -> Result<Dataset, Failure> {
     let mut options = data.load_options();
-    options.max_image_bytes = memory.unwrap_or(LoadOptions::default().max_image_bytes);
+    options.memory = memory;
     let dataset = load(&data.dataset, &options)?;
     tracing::debug!(
         "{}: {} views, {}",
@@ -204,6 +208,9 @@ fn check_same(
             .as_ref()
             .map_or("the layout's own".into(), |c| format!("{c:?}"));
         return refuse("--test-cameras", found);
+    }
+    if args.invert_masks && !data.invert_masks {
+        return refuse("--invert-masks", "masks as they are".into());
     }
     if shared
         .device

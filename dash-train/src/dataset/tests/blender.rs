@@ -333,7 +333,8 @@ fn masks_of_test_views() {
         .save(fixture.path("motion_masks/test/r_0.png"))
         .expect("writes");
     let views = fixture.load().expect("loads").views;
-    assert_eq!(views[3].motion_mask(), Some(&[255; W * H][..]));
+    let mask = views[3].motion_mask().expect("reads").expect("a mask");
+    assert_eq!(mask[..], [255; W * H]);
     fixture.image("motion_masks/test/r_0.png", W + 1, H, [255; 3]);
     fixture.refuses(&["motion_masks", "r_0.png", "8x6", "9x6"]);
 }

@@ -275,7 +275,7 @@ fn views_can_be_made_without_a_folder() {
     assert_eq!(view.rgb([1.0; 3]).expect("in memory"), vec![0.2; W * H * 3]);
     assert!(
         view.alpha().expect("in memory").is_none()
-            && view.motion_mask().is_none()
+            && view.motion_mask().expect("reads").is_none()
             && view.split.to_string() == "test"
     );
 }

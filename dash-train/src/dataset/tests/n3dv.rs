@@ -3,7 +3,7 @@ use std::process::Command;
 use dash_kernels::Camera;
 
 use super::super::npy::tests::{npy, npy_f64};
-use super::super::{Layout, LoadOptions, Split};
+use super::super::{Dataset, Layout, LoadOptions, Split};
 use super::{Fixture, H, W, assert_cameras_equal, axis, camera, negated};
 use crate::ply::{PointCloud, write_points};
 
@@ -183,7 +183,7 @@ fn options_choose_size_frames_and_test_cameras() {
         .to_string();
     assert!(message.contains("train"), "{message}");
     let small = LoadOptions {
-        max_image_bytes: 1000,
+        memory: Some(1000),
         ..LoadOptions::default()
     };
     let message = fixture
@@ -191,7 +191,7 @@ fn options_choose_size_frames_and_test_cameras() {
         .expect_err("over budget")
         .to_string();
     assert!(
-        message.contains("1000 bytes") && message.contains("--downscale"),
+        message.contains("--memory") && message.contains("1000 bytes"),
         "{message}"
     );
 }
@@ -297,26 +297,37 @@ fn masks_come_with_test_views_only() {
     let views = fixture.load().expect("loads").views;
     let has_mask: Vec<bool> = views
         .iter()
-        .map(|view| view.motion_mask().is_some())
+        .map(|view| view.motion_mask().expect("reads").is_some())
         .collect();
     assert_eq!(has_mask, [false, true, false, false]);
     assert_eq!(
-        views[1].motion_mask().expect("a mask")[2..6],
+        views[1].motion_mask().expect("reads").expect("a mask")[2..6],
         [255, 255, 0, 0]
     );
 }
 
 /// Writes a short video of frames with rising brightness; `false` when there is no ffmpeg to try.
 fn write_video(fixture: &Fixture, name: &str, n_frames: usize, base: usize) -> bool {
+    let shades = (0..n_frames).map(|frame| base + 30 * frame);
+    write_video_with(fixture, name, shades, &["-c:v", "mpeg4", "-q:v", "1"])
+}
+
+fn write_video_with(
+    fixture: &Fixture,
+    name: &str,
+    shades: impl Iterator<Item = usize>,
+    encoding: &[&str],
+) -> bool {
     let folder = format!("frames_of_{name}");
-    for frame in 0..n_frames {
+    for (frame, shade) in shades.enumerate() {
         let image_name = format!("{folder}/{frame:04}.png");
-        fixture.image(&image_name, 64, 48, [(base + 30 * frame) as u8; 3]);
+        fixture.image(&image_name, 64, 48, [shade as u8; 3]);
     }
     let result = Command::new("ffmpeg")
         .args(["-nostdin", "-loglevel", "error", "-y", "-i"])
         .arg(fixture.root().join(&folder).join("%04d.png"))
-        .args(["-c:v", "mpeg4", "-q:v", "1", "-movflags", "+faststart"])
+        .args(encoding)
+        .args(["-movflags", "+faststart"])
         .arg(fixture.path(name))
         .status();
     match result {
@@ -374,18 +385,6 @@ fn videos_are_decoded_frame_by_frame() {
         names,
         ["cam00/0000", "cam00/0002", "cam01/0000", "cam01/0002"]
     );
-    let small = LoadOptions {
-        max_image_bytes: 500,
-        ..options
-    };
-    assert!(
-        fixture
-            .load_with(&small)
-            .expect_err("over budget")
-            .to_string()
-            .contains("500 bytes")
-    );
-
     let whole = std::fs::read(fixture.path("cam01.mp4")).expect("written above");
     for end in [0, 10, 300, whole.len() / 2, whole.len() - 40] {
         fixture.write("cam01.mp4", &whole[..end]);
@@ -395,4 +394,41 @@ fn videos_are_decoded_frame_by_frame() {
     std::fs::remove_file(fixture.path("frames_of_cam01.mp4/0004.png")).expect("from before");
     assert!(write_video(&fixture, "cam01.mp4", 4, 20));
     fixture.refuses(&["cam01", "5 frames", "cam00", "found 4"]);
+}
+
+/// Groups of four pictures, some of which the file holds out of order.
+#[test]
+fn videos_on_demand_give_the_frames_of_videos_in_memory() {
+    const N: usize = 23;
+    let fixture = Fixture::new();
+    let large: Vec<_> = (0..2).map(|i| row(&camera(i).resized(64, 48))).collect();
+    fixture.write("poses_bounds.npy", npy_f64(&large));
+    for (camera, base) in [("cam00", 20), ("cam01", 40)] {
+        let step = 8;
+        if !write_video_with(
+            &fixture,
+            &format!("{camera}.mp4"),
+            (0..N).map(|frame| base + step * frame),
+            &["-c:v", "mpeg4", "-q:v", "1", "-g", "4", "-bf", "2"],
+        ) {
+            return;
+        }
+    }
+    let in_memory = fixture.load().expect("loads");
+    assert_eq!(in_memory.views.len(), 2 * N);
+    let options = LoadOptions {
+        memory: Some(in_memory.image_bytes() / 2),
+        threads: Some(2),
+        ..LoadOptions::default()
+    };
+    let on_demand = fixture.load_with(&options).expect("loads");
+    assert!(on_demand.frame_statistics().is_some() && in_memory.frame_statistics().is_none());
+    on_demand.announce([7, 40, 2, 9, 0].into_iter());
+    for index in [7, 40, 2, 9, 0].into_iter().chain(0..2 * N) {
+        let pixels = |dataset: &Dataset| dataset.views[index].rgb([0.0; 3]).expect("decodes");
+        assert!(
+            pixels(&on_demand) == pixels(&in_memory),
+            "view {index} differs"
+        );
+    }
 }

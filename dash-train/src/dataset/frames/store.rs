@@ -1,0 +1,337 @@
+//! Frames made on demand, within a budget of bytes.
+//!
+//! Threads make the frames that the announced order needs next and, before these, those that
+//! somebody waits for. What is needed last makes room for what is needed sooner (Belady's rule:
+//! the order is known), so that a group of pictures of a video is decoded once for all of its
+//! frames that there is room for.
+
+use std::collections::{HashMap, HashSet};
+use std::sync::{Arc, Condvar, Mutex, MutexGuard};
+use std::thread::{self, JoinHandle};
+use std::time::{Duration, Instant};
+
+use super::super::DatasetError;
+use super::super::image::ImageData;
+use super::{Recipe, bytes_in_words, groups, make_group};
+
+/// Frames that must fit besides those being made: less would decode the same ones over and over.
+const LEAST_FRAMES: u64 = 4;
+/// A frame that the announced order does not name.
+const UNKNOWN: usize = usize::MAX;
+
+/// How frames on demand have kept up.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+pub struct FrameStatistics {
+    /// Frames that were asked for.
+    pub asked: u64,
+    /// Those that somebody had to wait for.
+    pub waits: u64,
+    /// Seconds waited for them.
+    pub waited_secs: f64,
+    /// Frames that were decoded.
+    pub decoded: u64,
+}
+
+/// Frames of a dataset that does not fit memory as a whole.
+#[derive(Debug)]
+pub(crate) struct FrameStore {
+    shared: Arc<Shared>,
+    workers: Vec<JoinHandle<()>>,
+}
+
+#[derive(Debug)]
+struct Shared {
+    recipes: Vec<Recipe>,
+    groups: Vec<Vec<usize>>,
+    group_of: Vec<usize>,
+    capacity: u64,
+    state: Mutex<State>,
+    /// Something was made, asked for or announced.
+    changed: Condvar,
+}
+
+#[derive(Debug, Default)]
+struct State {
+    held: HashMap<usize, Arc<ImageData>>,
+    held_bytes: u64,
+    /// What will be asked for, in order, from `clock` on.
+    order: Vec<usize>,
+    clock: usize,
+    /// For each frame its next place in the order.
+    places: Vec<usize>,
+    /// Frames that somebody waits for, and how many do.
+    awaited: HashMap<usize, usize>,
+    /// Groups being made.
+    at_work: HashSet<usize>,
+    /// Groups that failed while somebody waited for them.
+    failures: HashMap<usize, DatasetError>,
+    /// Groups that failed ahead of time: made again only when somebody waits for them.
+    broken: HashSet<usize>,
+    statistics: FrameStatistics,
+    waited: Duration,
+    is_closed: bool,
+}
+
+impl FrameStore {
+    /// A store that keeps to `budget` bytes, with `threads` threads that make frames.
+    ///
+    /// # Errors
+    /// When not even a few frames fit the budget.
+    pub(in super::super) fn new(
+        recipes: Vec<Recipe>,
+        budget: u64,
+        threads: usize,
+    ) -> Result<Self, DatasetError> {
+        let largest = |of: fn(&Recipe) -> u64| recipes.iter().map(of).max().unwrap_or(0);
+        let working = largest(Recipe::working_bytes) * threads as u64;
+        let least = working + (LEAST_FRAMES + threads as u64) * largest(Recipe::bytes);
+        if budget < least {
+            return Err(DatasetError::Option {
+                option: "--memory",
+                expected: format!(
+                    "at least {} for frames of this size, or smaller ones (--downscale)",
+                    bytes_in_words(least)
+                ),
+                found: bytes_in_words(budget),
+            });
+        }
+        let groups = groups(&recipes);
+        let mut group_of = vec![0; recipes.len()];
+        for (group, members) in groups.iter().enumerate() {
+            for &index in members {
+                group_of[index] = group;
+            }
+        }
+        let state = State {
+            places: vec![UNKNOWN; recipes.len()],
+            ..State::default()
+        };
+        let shared = Arc::new(Shared {
+            // What threads work on and frames on their way are within the budget too.
+            capacity: budget - working - threads as u64 * largest(Recipe::bytes),
+            recipes,
+            groups,
+            group_of,
+            state: Mutex::new(state),
+            changed: Condvar::new(),
+        });
+        let workers = (0..threads.max(1))
+            .map(|_| {
+                let shared = shared.clone();
+                thread::spawn(move || shared.work())
+            })
+            .collect();
+        Ok(Self { shared, workers })
+    }
+
+    /// The frame, waited for where it is not there.
+    pub(in super::super) fn get(&self, index: usize) -> Result<Arc<ImageData>, DatasetError> {
+        self.shared.get(index)
+    }
+
+    /// Says which frames will be asked for next, instead of what was said before.
+    pub(in super::super) fn announce(&self, order: Vec<usize>) {
+        let mut state = self.shared.lock();
+        state.places.fill(UNKNOWN);
+        for (place, &index) in order.iter().enumerate().rev() {
+            state.places[index] = place;
+        }
+        state.order = order;
+        state.clock = 0;
+        drop(state);
+        self.shared.changed.notify_all();
+    }
+
+    /// How it went so far.
+    pub(in super::super) fn statistics(&self) -> FrameStatistics {
+        let state = self.shared.lock();
+        FrameStatistics {
+            waited_secs: state.waited.as_secs_f64(),
+            ..state.statistics
+        }
+    }
+
+    #[cfg(test)]
+    pub(in super::super) fn holds(&self, index: usize) -> bool {
+        self.shared.lock().held.contains_key(&index)
+    }
+
+    /// Memory that frames take at the moment.
+    #[cfg(test)]
+    pub(in super::super) fn held_bytes(&self) -> u64 {
+        self.shared.lock().held_bytes
+    }
+}
+
+impl Drop for FrameStore {
+    fn drop(&mut self) {
+        self.shared.lock().is_closed = true;
+        self.shared.changed.notify_all();
+        for worker in self.workers.drain(..) {
+            // A thread that panicked has said so already.
+            let _ = worker.join();
+        }
+    }
+}
+
+impl Shared {
+    /// What a panic elsewhere leaves is whole: every change is made under one lock.
+    fn lock(&self) -> MutexGuard<'_, State> {
+        self.state
+            .lock()
+            .unwrap_or_else(|poisoned| poisoned.into_inner())
+    }
+
+    fn wait<'a>(&self, state: MutexGuard<'a, State>) -> MutexGuard<'a, State> {
+        self.changed
+            .wait(state)
+            .unwrap_or_else(|poisoned| poisoned.into_inner())
+    }
+
+    fn get(&self, index: usize) -> Result<Arc<ImageData>, DatasetError> {
+        let mut state = self.lock();
+        state.statistics.asked += 1;
+        state.consume(index);
+        if let Some(image) = state.held.get(&index) {
+            let image = image.clone();
+            drop(state);
+            // The order has moved on: there may be room for what comes next.
+            self.changed.notify_all();
+            return Ok(image);
+        }
+        let start = Instant::now();
+        *state.awaited.entry(index).or_default() += 1;
+        self.changed.notify_all();
+        let outcome = loop {
+            if let Some(image) = state.held.get(&index) {
+                break Ok(image.clone());
+            }
+            if let Some(failure) = state.failures.remove(&self.group_of[index]) {
+                break Err(failure);
+            }
+            state = self.wait(state);
+        };
+        if let Some(count) = state.awaited.get_mut(&index) {
+            *count -= 1;
+            if *count == 0 {
+                state.awaited.remove(&index);
+            }
+        }
+        state.statistics.waits += 1;
+        state.waited += start.elapsed();
+        outcome
+    }
+
+    /// What a thread does until the store is dropped.
+    fn work(&self) {
+        let mut state = self.lock();
+        while !state.is_closed {
+            let Some(group) = self.next_group(&state) else {
+                state = self.wait(state);
+                continue;
+            };
+            state.at_work.insert(group);
+            drop(state);
+            let outcome = make_group(&self.recipes, &self.groups[group], |index, image| {
+                self.keep(index, image);
+                Ok(())
+            });
+            state = self.lock();
+            state.at_work.remove(&group);
+            match outcome {
+                Ok(()) => {}
+                Err(failure) if state.is_awaited(&self.groups[group]) => {
+                    state.failures.insert(group, failure);
+                }
+                Err(_) => {
+                    state.broken.insert(group);
+                }
+            }
+            self.changed.notify_all();
+        }
+    }
+
+    /// The group to make next: one that somebody waits for, else the next that the order needs and
+    /// that there is room for.
+    fn next_group(&self, state: &State) -> Option<usize> {
+        let free =
+            |group: &usize| !state.at_work.contains(group) && !state.failures.contains_key(group);
+        let awaited = state.awaited.keys().filter(|i| !state.held.contains_key(i));
+        if let Some(group) = awaited.map(|&i| self.group_of[i]).find(free) {
+            return Some(group);
+        }
+        let upcoming = state.order.get(state.clock..)?;
+        let index = *upcoming.iter().find(|index| {
+            let group = self.group_of[**index];
+            !state.held.contains_key(index) && free(&group) && !state.broken.contains(&group)
+        })?;
+        self.has_room(state, index).then(|| self.group_of[index])
+    }
+
+    /// Whether the frame fits beside those that are needed sooner.
+    fn has_room(&self, state: &State, index: usize) -> bool {
+        let place = state.places[index];
+        let sooner: u64 = state
+            .held
+            .keys()
+            .filter(|&&held| !state.can_go(held, place))
+            .map(|&held| self.recipes[held].bytes())
+            .sum();
+        sooner + self.recipes[index].bytes() <= self.capacity
+    }
+
+    /// Takes a frame in, if it is needed sooner than enough of those that would have to go.
+    fn keep(&self, index: usize, image: ImageData) {
+        let mut state = self.lock();
+        state.statistics.decoded += 1;
+        let place = state.place(index);
+        let bytes = self.recipes[index].bytes();
+        while !state.held.contains_key(&index) && state.held_bytes + bytes > self.capacity {
+            let last = state
+                .held
+                .keys()
+                .copied()
+                .filter(|&held| state.can_go(held, place))
+                .max_by_key(|&held| (state.places[held], held));
+            let Some(last) = last else { return };
+            state.held.remove(&last);
+            state.held_bytes -= self.recipes[last].bytes();
+        }
+        if state.held.insert(index, Arc::new(image)).is_none() {
+            state.held_bytes += bytes;
+        }
+        drop(state);
+        self.changed.notify_all();
+    }
+}
+
+impl State {
+    /// Moves the order on to what follows this frame, if it is in the order.
+    fn consume(&mut self, index: usize) {
+        let place = self.places[index];
+        if place == UNKNOWN {
+            return;
+        }
+        self.clock = self.clock.max(place + 1);
+        let later = self.order[place + 1..].iter().position(|&i| i == index);
+        self.places[index] = later.map_or(UNKNOWN, |at| place + 1 + at);
+    }
+
+    /// When the frame is needed: at once where somebody waits for it.
+    fn place(&self, index: usize) -> usize {
+        if self.awaited.contains_key(&index) {
+            0
+        } else {
+            self.places[index]
+        }
+    }
+
+    /// Whether a frame may make room for one that is needed at `place`.
+    fn can_go(&self, held: usize, place: usize) -> bool {
+        !self.awaited.contains_key(&held) && (place == 0 || self.places[held] > place)
+    }
+
+    fn is_awaited(&self, group: &[usize]) -> bool {
+        group.iter().any(|index| self.awaited.contains_key(index))
+    }
+}

@@ -1,0 +1,238 @@
+//! Where the frames of a video are: presentation times and groups of pictures, asked of the program
+//! `ffprobe`, which comes with `ffmpeg`.
+
+use std::ffi::OsString;
+use std::io;
+use std::ops::Range;
+use std::path::{Path, PathBuf};
+use std::process::{Command, Stdio};
+
+use super::super::DatasetError;
+use super::{Part, failed, frame_size};
+use crate::video::ffprobe_program;
+
+/// Frames of one file are refused beyond this: 46 hours at 60 frames a second.
+const MAX_FRAMES: usize = 10_000_000;
+
+/// The frames of a video file.
+#[derive(Debug, Clone, PartialEq)]
+pub(in super::super) struct VideoIndex {
+    path: PathBuf,
+    /// Width and height of its frames.
+    size: (usize, usize),
+    /// Presentation time of each frame in order, seconds on the file's clock.
+    times: Vec<f64>,
+    /// The file's clock where it begins.
+    start: f64,
+    /// Frames at which decoding can start and from which on nothing earlier is shown; begins with 0.
+    entries: Vec<usize>,
+}
+
+/// A coded picture as the file has it.
+#[derive(Debug, Clone, Copy, PartialEq)]
+struct Packet {
+    time: f64,
+    is_key: bool,
+}
+
+impl VideoIndex {
+    /// Reads the file's index; no picture but the first is decoded.
+    ///
+    /// # Errors
+    /// When `ffprobe` or `ffmpeg` is missing, or the file is no video.
+    pub(in super::super) fn read(path: &Path) -> Result<Self, DatasetError> {
+        let listing = probe(path)?;
+        let (packets, start) = parse(&listing).map_err(|what| failed(path, what))?;
+        let size = frame_size(path)?;
+        Ok(Self::new(path, size, &packets, start))
+    }
+
+    fn new(path: &Path, size: (usize, usize), packets: &[Packet], start: Option<f64>) -> Self {
+        let mut times: Vec<f64> = packets.iter().map(|packet| packet.time).collect();
+        times.sort_by(f64::total_cmp);
+        let mut entries = vec![0];
+        for (place, packet) in packets.iter().enumerate().filter(|(_, p)| p.is_key) {
+            // Pictures that follow a key frame in the file but are shown before it need the group before.
+            let shown_before = |later: &Packet| later.time < packet.time;
+            let after = packets[place + 1..].iter().take_while(|p| !p.is_key);
+            if place > 0 && !after.into_iter().any(shown_before) {
+                entries.push(times.partition_point(|&time| time < packet.time));
+            }
+        }
+        entries.sort_unstable();
+        entries.dedup();
+        Self {
+            path: path.to_path_buf(),
+            size,
+            start: start.unwrap_or_else(|| times.first().copied().unwrap_or(0.0)),
+            times,
+            entries,
+        }
+    }
+
+    pub(in super::super) fn path(&self) -> &Path {
+        &self.path
+    }
+
+    /// Width and height of the frames.
+    pub(in super::super) fn size(&self) -> (usize, usize) {
+        self.size
+    }
+
+    pub(in super::super) fn n_frames(&self) -> usize {
+        self.times.len()
+    }
+
+    /// The frames that are decoded together with this one.
+    pub(in super::super) fn group_of(&self, frame: usize) -> Range<usize> {
+        let next = self.entries.partition_point(|&entry| entry <= frame);
+        let start = self.entries[next.saturating_sub(1)];
+        start..self.entries.get(next).copied().unwrap_or(self.times.len())
+    }
+
+    pub(in super::super) fn is_missing(&self, frame: usize) -> DatasetError {
+        failed(&self.path, format!("frame {frame} could not be decoded"))
+    }
+
+    /// What `ffmpeg` is to be told so that it gives these frames.
+    pub(super) fn part(&self, range: Range<usize>) -> Part {
+        let (Some(&first), Some(&last)) = (
+            self.times.get(range.start),
+            range.end.checked_sub(1).and_then(|end| self.times.get(end)),
+        ) else {
+            return Part::default();
+        };
+        // Half-way to the neighbours: times are rounded on their way.
+        let margin = |frame: usize, neighbour: Option<usize>| {
+            let gap = neighbour.and_then(|n| Some((self.times.get(n)? - self.times[frame]).abs()));
+            gap.map_or(1.0, |gap| gap / 2.0)
+        };
+        let before = margin(range.start, range.start.checked_sub(1));
+        let after = margin(range.end - 1, Some(range.end));
+        let entry = self.group_of(range.start).start;
+        let seek = (entry > 0).then(|| {
+            let key = self.times[entry] - self.start;
+            key + margin(entry, Some(entry + 1)).min(0.01)
+        });
+        Part {
+            seek,
+            times: Some([first - before, last + after]),
+            max_frames: Some(range.len()),
+        }
+    }
+}
+
+fn probe(path: &Path) -> Result<String, DatasetError> {
+    let mut input = OsString::from("file:");
+    input.push(path);
+    let output = Command::new(ffprobe_program())
+        .args(["-v", "error", "-protocol_whitelist", "file"])
+        .args(["-select_streams", "v:0"])
+        .args(["-show_entries", "packet=pts_time,flags:format=start_time"])
+        .args(["-of", "csv"])
+        .arg(input)
+        .stdin(Stdio::null())
+        .output()
+        .map_err(|e| match e.kind() {
+            io::ErrorKind::NotFound => DatasetError::FfmpegMissing {
+                path: path.to_path_buf(),
+            },
+            _ => failed(path, e.to_string()),
+        })?;
+    if !output.status.success() {
+        let complaint = String::from_utf8_lossy(&output.stderr);
+        let complaint: String = complaint.trim().chars().take(1000).collect();
+        return Err(failed(
+            path,
+            if complaint.is_empty() {
+                output.status.to_string()
+            } else {
+                complaint
+            },
+        ));
+    }
+    Ok(String::from_utf8_lossy(&output.stdout).into_owned())
+}
+
+/// Lines such as `packet,0.033333,K__` in the order of the file, and `format,0.000000`.
+fn parse(listing: &str) -> Result<(Vec<Packet>, Option<f64>), String> {
+    let mut packets = Vec::new();
+    let mut start = None;
+    for line in listing.lines() {
+        let mut fields = line.trim().split(',');
+        match (fields.next(), fields.next(), fields.next()) {
+            (Some("packet"), Some(time), Some(flags)) => {
+                // Pictures that only others need, from before the clip's beginning.
+                if flags.contains('D') {
+                    continue;
+                }
+                let time: f64 = time
+                    .parse()
+                    .ok()
+                    .filter(|time: &f64| time.is_finite())
+                    .ok_or("its pictures have no times; put it into an MP4 file")?;
+                packets.push(Packet {
+                    time,
+                    is_key: flags.contains('K'),
+                });
+            }
+            (Some("format"), Some(time), _) => start = time.parse().ok(),
+            _ => {}
+        }
+        if packets.len() > MAX_FRAMES {
+            return Err(format!("it has more than {MAX_FRAMES} frames"));
+        }
+    }
+    if packets.is_empty() {
+        return Err("it has no frames".into());
+    }
+    Ok((packets, start.filter(|start: &f64| start.is_finite())))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn index(listing: &str) -> VideoIndex {
+        let (packets, start) = parse(listing).expect("a listing");
+        VideoIndex::new(Path::new("a.mp4"), (4, 2), &packets, start)
+    }
+
+    #[test]
+    fn groups_begin_at_key_frames() {
+        // Shown order 0.0 0.1 0.2 | 0.3 0.4: the second picture of the file is shown third.
+        let index = index(
+            "packet,0.0,K__\npacket,0.2,___\npacket,0.1,___\npacket,0.3,K__\npacket,0.4,___\nformat,0.0\n",
+        );
+        assert_eq!(index.n_frames(), 5);
+        for (frame, group) in [(0, 0..3), (2, 0..3), (3, 3..5), (4, 3..5)] {
+            assert_eq!(index.group_of(frame), group);
+        }
+        let part = index.part(3..5);
+        assert!(part.seek.is_some_and(|at| at > 0.3 && at < 0.35));
+        let [from, to] = part.times.expect("stated");
+        assert!(from > 0.2 && from < 0.3 && to > 0.4);
+        assert_eq!(index.part(0..3).seek, None);
+    }
+
+    #[test]
+    fn a_key_frame_behind_what_is_shown_before_it_begins_no_group() {
+        // An open group: the picture at 0.2 comes after the key frame of 0.3.
+        let index = index("packet,0.0,K__\npacket,0.1,___\npacket,0.3,K__\npacket,0.2,___\n");
+        assert_eq!(index.group_of(3), 0..4);
+    }
+
+    #[test]
+    fn pictures_that_are_not_shown_do_not_count() {
+        let index = index("packet,-0.1,KD_\npacket,0.0,___\npacket,0.1,K__\n");
+        assert_eq!(index.n_frames(), 2);
+        assert_eq!(index.group_of(0), 0..1);
+    }
+
+    #[test]
+    fn listings_without_frames_or_times_are_refused() {
+        for listing in ["", "format,0.0\n", "packet,N/A,K__\n", "packet,nan,K__\n"] {
+            assert!(parse(listing).is_err(), "{listing:?}");
+        }
+    }
+}
