@@ -184,6 +184,46 @@ fn wgpu_trains_to_the_same_bits_when_asked_to() {
     assert!(a.files == b.files, "two runs with the same seed differ");
 }
 
+/// Images that are decoded when they are needed, from files and from videos, are those that memory
+/// holds where there is room for all.
+#[test]
+#[cfg(feature = "flex")]
+fn frames_on_demand_train_to_the_same_bits() {
+    /// Past the split.
+    const STEPS: usize = 200;
+    for video in [false, true] {
+        let folder = tempfile::tempdir().expect("a scratch folder");
+        let folder = folder.path().join("bounce");
+        let config = SynthConfig {
+            cameras: 6,
+            frames: 8,
+            width: 64,
+            height: 48,
+            video,
+            ..SynthConfig::default()
+        };
+        synth::write(&folder, &config).expect("writes");
+        let load = |memory: u64| {
+            let options = LoadOptions {
+                memory: Some(memory),
+                threads: Some(2),
+                ..LoadOptions::default()
+            };
+            Arc::new(dataset::load(&folder, &options).expect("sound"))
+        };
+        let in_memory = load(1 << 30);
+        assert_eq!(in_memory.frame_statistics(), None);
+        let on_demand = load(in_memory.image_bytes() / 2);
+        let device = Device::flex();
+        let expected = run(2, 0, STEPS, &in_memory, &device);
+        let got = run(2, 0, STEPS, &on_demand, &device);
+        let statistics = on_demand.frame_statistics().expect("on demand");
+        assert!(statistics.asked >= STEPS as u64 && statistics.decoded > 48);
+        assert_eq!(got.counts, expected.counts, "video: {video}");
+        assert!(got.files == expected.files, "video: {video}");
+    }
+}
+
 /// The files tell runs apart that are as alike as two seeds.
 #[test]
 fn another_seed_gives_other_bits() {
