@@ -220,6 +220,8 @@ pub struct LoadOptions {
     /// Memory that images may take, bytes; half of what is free when `None`. What does not fit is
     /// decoded when it is needed.
     pub memory: Option<u64>,
+    /// Whether images are decoded when they are needed even where all of them would fit.
+    pub on_demand: bool,
     /// Whether white in the pictures of `masks/` marks what does not count, instead of what does.
     pub invert_masks: bool,
 }
@@ -234,6 +236,7 @@ impl Default for LoadOptions {
             frame_stride: 1,
             threads: None,
             memory: None,
+            on_demand: false,
             invert_masks: false,
         }
     }

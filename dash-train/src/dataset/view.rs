@@ -258,14 +258,16 @@ impl<'a> Context<'a> {
             .collect::<Result<_, _>>()?;
         let total: u64 = recipes.iter().map(Recipe::bytes).sum();
         let budget = self.options.memory.unwrap_or_else(default_budget);
-        let on_demand = total > budget;
+        let on_demand = self.options.on_demand || total > budget;
         let pixels = if on_demand {
-            tracing::info!(
-                "{}: the images take {}, more than the {} for them: they are decoded on demand",
-                self.root.display(),
-                bytes_in_words(total),
-                bytes_in_words(budget)
-            );
+            if total > budget {
+                tracing::info!(
+                    "{}: the images take {}, more than the {} for them: they are decoded on demand",
+                    self.root.display(),
+                    bytes_in_words(total),
+                    bytes_in_words(budget)
+                );
+            }
             let threads = rayon::current_num_threads().min(MAX_FRAME_THREADS);
             let store = Arc::new(FrameStore::new(recipes.clone(), budget, threads)?);
             let stored = |index| Pixels::Stored {

@@ -40,6 +40,7 @@ pub fn run(args: &InfoArgs, shared: &Shared) -> Result<String, Failure> {
     } else {
         let options = LoadOptions {
             layout: args.layout,
+            on_demand: true,
             ..Default::default()
         };
         dataset(&load(path, &options)?)
@@ -156,7 +157,7 @@ fn dataset(dataset: &Dataset) -> Table {
         )
         .row("test cameras", listed(&held_out))
         .row("size", listed(&sizes))
-        .row("images in memory", bytes(dataset.image_bytes()))
+        .row("images, decoded", bytes(dataset.image_bytes()))
         .row(
             "points",
             dataset

@@ -103,14 +103,17 @@ pub fn run(args: &TrainArgs, shared: &Shared) -> Result<String, Failure> {
     let trained = train(&run, &config.train, dataset.clone(), &device, options);
     progress.finish();
     let (trainer, secs) = trained?;
+    let waiting = trainer.waited_seconds().map(|waited| {
+        format!(
+            "\nimages were decoded on demand: steps waited {} for them, {:.1} % of the training",
+            duration(waited),
+            100.0 * waited / secs.max(1e-9)
+        )
+    });
     drop(trainer);
-    finish(
-        &run,
-        &config,
-        &dataset,
-        (&device, &config.data.device),
-        secs,
-    )
+    let device = (&device, config.data.device.as_str());
+    let told = finish(&run, &config, &dataset, device, secs)?;
+    Ok(told + &waiting.unwrap_or_default())
 }
 
 /// Checks everything that can be checked, and only then makes the run's folder.
