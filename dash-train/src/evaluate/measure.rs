@@ -180,17 +180,44 @@ fn score(
     background: [f32; 3],
 ) -> Result<ViewScores, TrainError> {
     let (width, height) = (view.camera.width, view.camera.height);
-    let truth = view.rgb(background)?;
-    let image: Vec<f32> = picture.rgb.iter().copied().map(as_saved).collect();
+    let mut truth = view.rgb(background)?;
+    let mut image: Vec<f32> = picture.rgb.iter().copied().map(as_saved).collect();
+    let counted: Option<Vec<bool>> = view
+        .counted()?
+        .map(|counted| counted.iter().map(|&c| c > 0.0).collect());
+    let mut moving = moving.to_vec();
+    if let Some(counted) = &counted {
+        for picture in [&mut image, &mut truth] {
+            blacken(picture, counted);
+        }
+        for (moves, counts) in moving.iter_mut().zip(counted) {
+            *moves &= counts;
+        }
+    }
+    let over_counted = |counted: &Vec<bool>| masked_psnr(&image, &truth, counted);
     Ok(ViewScores {
         camera: view.camera_name.clone(),
         frame: view.frame,
         time: view.time,
-        psnr: finite(psnr(&image, &truth)),
-        psnr_dynamic: masked_psnr(&image, &truth, moving).and_then(finite),
+        psnr: match &counted {
+            None => finite(psnr(&image, &truth)),
+            Some(counted) => over_counted(counted).and_then(finite),
+        },
+        psnr_dynamic: masked_psnr(&image, &truth, &moving).and_then(finite),
         ssim: finite(ssim(&image, &truth, width, height)),
         ms_ssim: finite(ms_ssim(&image, &truth, width, height)),
     })
+}
+
+/// Makes the pixels of a picture black that don't count.
+fn blacken(picture: &mut [f32], counted: &[bool]) {
+    for (pixel, _) in picture
+        .chunks_exact_mut(3)
+        .zip(counted)
+        .filter(|(_, counts)| !**counts)
+    {
+        pixel.fill(0.0);
+    }
 }
 
 /// The value that an 8-bit picture would hold; NaN stays NaN.

@@ -26,7 +26,8 @@ const CHANNELS: usize = 3;
 /// PSNR of identical images, and the most that any pair can score.
 pub const MAX_PSNR: f64 = 100.0;
 /// How PSNR is taken, for `metric_settings`.
-pub const PSNR_RULE: &str = "peak 1, mean squared error over all pixels and channels, at most 100 dB; \
+pub const PSNR_RULE: &str = "peak 1, mean squared error over all pixels that count (all, without a picture in masks/) and \
+     channels, at most 100 dB; in SSIM those that don't are black in both pictures; \
      the mean over views is the mean of their decibels";
 /// Values summed by one task; fixed, so that sums don't depend on the number of threads.
 const SUM_CHUNK: usize = 1 << 14;

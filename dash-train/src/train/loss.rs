@@ -24,6 +24,19 @@ pub(crate) fn photometric(
     Ok(l1 * (1.0 - dssim) + (-similarity + 1.0) * dssim)
 }
 
+/// Image and target `[H, W, 3]`, both black where `counted [H * W]` is zero: what is there changes
+/// neither the loss nor any gradient.
+pub(crate) fn where_counted(
+    image: Tensor<3>,
+    target: Tensor<3>,
+    counted: Vec<f32>,
+) -> (Tensor<3>, Tensor<3>) {
+    let [height, width, _] = image.dims();
+    let counted = TensorData::new(counted, [height, width, 1]);
+    let counted = Tensor::<3>::from_data(counted, &image.device());
+    (image * counted.clone(), target * counted)
+}
+
 /// Eq. 5: mean motion of the static Gaussians, in units of the space's diagonal.
 /// `extents [N]`, `is_static [N]` of 0 and 1; zero when none is static.
 pub(crate) fn static_motion(extents: Tensor<1>, is_static: &[bool], space: &SpaceBox) -> Tensor<1> {
@@ -123,6 +136,37 @@ mod tests {
         assert_eq!(set(0), None);
         assert_eq!(set(1), Some(0.5));
         assert_eq!(set(2), Some(0.75));
+    }
+
+    #[test]
+    fn what_does_not_count_changes_neither_loss_nor_gradient() {
+        const SIDE: usize = 16;
+        let device = Device::flex().autodiff();
+        let counted: Vec<f32> = (0..SIDE * SIDE)
+            .map(|pixel| f32::from(u8::from(pixel % SIDE < 6)))
+            .collect();
+        let picture = |seed: usize, outside: f32| -> Tensor<3> {
+            let values: Vec<f32> = (0..SIDE * SIDE * 3)
+                .map(|i| match counted[i / 3] > 0.0 {
+                    true => ((i * 37 + seed * 11) % 101) as f32 / 101.0,
+                    false => outside,
+                })
+                .collect();
+            Tensor::from_data(TensorData::new(values, [SIDE, SIDE, 3]), &device)
+        };
+        let judge = |outside: [f32; 2]| {
+            let image = picture(1, outside[0]).require_grad();
+            let (a, b) = where_counted(image.clone(), picture(2, outside[1]), counted.clone());
+            let loss = photometric(a, b, 0.2).expect("equal sizes");
+            let gradient = image.grad(&loss.backward()).expect("tracked");
+            (to_host(loss), to_host(gradient))
+        };
+        let (loss, gradient) = judge([0.2, 0.9]);
+        assert!(loss[0] > 0.0);
+        assert_eq!((loss, gradient.clone()), judge([0.7, 0.1]));
+        for (i, v) in gradient.iter().enumerate() {
+            assert_eq!(*v != 0.0, counted[i / 3] > 0.0, "value {i}: {v}");
+        }
     }
 
     #[test]

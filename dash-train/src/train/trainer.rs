@@ -13,7 +13,7 @@ use super::coarse::Stages;
 use super::config::TrainConfig;
 use super::density::DensityStatistics;
 use super::initial::{Core, initial_points, near_plane};
-use super::loss::{opacity, photometric, smoothness, static_motion, visible_motion};
+use super::loss::{opacity, photometric, smoothness, static_motion, visible_motion, where_counted};
 use super::optimizer::{Optimizer, to_host};
 use super::sampler::ViewSampler;
 use super::{coarse, review, statistics, update, validation};
@@ -314,16 +314,11 @@ impl Trainer {
             ),
             &self.device,
         );
-        // Where pixels don't count, the picture is what it should be.
-        let judged = match view.counted()? {
-            None => image.clone(),
-            Some(counted) => {
-                let shape = [camera.height, camera.width, 1];
-                let counted = Tensor::<3>::from_data(TensorData::new(counted, shape), &self.device);
-                target.clone() + (image.clone() - target.clone()) * counted
-            }
+        let (image, target) = match view.counted()? {
+            None => (image, target),
+            Some(counted) => where_counted(image, target, counted),
         };
-        let mut loss = photometric(judged.clone(), target.clone(), self.config.loss.dssim)?;
+        let mut loss = photometric(image.clone(), target.clone(), self.config.loss.dssim)?;
         if self.config.loss.smoothness > 0.0
             && let Some(dynamic) = self
                 .scene
@@ -345,7 +340,7 @@ impl Trainer {
         }
         Ok(Forward {
             loss,
-            image: judged.detach(),
+            image: image.detach(),
             target,
             static_probe: (static_leaf, static_splats),
             dynamic_probe,

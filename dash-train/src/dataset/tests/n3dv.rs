@@ -432,3 +432,37 @@ fn videos_on_demand_give_the_frames_of_videos_in_memory() {
         );
     }
 }
+
+#[test]
+fn masks_say_which_pixels_count() {
+    let fixture = rig(2, 2);
+    let mask = image::GrayImage::from_fn(W as u32, H as u32, |x, _| {
+        image::Luma([if x < 4 { 255 } else { 0 }])
+    });
+    mask.save(fixture.path("masks/cam1/0001.png"))
+        .expect("writes");
+    for (invert_masks, first) in [(false, 1.0), (true, 0.0)] {
+        for on_demand in [false, true] {
+            let options = LoadOptions {
+                invert_masks,
+                on_demand,
+                ..LoadOptions::default()
+            };
+            let dataset = fixture.load_with(&options).expect("loads");
+            for view in &dataset.views {
+                let counted = view.counted().expect("reads");
+                if view.name != "cam1/0001" {
+                    assert_eq!(counted, None, "{}", view.name);
+                    continue;
+                }
+                let counted = counted.expect("a mask");
+                assert_eq!(counted.len(), W * H);
+                assert_eq!(counted[3..5], [first, 1.0 - first]);
+            }
+        }
+    }
+    image::GrayImage::new(W as u32 + 1, H as u32)
+        .save(fixture.path("masks/cam1/0001.png"))
+        .expect("writes");
+    fixture.refuses(&["masks", "0001.png", "8x6", "9x6"]);
+}
