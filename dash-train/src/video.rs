@@ -7,6 +7,7 @@ mod mp4;
 
 pub(crate) use image_files::write_whole;
 pub use image_files::{rgb8, write_exr_plane, write_exr_rgb, write_png};
+pub(crate) use mp4::Encoding;
 pub use mp4::{
     FFMPEG, FFMPEG_VARIABLE, VideoWriter, ffmpeg_available, ffmpeg_program, ffprobe_program,
     write_mp4,

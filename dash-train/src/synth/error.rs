@@ -1,5 +1,6 @@
 //! What can go wrong while a dataset is made.
 
+use crate::video::VideoError;
 use std::path::PathBuf;
 
 /// Why a synthetic dataset could not be written.
@@ -57,18 +58,9 @@ pub enum SynthError {
         /// The system's reason.
         source: std::io::Error,
     },
-    /// ffmpeg ran and failed.
-    #[error("{}: {program} failed ({status}): {message}; leave out --video to get PNG frames", .path.display())]
-    FfmpegFailed {
-        /// The program that ran.
-        program: String,
-        /// The video it was to write.
-        path: PathBuf,
-        /// Its exit status.
-        status: std::process::ExitStatus,
-        /// The last line of its error output.
-        message: String,
-    },
+    /// A video could not be written.
+    #[error("{0}; or leave out --video to get PNG frames")]
+    Video(#[from] VideoError),
 }
 
 impl SynthError {

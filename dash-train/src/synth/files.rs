@@ -2,6 +2,7 @@
 
 use super::SynthError;
 use super::cloud::CloudPoint;
+use crate::video::{Encoding, VideoError, VideoWriter};
 use image::codecs::png::{CompressionType, FilterType, PngEncoder};
 use image::{ExtendedColorType, ImageEncoder};
 use npyz::WriterBuilder;
@@ -12,9 +13,18 @@ use std::path::Path;
 use std::process::{Command, Stdio};
 
 /// Frame rate of the videos; the Neural 3D Video clips have it.
-const VIDEO_FRAMES_PER_SECOND: &str = "30";
-/// x264's quality: about 40 dB from the PNG frames at 160x120.
-const VIDEO_CRF: &str = "12";
+const VIDEO_FRAMES_PER_SECOND: f64 = 30.0;
+/// About 40 dB from the rendered frames at 160x120.
+const FOR_TRAINING: Encoding = Encoding {
+    // Full chroma: halved, colours would bleed over several pixels of small pictures.
+    // One thread: cameras are encoded side by side, and the bytes do not depend on cores.
+    // A key frame every half second: training reads frames in random order, and a decoder has to
+    // start at the key frame before the one it wants.
+    arguments: &[
+        "-c:v", "libx264", "-crf", "12", "-pix_fmt", "yuv444p", "-g", "15", "-threads", "1",
+    ],
+    even_sides: false,
+};
 
 fn create(path: &Path) -> Result<BufWriter<File>, SynthError> {
     if let Some(folder) = path.parent() {
@@ -99,43 +109,17 @@ pub(super) fn check_ffmpeg(program: &str) -> Result<(), SynthError> {
         })
 }
 
-/// Encodes `frames/0000.png` and so on.
-pub(super) fn write_video(program: &str, frames: &Path, path: &Path) -> Result<(), SynthError> {
-    let output = Command::new(program)
-        .args([
-            "-loglevel",
-            "error",
-            "-y",
-            "-framerate",
-            VIDEO_FRAMES_PER_SECOND,
-            "-i",
-        ])
-        .arg(frames.join("%04d.png"))
-        // Full chroma: halved, colours would bleed over several pixels of these small pictures.
-        // One thread: cameras are encoded side by side, and the bytes do not depend on cores.
-        .args([
-            "-c:v", "libx264", "-crf", VIDEO_CRF, "-pix_fmt", "yuv444p", "-threads", "1",
-        ])
-        .arg(path)
-        .stdin(Stdio::null())
-        .output()
-        .map_err(|source| SynthError::FfmpegMissing {
-            program: program.to_owned(),
-            source,
-        })?;
-    if output.status.success() {
-        return Ok(());
-    }
-    let message = String::from_utf8_lossy(&output.stderr);
-    Err(SynthError::FfmpegFailed {
-        program: program.to_owned(),
-        path: path.to_path_buf(),
-        status: output.status,
-        message: message
-            .trim()
-            .lines()
-            .last()
-            .unwrap_or("no message")
-            .to_owned(),
-    })
+/// A video that takes frames as they come.
+pub(super) fn video_writer(
+    program: &str,
+    path: &Path,
+    size: [usize; 2],
+) -> Result<VideoWriter, VideoError> {
+    VideoWriter::create_with(
+        program.as_ref(),
+        path,
+        size,
+        VIDEO_FRAMES_PER_SECOND,
+        &FOR_TRAINING,
+    )
 }

@@ -25,8 +25,8 @@
 //!
 //! # Modules
 //! `shape` (rays and solids), `texture`, `motion`, `scene` (objects and light), `room` and
-//! `furniture` (the scenes), `rig` (cameras), `render`, `cloud` (points), `layout` and `files`
-//! (formats), `truth`, `write`.
+//! `furniture` (the scenes), `rig` (cameras), `render` and `tracer`, `cloud` (points), `layout` and
+//! `files` (formats), `truth`, `write`.
 
 mod cloud;
 mod config;
@@ -41,6 +41,7 @@ mod room;
 mod scene;
 mod shape;
 mod texture;
+mod tracer;
 mod truth;
 mod write;
 

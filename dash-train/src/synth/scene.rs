@@ -215,7 +215,9 @@ pub(super) fn nearer(
     let Some(hit) = posed.object.shape.hit(local) else {
         return nearest;
     };
-    if nearest.is_some_and(|seen| seen.distance <= hit.distance) {
+    // Of surfaces that coincide the object that comes first is seen, in whichever order they are
+    // asked.
+    if nearest.is_some_and(|seen| (seen.distance, seen.object) <= (hit.distance, index)) {
         return nearest;
     }
     Some(Seen {

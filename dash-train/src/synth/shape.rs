@@ -63,6 +63,7 @@ impl Shape {
     /// The first point in front of the ray's origin where it enters the solid from outside.
     ///
     /// A ray that starts inside hits nothing: cameras are never inside an object.
+    #[inline]
     pub fn hit(&self, ray: &Ray) -> Option<SurfaceHit> {
         match *self {
             Self::Sphere { radius } => hit_sphere(ray, radius),

@@ -272,31 +272,41 @@ pub fn noise(point: DVec3, seed: u32) -> f64 {
         .to_array()
         .map(|t| t * t * t * (t * (6.0 * t - 15.0) + 10.0));
     let [x, y, z] = cell.to_array().map(|c| c as i64);
+    let weights = blend.map(|blend| [1.0 - blend, blend]);
+    let keys = [
+        [x, x.wrapping_add(1)].map(key_x),
+        [y, y.wrapping_add(1)].map(key_y),
+        [z, z.wrapping_add(1)].map(key_z),
+    ];
     let mut value = 0.0;
     for corner in 0..8 {
-        let offset = [corner & 1, corner >> 1 & 1, corner >> 2];
-        let weight: f64 = (0..3)
-            .map(|i| {
-                if offset[i] == 1 {
-                    blend[i]
-                } else {
-                    1.0 - blend[i]
-                }
-            })
-            .product();
-        let [i, j, k] = offset;
-        value += weight * random(x + i, y + j, z + k, seed);
+        let [i, j, k] = [corner & 1, corner >> 1 & 1, corner >> 2];
+        let weight = weights[0][i] * weights[1][j] * weights[2][k];
+        value += weight * scramble(u64::from(seed) ^ keys[0][i] ^ keys[1][j] ^ keys[2][k]);
     }
     value
 }
 
 /// A number in [0, 1) that depends on the lattice point and the seed alone.
 fn random(x: i64, y: i64, z: i64, seed: u32) -> f64 {
-    let mut h = u64::from(seed)
-        ^ (x as u64).wrapping_mul(0x9e37_79b9_7f4a_7c15)
-        ^ (y as u64).wrapping_mul(0xc2b2_ae3d_27d4_eb4f)
-        ^ (z as u64).wrapping_mul(0x1656_67b1_9e37_79f9);
-    // splitmix64's finaliser.
+    scramble(u64::from(seed) ^ key_x(x) ^ key_y(y) ^ key_z(z))
+}
+
+fn key_x(x: i64) -> u64 {
+    (x as u64).wrapping_mul(0x9e37_79b9_7f4a_7c15)
+}
+
+fn key_y(y: i64) -> u64 {
+    (y as u64).wrapping_mul(0xc2b2_ae3d_27d4_eb4f)
+}
+
+fn key_z(z: i64) -> u64 {
+    (z as u64).wrapping_mul(0x1656_67b1_9e37_79f9)
+}
+
+/// A number in [0, 1) from a key: splitmix64's finaliser.
+fn scramble(key: u64) -> f64 {
+    let mut h = key;
     h = (h ^ (h >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
     h = (h ^ (h >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
     ((h ^ (h >> 31)) >> 11) as f64 / (1u64 << 53) as f64

@@ -4,11 +4,11 @@ use super::SynthError;
 use super::cloud::{cloud, cloud_size};
 use super::config::SynthConfig;
 use super::files;
-use super::render::{Rendered, render_over, render_rest};
+use super::render::{Rendered, Rest, render_over};
 use super::rig::rig;
 use super::scene::Scene;
 use super::truth::{Truth, ViewStats};
-use crate::video::ffmpeg_program;
+use crate::video::{VideoWriter, ffmpeg_program};
 use dash_kernels::Camera;
 use image::ExtendedColorType;
 use rayon::prelude::*;
@@ -78,11 +78,7 @@ pub(super) fn write_with(
 
     let scene = Scene::new(config.scene, config.seed, config.width, config.height);
     let cameras = rig(config.cameras, config.width, config.height);
-    let stats = cameras
-        .par_iter()
-        .enumerate()
-        .map(|(index, camera)| write_camera(&root, config, &scene, index, camera, ffmpeg))
-        .collect::<Result<Vec<ViewStats>, SynthError>>()?;
+    let stats = write_frames(&root, config, &scene, &cameras, ffmpeg)?;
     config
         .layout
         .write_cameras(&root, config, &cameras, &stats)?;
@@ -137,60 +133,128 @@ fn check_output(out: &Path) -> Result<PathBuf, SynthError> {
     })
 }
 
-/// Renders and writes one camera's frames and masks.
-fn write_camera(
+/// Renders and writes the frames and masks of all cameras.
+///
+/// Frame by frame, for as many cameras at a time as there are threads: each camera's video takes
+/// its frames in order, and memory holds one frame of each of these cameras.
+fn write_frames(
     root: &Path,
     config: &SynthConfig,
     scene: &Scene,
-    index: usize,
-    camera: &Camera,
+    cameras: &[Camera],
     ffmpeg: &str,
-) -> Result<ViewStats, SynthError> {
-    // Where everything moves there is no rest to share between frames.
-    let rest = scene
-        .objects
-        .iter()
-        .any(|object| !scene.moves(object))
-        .then(|| render_rest(scene, camera));
-    let size = [config.width, config.height];
-    let video_frames = root.join(format!("cam{index:02}.frames"));
-    let per_frame = (0..config.frames)
-        .into_par_iter()
-        .map(|frame| {
-            let view = render_over(scene, camera, config.time(frame), rest.as_ref());
-            let image = if config.video {
-                video_frames.join(format!("{frame:04}.png"))
-            } else {
-                root.join(config.layout.image_path(index, frame, config.frames))
-            };
-            files::write_png(&image, &view.rgb, size, ExtendedColorType::Rgb8)?;
-            let mask: Vec<u8> = view
-                .moving
-                .iter()
-                .map(|&m| if m { 255 } else { 0 })
-                .collect();
-            let path = root.join(config.layout.mask_path(index, frame, config.frames));
-            files::write_png(&path, &mask, size, ExtendedColorType::L8)?;
-            Ok((view.moving_share(), depth_range(&view)))
-        })
-        .collect::<Result<Vec<(f64, [f64; 2])>, SynthError>>()?;
-    if config.video {
-        let video = root.join(format!("cam{index:02}.mp4"));
-        files::write_video(ffmpeg, &video_frames, &video)?;
-        fs::remove_dir_all(&video_frames)
-            .map_err(SynthError::io(&video_frames, "remove the encoded frames"))?;
+) -> Result<Vec<ViewStats>, SynthError> {
+    let mut stats = Vec::with_capacity(cameras.len());
+    let n_together = rayon::current_num_threads().max(1);
+    for (chunk, cameras) in cameras.chunks(n_together).enumerate() {
+        let mut clips = cameras
+            .par_iter()
+            .enumerate()
+            .map(|(i, camera)| {
+                let index = chunk * n_together + i;
+                Clip::new(root, config, scene, index, camera, ffmpeg)
+            })
+            .collect::<Result<Vec<Clip>, SynthError>>()?;
+        for frame in 0..config.frames {
+            clips
+                .par_iter_mut()
+                .try_for_each(|clip| clip.write_frame(root, config, scene, frame))?;
+        }
+        for clip in clips {
+            stats.push(clip.finish(config)?);
+        }
     }
-    // A sequential sum: the same for any number of threads.
-    let moving_share = per_frame.iter().map(|(share, _)| share).sum::<f64>() / config.frames as f64;
-    let depth_range = per_frame
-        .iter()
-        .fold([f64::INFINITY, 0.0], |[near, far], (_, range)| {
-            [near.min(range[0]), far.max(range[1])]
-        });
-    Ok(ViewStats {
-        moving_share,
-        depth_range,
-    })
+    Ok(stats)
+}
+
+/// What one camera sees, while it is written.
+struct Clip<'a> {
+    index: usize,
+    camera: &'a Camera,
+    rest: Option<Rest>,
+    view: Rendered,
+    video: Option<VideoWriter>,
+    /// Sum over the frames so far.
+    moving_share: f64,
+    depth_range: [f64; 2],
+}
+
+impl<'a> Clip<'a> {
+    fn new(
+        root: &Path,
+        config: &SynthConfig,
+        scene: &Scene,
+        index: usize,
+        camera: &'a Camera,
+        ffmpeg: &str,
+    ) -> Result<Self, SynthError> {
+        let video = if config.video {
+            fs::create_dir_all(root).map_err(SynthError::io(root, "create the folder"))?;
+            let path = root.join(format!("cam{index:02}.mp4"));
+            Some(files::video_writer(
+                ffmpeg,
+                &path,
+                [config.width, config.height],
+            )?)
+        } else {
+            None
+        };
+        // Where everything moves there is no rest to share between frames.
+        let rest = scene
+            .objects
+            .iter()
+            .any(|object| !scene.moves(object))
+            .then(|| Rest::new(scene, camera));
+        Ok(Self {
+            index,
+            camera,
+            rest,
+            view: Rendered::empty(camera),
+            video,
+            moving_share: 0.0,
+            depth_range: [f64::INFINITY, 0.0],
+        })
+    }
+
+    fn write_frame(
+        &mut self,
+        root: &Path,
+        config: &SynthConfig,
+        scene: &Scene,
+        frame: usize,
+    ) -> Result<(), SynthError> {
+        let view = &mut self.view;
+        let time = config.time(frame);
+        render_over(scene, self.camera, time, self.rest.as_ref(), view);
+        let size = [config.width, config.height];
+        if let Some(video) = &mut self.video {
+            video.push(&view.rgb)?;
+        } else {
+            let path = config.layout.image_path(self.index, frame, config.frames);
+            files::write_png(&root.join(path), &view.rgb, size, ExtendedColorType::Rgb8)?;
+        }
+        let mask: Vec<u8> = view
+            .moving
+            .iter()
+            .map(|&moving| if moving { 255 } else { 0 })
+            .collect();
+        let path = config.layout.mask_path(self.index, frame, config.frames);
+        files::write_png(&root.join(path), &mask, size, ExtendedColorType::L8)?;
+        self.moving_share += view.moving_share();
+        let [near, far] = depth_range(view);
+        self.depth_range = [self.depth_range[0].min(near), self.depth_range[1].max(far)];
+        Ok(())
+    }
+
+    fn finish(self, config: &SynthConfig) -> Result<ViewStats, SynthError> {
+        if let Some(video) = self.video {
+            video.finish()?;
+        }
+        Ok(ViewStats {
+            moving_share: self.moving_share / config.frames as f64,
+            depth_range: self.depth_range,
+        })
+    }
 }
 
 fn depth_range(view: &Rendered) -> [f64; 2] {

@@ -1,6 +1,6 @@
 //! MP4 files through the program `ffmpeg`.
 
-use std::ffi::OsString;
+use std::ffi::{OsStr, OsString};
 use std::fs::File;
 use std::io::{self, BufWriter, Read, Seek, Write};
 use std::path::{Path, PathBuf};
@@ -18,8 +18,28 @@ pub const FFMPEG_VARIABLE: &str = "DASH_FFMPEG";
 const FFPROBE: &str = "ffprobe";
 /// Names another `ffprobe` program.
 const FFPROBE_VARIABLE: &str = "DASH_FFPROBE";
-/// x264's constant rate factor: visually without loss.
-const CRF: &str = "18";
+/// For watching: 4:2:0, which every player shows, and visually without loss.
+const FOR_WATCHING: Encoding = Encoding {
+    arguments: &[
+        "-vf",
+        "scale=out_color_matrix=bt709:out_range=tv",
+        "-c:v",
+        "libx264",
+        "-pix_fmt",
+        "yuv420p",
+        "-crf",
+        "18",
+        "-colorspace",
+        "bt709",
+        "-color_primaries",
+        "bt709",
+        "-color_trc",
+        "bt709",
+        "-color_range",
+        "tv",
+    ],
+    even_sides: true,
+};
 /// As much of what `ffmpeg` complains is kept for the error message.
 const MAX_COMPLAINT_BYTES: u64 = 4096;
 
@@ -46,6 +66,14 @@ pub fn ffprobe_program() -> OsString {
     beside.unwrap_or_else(|| FFPROBE.into())
 }
 
+/// How frames are encoded.
+pub(crate) struct Encoding {
+    /// `ffmpeg`'s arguments for the output.
+    pub(crate) arguments: &'static [&'static str],
+    /// Whether odd sides must be padded, as 4:2:0 asks.
+    pub(crate) even_sides: bool,
+}
+
 /// Whether `ffmpeg` can be run, so that a command can complain before it renders for an hour.
 pub fn ffmpeg_available() -> bool {
     Command::new(ffmpeg_program())
@@ -69,6 +97,7 @@ pub struct VideoWriter {
     complaints: File,
     width: usize,
     height: usize,
+    padded_size: [usize; 2],
     padded: Vec<u8>,
     n_frames: usize,
 }
@@ -93,15 +122,16 @@ impl VideoWriter {
     /// # Errors
     /// When `ffmpeg` is missing, the folder can't be written to, or the size or rate is zero.
     pub fn create(path: &Path, width: usize, height: usize, fps: f64) -> Result<Self, VideoError> {
-        Self::create_with(&ffmpeg_program(), path, width, height, fps)
+        Self::create_with(&ffmpeg_program(), path, [width, height], fps, &FOR_WATCHING)
     }
 
-    fn create_with(
-        program: &OsString,
+    /// As [`VideoWriter::create`], with another program or encoding.
+    pub(crate) fn create_with(
+        program: &OsStr,
         path: &Path,
-        width: usize,
-        height: usize,
+        [width, height]: [usize; 2],
         fps: f64,
+        encoding: &Encoding,
     ) -> Result<Self, VideoError> {
         checked_size(path, [width, height], width.saturating_mul(height), 1)?;
         if !(fps.is_finite() && fps > 0.0) {
@@ -114,7 +144,8 @@ impl VideoWriter {
         let io_error = io_error(path);
         let scratch = scratch_beside(path).map_err(&io_error)?;
         let complaints = tempfile::tempfile().map_err(&io_error)?;
-        let (even_width, even_height) = (width.next_multiple_of(2), height.next_multiple_of(2));
+        let multiple = if encoding.even_sides { 2 } else { 1 };
+        let padded_size = [width, height].map(|side| side.next_multiple_of(multiple));
         // `file:` keeps names with a colon from being taken for protocols.
         let mut output = OsString::from("file:");
         output.push(scratch.path());
@@ -122,12 +153,12 @@ impl VideoWriter {
         command
             .args(["-nostdin", "-hide_banner", "-loglevel", "error"])
             .args(["-f", "rawvideo", "-pix_fmt", "rgb24"])
-            .args(["-video_size", &format!("{even_width}x{even_height}")])
+            .args([
+                "-video_size",
+                &format!("{}x{}", padded_size[0], padded_size[1]),
+            ])
             .args(["-framerate", &fps.to_string(), "-i", "pipe:0"])
-            .args(["-vf", "scale=out_color_matrix=bt709:out_range=tv"])
-            .args(["-c:v", "libx264", "-pix_fmt", "yuv420p", "-crf", CRF])
-            .args(["-colorspace", "bt709", "-color_primaries", "bt709"])
-            .args(["-color_trc", "bt709", "-color_range", "tv"])
+            .args(encoding.arguments)
             .args(["-movflags", "+faststart", "-f", "mp4", "-y"])
             .arg(output)
             .stdin(Stdio::piped())
@@ -151,6 +182,7 @@ impl VideoWriter {
             complaints,
             width,
             height,
+            padded_size,
             padded: Vec::new(),
             n_frames: 0,
         })
@@ -165,9 +197,13 @@ impl VideoWriter {
     /// When the frame's size is another one, or `ffmpeg` has given up.
     pub fn push(&mut self, rgb: &[u8]) -> Result<(), VideoError> {
         checked_size(&self.path, [self.width, self.height], rgb.len(), 3)?;
-        self.pad(rgb);
+        let fits = self.padded_size == [self.width, self.height];
+        if !fits {
+            self.pad(rgb);
+        }
+        let frame = if fits { rgb } else { &self.padded };
         let written = match &mut self.stdin {
-            Some(stdin) => stdin.write_all(&self.padded),
+            Some(stdin) => stdin.write_all(frame),
             None => Err(io::ErrorKind::BrokenPipe.into()),
         };
         self.n_frames += 1;
@@ -210,12 +246,12 @@ impl VideoWriter {
         self.padded.clear();
         for row in rgb.chunks_exact(self.width * 3) {
             self.padded.extend_from_slice(row);
-            if self.width % 2 == 1 {
+            if self.padded_size[0] > self.width {
                 self.padded.extend_from_slice(&row[row.len() - 3..]);
             }
         }
-        if self.height % 2 == 1 {
-            let last_row = self.padded.len() - self.width.next_multiple_of(2) * 3;
+        if self.padded_size[1] > self.height {
+            let last_row = self.padded.len() - self.padded_size[0] * 3;
             self.padded.extend_from_within(last_row..);
         }
     }

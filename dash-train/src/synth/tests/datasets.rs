@@ -2,6 +2,7 @@
 
 use crate::synth::write::write_with;
 use crate::synth::*;
+use crate::video::VideoError;
 use image::GenericImageView;
 use serde::Deserialize;
 use std::collections::BTreeMap;
@@ -321,7 +322,10 @@ fn videos_need_ffmpeg_and_a_failure_leaves_nothing() {
     assert_eq!(left(), 0);
     // `false` starts like any program, and then fails on every video.
     let error = write_with(&out, &config, "false").expect_err("fails");
-    assert!(matches!(error, SynthError::FfmpegFailed { .. }), "{error}");
+    assert!(
+        matches!(error, SynthError::Video(VideoError::FfmpegFailed { .. })),
+        "{error}"
+    );
     assert_eq!(left(), 0, "half a dataset stays");
 
     match write(&out, &config) {
@@ -333,4 +337,28 @@ fn videos_need_ffmpeg_and_a_failure_leaves_nothing() {
         }
         Err(error) => assert!(matches!(error, SynthError::FfmpegMissing { .. }), "{error}"),
     }
+}
+
+#[test]
+fn videos_can_be_entered_every_15_frames() {
+    let folder = tempfile::tempdir().expect("a scratch folder");
+    let out = folder.path().join("clip");
+    let config = SynthConfig {
+        video: true,
+        cameras: 2,
+        frames: 32,
+        width: 17,
+        height: 19,
+        ..config(SceneKind::Tiny, SynthLayout::N3dv)
+    };
+    write(&out, &config).expect("this test needs ffmpeg: apt install ffmpeg");
+    let output = std::process::Command::new("ffprobe")
+        .args(["-v", "error", "-show_entries", "packet=flags", "-of", "csv"])
+        .arg(out.join("cam01.mp4"))
+        .output()
+        .expect("ffprobe comes with ffmpeg");
+    let packets = String::from_utf8_lossy(&output.stdout);
+    let keys: Vec<bool> = packets.lines().map(|line| line.contains('K')).collect();
+    assert_eq!(keys.len(), 32, "{packets}");
+    assert!(keys.chunks(15).all(|group| group[0]), "{packets}");
 }

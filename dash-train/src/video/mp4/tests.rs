@@ -58,9 +58,15 @@ fn colours_survive_and_odd_sizes_are_padded() {
 fn a_missing_program_says_how_to_install_it() {
     let folder = folder();
     let path = folder.path().join("clip.mp4");
-    let error = VideoWriter::create_with(&"no-such-ffmpeg".into(), &path, 4, 4, 30.0)
-        .err()
-        .expect("there is no such program");
+    let error = VideoWriter::create_with(
+        "no-such-ffmpeg".as_ref(),
+        &path,
+        [4, 4],
+        30.0,
+        &FOR_WATCHING,
+    )
+    .err()
+    .expect("there is no such program");
     assert!(matches!(error, VideoError::FfmpegMissing { .. }), "{error}");
     let text = error.to_string();
     for part in ["clip.mp4", "`no-such-ffmpeg`", "apt install ffmpeg", "PNG"] {
@@ -79,8 +85,9 @@ fn a_program_that_fails_is_quoted() {
     std::fs::write(&program, script).expect("writable");
     std::fs::set_permissions(&program, PermissionsExt::from_mode(0o755)).expect("executable");
     let path = folder.path().join("clip.mp4");
-    let mut writer = VideoWriter::create_with(&program.into(), &path, 256, 256, 30.0)
-        .expect("the program starts");
+    let mut writer =
+        VideoWriter::create_with(program.as_ref(), &path, [256, 256], 30.0, &FOR_WATCHING)
+            .expect("the program starts");
     let frame = vec![0; 256 * 256 * 3];
     let error = (0..100)
         .find_map(|_| writer.push(&frame).err())
