@@ -25,6 +25,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         layout: Some(Layout::N3dv),
         downscale: rest.first().map_or(Ok(2.0), |factor| factor.parse())?,
         test_cameras: Some(vec![0]),
+        skip_broken: false,
         device: choice.to_string(),
     };
     let dataset = Arc::new(dataset::load(

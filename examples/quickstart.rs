@@ -44,6 +44,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
             layout: None,
             downscale: 1.0,
             test_cameras: None,
+            skip_broken: false,
             device: name.clone(),
         },
         train: config.clone(),

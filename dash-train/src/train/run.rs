@@ -42,6 +42,9 @@ pub struct DataConfig {
     pub downscale: f64,
     /// Cameras of the test split, where they are not the layout's own.
     pub test_cameras: Option<Vec<usize>>,
+    /// Whether views whose image cannot be read are left out.
+    #[serde(default)]
+    pub skip_broken: bool,
     /// The device it ran on, as named on the command line.
     pub device: String,
 }
@@ -53,6 +56,7 @@ impl DataConfig {
             layout: self.layout,
             downscale: self.downscale,
             test_cameras: self.test_cameras.clone(),
+            skip_broken: self.skip_broken,
             ..Default::default()
         }
     }

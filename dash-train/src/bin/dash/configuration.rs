@@ -47,6 +47,8 @@ pub struct DataSection {
     pub downscale: Option<f64>,
     /// Cameras of the test split.
     pub test_cameras: Option<Vec<usize>>,
+    /// Whether views whose image cannot be read are left out.
+    pub skip_broken: Option<bool>,
     /// Chosen with `--device` instead.
     #[serde(rename = "device")]
     _device: Option<String>,

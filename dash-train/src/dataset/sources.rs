@@ -1,0 +1,286 @@
+//! The cameras of a synchronised rig: where their frames are, and the step from them to views.
+
+use std::path::{Path, PathBuf};
+
+use dash_kernels::Camera;
+use rayon::prelude::*;
+
+use super::broken::{first_size, leave_out};
+use super::distortion::Distortion;
+use super::view::{Context, Lens, PlannedView, Split, View};
+use super::{DatasetError, files, frame_time, video};
+
+/// Frames may differ from the poses' aspect ratio by this much and one pixel.
+const ASPECT_TOLERANCE: f64 = 0.01;
+/// Extensions of videos.
+pub(super) const VIDEO_EXTENSIONS: [&str; 5] = ["mp4", "mov", "mkv", "webm", "avi"];
+
+/// Where a camera's frames are.
+#[derive(Debug, Clone)]
+pub(super) enum Frames {
+    /// One file per frame, in order.
+    Images(Vec<FrameFile>),
+    Video,
+}
+
+/// One frame's image and what it is called: its file's stem, or less where that says more.
+#[derive(Debug, Clone)]
+pub(super) struct FrameFile {
+    pub(super) file: PathBuf,
+    pub(super) label: String,
+}
+
+impl FrameFile {
+    /// Frames called by their files' stems.
+    pub(super) fn by_stems(files: Vec<PathBuf>) -> Vec<Self> {
+        files
+            .into_iter()
+            .map(|file| Self {
+                label: files::stem(&file),
+                file,
+            })
+            .collect()
+    }
+}
+
+/// A camera without its pose.
+#[derive(Debug, Clone)]
+pub(super) struct Source {
+    pub(super) name: String,
+    /// The video, or the folder of the images.
+    pub(super) path: PathBuf,
+    pub(super) frames: Frames,
+}
+
+impl Source {
+    fn images(&self) -> Option<&[FrameFile]> {
+        match &self.frames {
+            Frames::Images(images) => Some(images),
+            Frames::Video => None,
+        }
+    }
+}
+
+/// A camera with its pose.
+#[derive(Debug, Clone)]
+pub(super) struct RigCamera {
+    pub(super) source: Source,
+    /// At the size at which the pose was estimated; frames may have another.
+    pub(super) camera: Camera,
+    pub(super) distortion: Distortion,
+    /// The file with the pose, for errors.
+    pub(super) posed_by: PathBuf,
+}
+
+/// The views of all cameras at all wanted frames, camera by camera, and the number of frames.
+///
+/// # Errors
+/// When cameras differ in their frames, a frame in its shape from the poses, or one is damaged.
+pub(super) fn load(
+    context: &Context,
+    cameras: &[RigCamera],
+    held_out: &[bool],
+) -> Result<(Vec<View>, usize), DatasetError> {
+    let lists: Option<Vec<&[FrameFile]>> = cameras.iter().map(|c| c.source.images()).collect();
+    let Some(lists) = lists else {
+        return decode_videos(context, cameras, held_out);
+    };
+    check_frames(cameras, &lists)?;
+    let n_frames = (0..lists.first().map_or(0, |list| list.len()))
+        .filter(|&index| context.options.keeps_frame(index))
+        .count();
+    let planned = plan(context, cameras, &lists, held_out)?;
+    Ok((context.load_views(leave_out(context, planned)?)?, n_frames))
+}
+
+/// Every camera must have the same frames, or times would be mixed up between cameras.
+fn check_frames(cameras: &[RigCamera], lists: &[&[FrameFile]]) -> Result<(), DatasetError> {
+    let Some((first, expected)) = cameras.first().zip(lists.first()) else {
+        return Ok(());
+    };
+    for (camera, list) in cameras.iter().zip(lists) {
+        let source = &camera.source;
+        let number = |frame: &'_ FrameFile| files::frame_number(&frame.label).map(str::to_string);
+        let repeated = |pair: &[FrameFile]| {
+            let number = number(&pair[0]);
+            number.is_some() && number == files::frame_number(&pair[1].label).map(str::to_string)
+        };
+        if let Some(pair) = list.windows(2).find(|pair| repeated(pair)) {
+            return Err(DatasetError::invalid(
+                &source.path,
+                "one image per frame",
+                format!(
+                    "{} twice (as {} too)",
+                    pair[0].file.display(),
+                    pair[1].label
+                ),
+                "remove the duplicate",
+            ));
+        }
+        same_count(&first.source, expected.len(), source, list.len())?;
+        let differs = |(a, b): &(&FrameFile, &FrameFile)| number(a) != number(b);
+        if let Some((wanted, found)) = expected.iter().zip(*list).find(differs) {
+            return Err(DatasetError::invalid(
+                &source.path,
+                format!(
+                    "the frames of {}, the next being {}",
+                    first.source.name, wanted.label
+                ),
+                found.label.clone(),
+                "give every camera the same frame numbers",
+            ));
+        }
+    }
+    Ok(())
+}
+
+fn same_count(
+    first: &Source,
+    expected: usize,
+    source: &Source,
+    found: usize,
+) -> Result<(), DatasetError> {
+    if found == expected {
+        return Ok(());
+    }
+    Err(DatasetError::invalid(
+        &source.path,
+        format!("{expected} frames, as many as {} has", first.name),
+        found.to_string(),
+        "give every camera the same frames",
+    ))
+}
+
+fn plan(
+    context: &Context,
+    cameras: &[RigCamera],
+    lists: &[&[FrameFile]],
+    held_out: &[bool],
+) -> Result<Vec<PlannedView>, DatasetError> {
+    let mut planned = Vec::new();
+    for (camera_index, (rig_camera, images)) in cameras.iter().zip(lists).enumerate() {
+        let kept: Vec<&FrameFile> = (0..images.len())
+            .filter(|&index| context.options.keeps_frame(index))
+            .map(|index| &images[index])
+            .collect();
+        let (Some(first), Some(size)) = (
+            kept.first(),
+            first_size(context, kept.iter().map(|frame| frame.file.as_path())),
+        ) else {
+            continue;
+        };
+        let (camera, lens) = at_size(rig_camera, size?, &first.file)?;
+        let camera_name = &rig_camera.source.name;
+        for (frame, image) in kept.iter().enumerate() {
+            planned.push(PlannedView {
+                file: image.file.clone(),
+                name: format!("{camera_name}/{}", image.label),
+                camera_name: camera_name.clone(),
+                camera_index,
+                frame,
+                time: frame_time(frame, kept.len()),
+                split: Split::held_out(held_out[camera_index]),
+                camera: camera.clone(),
+                lens: lens.clone(),
+            });
+        }
+    }
+    Ok(planned)
+}
+
+/// The camera at the frames' size, which may be another than the poses were estimated at.
+fn at_size(
+    rig_camera: &RigCamera,
+    (width, height): (usize, usize),
+    path: &Path,
+) -> Result<(Camera, Option<Lens>), DatasetError> {
+    let RigCamera {
+        camera, posed_by, ..
+    } = rig_camera;
+    let camera = resized(camera, (width, height), path, posed_by)?;
+    let lens = Lens::new(rig_camera.distortion, &camera, posed_by)?;
+    Ok((camera, lens))
+}
+
+/// The camera at another size of the same shape; errors name the image `path` and the poses' file.
+pub(super) fn resized(
+    camera: &Camera,
+    (width, height): (usize, usize),
+    path: &Path,
+    posed_by: &Path,
+) -> Result<Camera, DatasetError> {
+    let expected_height = width as f64 * camera.height as f64 / camera.width as f64;
+    if (height as f64 - expected_height).abs() > 1.0 + ASPECT_TOLERANCE * expected_height {
+        let posed_by = posed_by.file_name().unwrap_or(posed_by.as_os_str());
+        return Err(DatasetError::invalid(
+            path,
+            format!(
+                "frames shaped like the {}x{} of {}",
+                camera.width,
+                camera.height,
+                posed_by.to_string_lossy()
+            ),
+            format!("{width}x{height}"),
+            "use uncropped frames, or correct height, width and focal length in the poses",
+        ));
+    }
+    Ok(camera.resized(width, height))
+}
+
+fn decode_videos(
+    context: &Context,
+    cameras: &[RigCamera],
+    held_out: &[bool],
+) -> Result<(Vec<View>, usize), DatasetError> {
+    let options = context.options;
+    let last_needed = options.max_frames.map(|max| {
+        (max - 1)
+            .saturating_mul(options.frame_stride)
+            .saturating_add(1)
+    });
+    let decode = |(camera_index, rig_camera): (usize, &RigCamera)| {
+        let source = &rig_camera.source;
+        let path = &source.path;
+        let mut views: Vec<View> = Vec::new();
+        let mut sized: Option<(Camera, Option<Lens>)> = None;
+        video::decode_frames(path, last_needed, |index, image| {
+            if !options.keeps_frame(index) {
+                return Ok(());
+            }
+            let (camera, lens) = match &sized {
+                Some(sized) => sized.clone(),
+                None => sized
+                    .insert(at_size(rig_camera, (image.width, image.height), path)?)
+                    .clone(),
+            };
+            let planned = PlannedView {
+                file: path.clone(),
+                name: format!("{}/{index:04}", source.name),
+                camera_name: source.name.clone(),
+                camera_index,
+                frame: views.len(),
+                time: 0.0,
+                split: Split::held_out(held_out[camera_index]),
+                camera,
+                lens,
+            };
+            views.push(context.finish(planned, image)?);
+            Ok(())
+        })?;
+        Ok(views)
+    };
+    let per_camera = cameras
+        .par_iter()
+        .enumerate()
+        .map(decode)
+        .collect::<Result<Vec<Vec<View>>, DatasetError>>()?;
+    let n_frames = per_camera.first().map_or(0, Vec::len);
+    for (camera, views) in cameras.iter().zip(&per_camera) {
+        same_count(&cameras[0].source, n_frames, &camera.source, views.len())?;
+    }
+    let mut views: Vec<View> = per_camera.into_iter().flatten().collect();
+    for view in &mut views {
+        view.time = frame_time(view.frame, n_frames);
+    }
+    Ok((views, n_frames))
+}
