@@ -84,6 +84,14 @@ pub(super) fn write_json(path: &Path, value: &impl Serialize) -> Result<(), Synt
     finish(file, path)
 }
 
+/// Text or bytes.
+pub(super) fn write_bytes(path: &Path, bytes: &[u8]) -> Result<(), SynthError> {
+    let mut file = create(path)?;
+    file.write_all(bytes)
+        .map_err(SynthError::io(path, "write the file"))?;
+    finish(file, path)
+}
+
 /// Fails unless `program` starts: before minutes of rendering, not after.
 pub(super) fn check_ffmpeg(program: &str) -> Result<(), SynthError> {
     Command::new(program)
@@ -101,6 +109,9 @@ pub(super) fn check_ffmpeg(program: &str) -> Result<(), SynthError> {
 
 /// Encodes `frames/0000.png` and so on.
 pub(super) fn write_video(program: &str, frames: &Path, path: &Path) -> Result<(), SynthError> {
+    if let Some(folder) = path.parent() {
+        std::fs::create_dir_all(folder).map_err(SynthError::io(folder, "create the folder"))?;
+    }
     let output = Command::new(program)
         .args([
             "-loglevel",

@@ -63,6 +63,7 @@ pub(super) fn write_with(
     ffmpeg: &str,
 ) -> Result<SynthSummary, SynthError> {
     config.validate()?;
+    let config = &config.as_written();
     let parent = check_output(out)?;
     if config.video {
         files::check_ffmpeg(ffmpeg)?;
@@ -88,7 +89,7 @@ pub(super) fn write_with(
         .write_cameras(&root, config, &cameras, &stats)?;
     let count = cloud_size(config.width, config.height);
     let points = cloud(&scene, &cameras, count, config.seed);
-    files::write_ply(&root.join(config.layout.cloud_name()), &points)?;
+    config.layout.write_cloud(&root, &points)?;
     let truth = Truth::new(config, &scene, &cameras, &stats);
     files::write_json(&root.join("truth.json"), &truth)?;
 
@@ -175,7 +176,7 @@ fn write_camera(
         })
         .collect::<Result<Vec<(f64, [f64; 2])>, SynthError>>()?;
     if config.video {
-        let video = root.join(format!("cam{index:02}.mp4"));
+        let video = root.join(config.layout.video_path(index));
         files::write_video(ffmpeg, &video_frames, &video)?;
         fs::remove_dir_all(&video_frames)
             .map_err(SynthError::io(&video_frames, "remove the encoded frames"))?;
