@@ -9,7 +9,7 @@ use super::frames::Source;
 use super::image::dimensions;
 use super::transforms::{Transforms, find_image, parse};
 use super::view::{Context, Lens, PlannedView, Split};
-use super::{DatasetError, Parts, every_eighth, files, find_points, pose};
+use super::{DatasetError, Parts, every_eighth, files, find_points, pose, times};
 
 const SINGLE: &str = "transforms.json";
 const TRAIN: &str = "transforms_train.json";
@@ -17,8 +17,6 @@ const TEST: &str = "transforms_test.json";
 const VAL: &str = "transforms_val.json";
 /// Either of these makes a folder this layout's.
 pub(super) const FILES: [&str; 2] = [TRAIN, SINGLE];
-/// Times closer than this are one frame's.
-const SAME_TIME: f64 = 1e-6;
 
 /// A frame of any of the files.
 struct Entry {
@@ -50,8 +48,12 @@ pub(super) fn read(context: &Context) -> Result<Parts, DatasetError> {
         Some(file) => collect(context, &file, &parse(&file)?, true, &mut entries)?,
         None => hold_out_every_eighth(&mut entries),
     }
-    let (times, n_frames) = frames(context, &mut entries)?;
-    let (camera_of, n_cameras) = distinct_poses(&entries);
+    check_times(&entries)?;
+    let stated: Vec<f64> = entries.iter().map(|e| e.time.unwrap_or(0.0)).collect();
+    let (times, n_frames) = times::frames(context.options, &stated);
+    let mut time_of = times.iter();
+    entries.retain(|_| time_of.next().is_some_and(Option::is_some));
+    let (camera_of, n_cameras) = pose::distinct_poses(entries.iter().map(|e| &e.camera));
     if context.options.test_cameras.is_some() {
         let held_out = context.options.held_out(vec![false; n_cameras])?;
         for (entry, &camera) in entries.iter_mut().zip(&camera_of) {
@@ -59,7 +61,11 @@ pub(super) fn read(context: &Context) -> Result<Parts, DatasetError> {
         }
     }
     let mut planned = Vec::with_capacity(entries.len());
-    for ((entry, &camera_index), (frame, time)) in entries.into_iter().zip(&camera_of).zip(times) {
+    for ((entry, &camera_index), (frame, time)) in entries
+        .into_iter()
+        .zip(&camera_of)
+        .zip(times.into_iter().flatten())
+    {
         planned.push(PlannedView {
             lens: Lens::new(entry.distortion, &entry.camera, &entry.listed_in)?,
             source: Source::File(entry.file),
@@ -97,6 +103,12 @@ fn collect(
     for frame in &transforms.frames {
         let file = files::confined(context.root, &frame.file_path, listed_in)?;
         let file = find_image(file, listed_in)?;
+        if context.options.skip_broken
+            && let Err(error) = dimensions(&file)
+        {
+            tracing::warn!("left out the frame {}: {error}", frame.file_path);
+            continue;
+        }
         let (camera, distortion) = transforms.camera(listed_in, frame, || dimensions(&file))?;
         let finite = distortion.is_finite() && frame.time.is_none_or(f64::is_finite);
         if !finite {
@@ -133,67 +145,16 @@ fn hold_out_every_eighth(entries: &mut [Entry]) {
     }
 }
 
-/// The frame index and time in [0, 1] of every entry, and the number of distinct times. Entries
-/// whose frame is not wanted are removed. Times are kept where they lie in [0, 1] already, and
-/// stretched over [0, 1] otherwise and when only some of the frames are loaded.
-fn frames(
-    context: &Context,
-    entries: &mut Vec<Entry>,
-) -> Result<(Vec<(usize, f32)>, usize), DatasetError> {
-    let with_time = entries.iter().filter(|entry| entry.time.is_some()).count();
-    if let Some(entry) = entries.iter().find(|entry| entry.time.is_none())
-        && with_time > 0
-    {
-        return Err(DatasetError::invalid(
+/// Either every frame has a time or none has.
+fn check_times(entries: &[Entry]) -> Result<(), DatasetError> {
+    let with_time = entries.iter().any(|entry| entry.time.is_some());
+    match entries.iter().find(|entry| entry.time.is_none()) {
+        Some(entry) if with_time => Err(DatasetError::invalid(
             &entry.listed_in,
             "`time` in every frame or in none",
             format!("none in frame `{}`", entry.name),
             "add the missing times",
-        ));
+        )),
+        _ => Ok(()),
     }
-    let time_of = |entry: &Entry| entry.time.unwrap_or(0.0);
-    let mut distinct: Vec<f64> = entries.iter().map(time_of).collect();
-    distinct.sort_by(f64::total_cmp);
-    distinct.dedup_by(|later, earlier| *later - *earlier < SAME_TIME);
-    let index_of = |time: f64, all: &[f64]| all.partition_point(|&t| t <= time).saturating_sub(1);
-    let keeps = |index: usize| context.options.keeps_frame(index);
-    let n_all = distinct.len();
-    entries.retain(|entry| keeps(index_of(time_of(entry), &distinct)));
-    let mut index = 0..n_all;
-    distinct.retain(|_| index.next().is_some_and(keeps));
-
-    let n_frames = distinct.len();
-    let (start, end) = (distinct[0], distinct[n_frames - 1]);
-    let stated = n_all == n_frames && start >= 0.0 && end <= 1.0;
-    let times = entries
-        .iter()
-        .map(|entry| {
-            let time = time_of(entry);
-            let unit = match (n_frames, stated) {
-                (1, _) => 0.0,
-                (_, true) => time,
-                (_, false) => (time - start) / (end - start),
-            };
-            (index_of(time, &distinct), unit.clamp(0.0, 1.0) as f32)
-        })
-        .collect();
-    Ok((times, n_frames))
-}
-
-/// For each entry the index of its pose among the distinct ones, and their number.
-fn distinct_poses(entries: &[Entry]) -> (Vec<usize>, usize) {
-    let mut distinct: Vec<&Camera> = Vec::new();
-    let indices = entries
-        .iter()
-        .map(|entry| {
-            let known = distinct
-                .iter()
-                .position(|camera| pose::same_pose(camera, &entry.camera));
-            known.unwrap_or_else(|| {
-                distinct.push(&entry.camera);
-                distinct.len() - 1
-            })
-        })
-        .collect();
-    (indices, distinct.len())
 }

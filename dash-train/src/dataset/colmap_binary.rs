@@ -3,7 +3,7 @@
 use std::path::Path;
 
 use super::DatasetError;
-use super::colmap::{ModelCamera, ModelImage, parameter_names};
+use super::colmap_model::{ModelCamera, ModelImage, parameter_names};
 use crate::ply::PointCloud;
 
 /// Smallest size of one entry of each file, with an empty name and no observations.

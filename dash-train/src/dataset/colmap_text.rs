@@ -4,7 +4,7 @@ use std::path::Path;
 use std::str::{FromStr, SplitAsciiWhitespace};
 
 use super::DatasetError;
-use super::colmap::{ModelCamera, ModelImage};
+use super::colmap_model::{ModelCamera, ModelImage};
 use crate::ply::PointCloud;
 
 pub(super) fn cameras(path: &Path, text: &str) -> Result<Vec<ModelCamera>, DatasetError> {

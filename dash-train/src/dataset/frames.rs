@@ -39,6 +39,14 @@ pub(super) enum Source {
 }
 
 impl Source {
+    /// An error that says that this image could not be made.
+    pub(super) fn is_missing(&self) -> DatasetError {
+        match self {
+            Self::File(path) => DatasetError::image(path, "it gave no picture"),
+            Self::Video { video, frame } => video.is_missing(*frame),
+        }
+    }
+
     /// The file, for messages.
     pub(super) fn path(&self) -> &Path {
         match self {

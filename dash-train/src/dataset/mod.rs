@@ -8,12 +8,18 @@
 //! | --- | --- |
 //! | [`Layout::N3dv`]: `n3dv.rs`, `npy.rs`, `video.rs` | `poses_bounds.npy`, `camNN/` or `cam*.mp4` |
 //! | [`Layout::Blender`]: `blender.rs`, `transforms.rs` | `transforms*.json` |
-//! | [`Layout::Colmap`]: `colmap.rs`, `colmap_binary.rs`, `colmap_text.rs` | `sparse/0`, `images/` |
+//! | [`Layout::Colmap`]: `colmap.rs`, `colmap_model.rs`, `colmap_binary.rs`, `colmap_text.rs` | `sparse/0`, `images/` |
+//! | [`Layout::Technicolor`]: `technicolor.rs`, `technicolor_parameters.rs` | `cameras_parameters.txt`, or `images/camNN/` and COLMAP |
+//! | [`Layout::Nerfies`]: `nerfies.rs`, `nerfies_camera.rs` | `dataset.json`, `camera/`, `rgb/` |
+//! | [`Layout::Rig`]: `rig.rs` | `videos/` or `images/CAMERA/`, and poses by camera |
+//! | `sources.rs`, `times.rs`, `points.rs`, `broken.rs` | frames of synchronised cameras, times, initial points, damaged images |
 //! | `view.rs`, `image.rs`, `distortion.rs`, `pose.rs`, `files.rs`, `error.rs` | what they share |
 
 mod blender;
+mod broken;
 mod colmap;
 mod colmap_binary;
+mod colmap_model;
 mod colmap_text;
 mod distortion;
 mod error;
@@ -21,10 +27,18 @@ mod files;
 mod frames;
 mod image;
 mod n3dv;
+mod nerfies;
+mod nerfies_camera;
 mod npy;
+mod points;
 mod pose;
+mod rig;
+mod sources;
+mod technicolor;
+mod technicolor_parameters;
 #[cfg(test)]
 mod tests;
+mod times;
 mod transforms;
 mod video;
 mod view;
@@ -40,19 +54,11 @@ pub use error::DatasetError;
 pub use frames::FrameStatistics;
 pub use view::{Split, View};
 
-use crate::ply::{PointCloud, read_points};
+use crate::ply::PointCloud;
 use frames::{FrameStore, Pixels};
+use points::find_points;
 use view::Context;
 
-/// Files with initial points, in the order in which they are looked for.
-const POINT_FILES: [&str; 6] = [
-    "points3D_downsample2.ply",
-    "points3d.ply",
-    "points3D.ply",
-    "fused.ply",
-    "sparse_points.ply",
-    "sparse_pc.ply",
-];
 /// Without a stated split, one view of this many is held out (3DGS convention).
 const HOLD_OUT_EVERY: usize = 8;
 const WHITE: [f32; 3] = [1.0; 3];
@@ -145,6 +151,12 @@ pub enum Layout {
     Blender,
     /// COLMAP: `images/` and a sparse model; static.
     Colmap,
+    /// Technicolor: `cameras_parameters.txt`, or `images/camNN/` and a COLMAP model of one frame.
+    Technicolor,
+    /// Nerfies, HyperNeRF: `dataset.json`, `metadata.json`, `camera/` and `rgb/`.
+    Nerfies,
+    /// A rig: `videos/` or `images/CAMERA/`, and poses by the cameras' names.
+    Rig,
 }
 
 impl fmt::Display for Layout {
@@ -153,6 +165,9 @@ impl fmt::Display for Layout {
             Self::N3dv => "n3dv",
             Self::Blender => "blender",
             Self::Colmap => "colmap",
+            Self::Technicolor => "technicolor",
+            Self::Nerfies => "nerfies",
+            Self::Rig => "rig",
         })
     }
 }
@@ -163,7 +178,7 @@ impl FromStr for Layout {
     fn from_str(name: &str) -> Result<Self, DatasetError> {
         <Self as ValueEnum>::from_str(name, true).map_err(|_| DatasetError::Option {
             option: "--layout",
-            expected: "n3dv, blender or colmap".into(),
+            expected: "n3dv, blender, colmap, technicolor, nerfies or rig".into(),
             found: format!("`{name}`"),
         })
     }
@@ -176,14 +191,29 @@ impl Layout {
     /// When the folder cannot be listed or has none of the known files.
     pub fn detect(root: &Path) -> Result<Self, DatasetError> {
         let names = files::list(root)?;
-        if names.iter().any(|name| name == n3dv::POSES_FILE) {
-            Ok(Self::N3dv)
-        } else if names
-            .iter()
-            .any(|name| blender::FILES.contains(&name.as_str()))
+        let has = |wanted: &str| names.iter().any(|name| name == wanted);
+        if has(technicolor::PARAMETERS_FILE) {
+            Ok(Self::Technicolor)
+        } else if has(n3dv::POSES_FILE)
+            && (n3dv::has_cameras(root)? || !technicolor::is_prepared(root))
         {
+            Ok(Self::N3dv)
+        } else if technicolor::is_prepared(root) {
+            Ok(Self::Technicolor)
+        } else if rig::is_rig(root) {
+            Ok(Self::Rig)
+        } else if blender::FILES.iter().any(|name| has(name)) {
             Ok(Self::Blender)
-        } else if colmap::model_folder(root).is_some() {
+        } else if [
+            nerfies::DATASET_FILE,
+            nerfies::METADATA_FILE,
+            nerfies::CAMERA_FOLDER,
+        ]
+        .into_iter()
+        .all(has)
+        {
+            Ok(Self::Nerfies)
+        } else if colmap_model::model_folder(root, &colmap_model::MODEL_FOLDERS).is_some() {
             Ok(Self::Colmap)
         } else {
             let found = match names.as_slice() {
@@ -193,8 +223,9 @@ impl Layout {
             };
             Err(DatasetError::invalid(
                 root,
-                "poses_bounds.npy (n3dv), transforms_train.json or transforms.json (blender), or \
-                 sparse/0/cameras.bin (colmap)",
+                "poses_bounds.npy (n3dv), transforms_train.json or transforms.json (blender, rig), \
+                 sparse/0/cameras.bin (colmap, rig), dataset.json and camera/ (nerfies) or \
+                 cameras_parameters.txt (technicolor)",
                 found,
                 "check the path, or choose the layout with --layout",
             ))
@@ -224,6 +255,8 @@ pub struct LoadOptions {
     pub on_demand: bool,
     /// Whether white in the pictures of `masks/` marks what does not count, instead of what does.
     pub invert_masks: bool,
+    /// Leave out views whose image cannot be read, with a warning, instead of stopping.
+    pub skip_broken: bool,
 }
 
 impl Default for LoadOptions {
@@ -238,6 +271,7 @@ impl Default for LoadOptions {
             memory: None,
             on_demand: false,
             invert_masks: false,
+            skip_broken: false,
         }
     }
 }
@@ -321,6 +355,9 @@ pub fn load(path: &Path, options: &LoadOptions) -> Result<Dataset, DatasetError>
         Layout::N3dv => n3dv::read(&context),
         Layout::Blender => blender::read(&context),
         Layout::Colmap => colmap::read(&context),
+        Layout::Technicolor => technicolor::read(&context),
+        Layout::Nerfies => nerfies::read(&context),
+        Layout::Rig => rig::read(&context),
     };
     let parts = match options.threads {
         None => read()?,
@@ -361,23 +398,6 @@ pub fn load(path: &Path, options: &LoadOptions) -> Result<Dataset, DatasetError>
         n_cameras: parts.n_cameras,
         background,
     })
-}
-
-/// The initial points of a dataset: the file its poses name, one of [`POINT_FILES`], or COLMAP's.
-fn find_points(root: &Path, named: Option<&Path>) -> Result<Option<PointCloud>, DatasetError> {
-    let known = POINT_FILES
-        .iter()
-        .map(|name| root.join(name))
-        .find(|path| path.is_file());
-    let points = match (
-        named.map(Path::to_path_buf).or(known),
-        colmap::model_folder(root),
-    ) {
-        (Some(file), _) => Some(read_points(&file)?),
-        (None, Some(model)) => colmap::read_model_points(&model)?,
-        (None, None) => None,
-    };
-    Ok(points.filter(|points| !points.is_empty()))
 }
 
 /// A time in [0, 1] for each of `n` evenly spaced frames; 0 for a single one.

@@ -1,70 +1,56 @@
-//! The Neural 3D Video layout: LLFF poses and, per camera, a folder of frames or a video.
+//! The Neural 3D Video layout: LLFF poses and, per camera, a folder of frames or a video; without
+//! cameras, one image per pose (LLFF).
 
 use std::fs;
-use std::path::{Path, PathBuf};
-use std::sync::Arc;
+use std::path::Path;
 
 use dash_kernels::Camera;
-use rayon::prelude::*;
 
-use super::frames::Source;
+use super::distortion::Distortion;
 use super::image::{MAX_IMAGE_SIDE, dimensions};
-use super::npy::{ROW, parse_rows};
-use super::video::VideoIndex;
+use super::npy::{POSE_COLUMNS, parse_poses};
+use super::sources::{self, FrameFile, Frames, RigCamera, Source, VIDEO_EXTENSIONS};
 use super::view::{Context, PlannedView, Split};
-use super::{DatasetError, Parts, files, find_points, frame_time, pose};
+use super::{DatasetError, Parts, every_eighth, files, find_points, frames, pose};
 
 pub(super) const POSES_FILE: &str = "poses_bounds.npy";
-/// Frames may differ from the poses' aspect ratio by this much and one pixel.
-const ASPECT_TOLERANCE: f64 = 0.01;
-
-/// Where a camera's frames are.
-enum Frames {
-    Images(Vec<PathBuf>),
-    Video(PathBuf),
-}
-
-struct CameraSource {
-    name: String,
-    frames: Frames,
-}
+/// Folder of the images of a capture without cameras.
+const LLFF_FOLDER: &str = "images";
 
 pub(super) fn read(context: &Context) -> Result<Parts, DatasetError> {
     let poses_file = context.root.join(POSES_FILE);
     let bytes = fs::read(&poses_file).map_err(DatasetError::io(&poses_file))?;
-    let rows = parse_rows(&poses_file, &bytes)?;
-    let cameras = rows
+    let cameras = parse_poses(&poses_file, &bytes)?
         .iter()
         .enumerate()
         .map(|(index, row)| camera(&poses_file, index, row))
         .collect::<Result<Vec<_>, _>>()?;
-    let sources = sources(context.root)?;
-    if sources.len() != cameras.len() {
-        let names: Vec<&str> = sources.iter().map(|source| source.name.as_str()).collect();
-        return Err(DatasetError::invalid(
-            context.root,
-            format!(
-                "one camera per row of {POSES_FILE}, {} of them",
-                cameras.len()
-            ),
-            format!("{} ({})", sources.len(), names.join(", ")),
-            "remove the poses or the cameras that have no counterpart",
-        ));
+    let folder = context.root.join(LLFF_FOLDER);
+    if !has_cameras(context.root)? && folder.is_dir() {
+        let images = files::list_images(&folder)?;
+        if !images.is_empty() {
+            return read_llff(context, &folder, cameras, FrameFile::by_stems(images));
+        }
     }
+    let sources = sources(context.root)?;
+    let names: Vec<&str> = sources.iter().map(|source| source.name.as_str()).collect();
+    check_count(context.root, cameras.len(), &names, "camera")?;
     let n_cameras = cameras.len();
     let held_out = context
         .options
         .held_out((0..n_cameras).map(|index| index == 0).collect())?;
     let points = find_points(context.root, None)?;
-    let planned = match image_lists(&sources) {
-        Some(lists) => {
-            check_frames(context.root, &sources, &lists)?;
-            plan(context, &cameras, &sources, &lists, &held_out)?
-        }
-        None => plan_videos(context, &cameras, &sources, &held_out)?,
-    };
-    let n_frames = planned.len() / n_cameras;
-    let views = context.load_views(planned)?;
+    let rig: Vec<RigCamera> = sources
+        .into_iter()
+        .zip(cameras)
+        .map(|(source, camera)| RigCamera {
+            source,
+            camera,
+            distortion: Distortion::default(),
+            posed_by: poses_file.clone(),
+        })
+        .collect();
+    let (views, n_frames) = sources::load(context, &rig, &held_out)?;
     Ok(Parts {
         views,
         points,
@@ -73,9 +59,72 @@ pub(super) fn read(context: &Context) -> Result<Parts, DatasetError> {
     })
 }
 
+fn check_count(path: &Path, n_rows: usize, names: &[&str], what: &str) -> Result<(), DatasetError> {
+    if names.len() == n_rows {
+        return Ok(());
+    }
+    // Every name of a large folder of images would be a page.
+    let mut shown = names
+        .iter()
+        .take(32)
+        .copied()
+        .collect::<Vec<_>>()
+        .join(", ");
+    if names.len() > 32 {
+        shown.push_str(", ..");
+    }
+    Err(DatasetError::invalid(
+        path,
+        format!("one {what} per row of {POSES_FILE}, {n_rows} of them"),
+        format!("{} ({shown})", names.len()),
+        format!("remove the poses or the {what}s that have no counterpart"),
+    ))
+}
+
+/// A static capture: the k-th image in order belongs to row k.
+fn read_llff(
+    context: &Context,
+    folder: &Path,
+    cameras: Vec<Camera>,
+    images: Vec<FrameFile>,
+) -> Result<Parts, DatasetError> {
+    let names: Vec<&str> = images.iter().map(|image| image.label.as_str()).collect();
+    check_count(folder, cameras.len(), &names, "image")?;
+    let n_cameras = cameras.len();
+    let held_out = context.options.held_out(every_eighth(n_cameras))?;
+    let poses_file = context.root.join(POSES_FILE);
+    let mut planned = Vec::with_capacity(n_cameras);
+    for (camera_index, (camera, image)) in cameras.iter().zip(images).enumerate() {
+        let size = match dimensions(&image.file) {
+            Ok(size) => size,
+            // Left out below, with a warning.
+            Err(_) if context.options.skip_broken => (camera.width, camera.height),
+            Err(error) => return Err(error),
+        };
+        planned.push(PlannedView {
+            camera: sources::resized(camera, size, &image.file, &poses_file)?,
+            source: frames::Source::File(image.file),
+            name: image.label.clone(),
+            camera_name: image.label,
+            camera_index,
+            frame: 0,
+            time: 0.0,
+            split: Split::held_out(held_out[camera_index]),
+            lens: None,
+        });
+    }
+    let points = find_points(context.root, None)?;
+    Ok(Parts {
+        views: context.load_views(planned)?,
+        points,
+        n_frames: 1,
+        n_cameras,
+    })
+}
+
 /// The camera of one LLFF row: 3x5 of the axes down, right, backwards, the position and
 /// (height, width, focal); then the depth bounds.
-fn camera(path: &Path, index: usize, row: &[f64; ROW]) -> Result<Camera, DatasetError> {
+fn camera(path: &Path, index: usize, row: &[f64; POSE_COLUMNS]) -> Result<Camera, DatasetError> {
     let malformed = |found: String| {
         DatasetError::invalid(
             path,
@@ -108,42 +157,51 @@ fn camera(path: &Path, index: usize, row: &[f64; ROW]) -> Result<Camera, Dataset
     pose::place(intrinsics, axes, column(3)).map_err(malformed)
 }
 
+/// Whether the folder has camera folders or videos.
+pub(super) fn has_cameras(root: &Path) -> Result<bool, DatasetError> {
+    Ok(files::list(root)?
+        .iter()
+        .any(|name| is_camera_folder(root, name) || (is_camera(name) && is_video(root, name))))
+}
+
+fn is_camera(name: &str) -> bool {
+    name.get(..3)
+        .is_some_and(|start| start.eq_ignore_ascii_case("cam"))
+}
+
+fn is_camera_folder(root: &Path, name: &str) -> bool {
+    is_camera(name) && name.ends_with(|c: char| c.is_ascii_digit()) && root.join(name).is_dir()
+}
+
+fn is_video(root: &Path, name: &str) -> bool {
+    files::has_extension(name, &VIDEO_EXTENSIONS) && root.join(name).is_file()
+}
+
 /// The camera folders that hold images, else the camera videos, in natural order.
-fn sources(root: &Path) -> Result<Vec<CameraSource>, DatasetError> {
-    let is_camera = |name: &str| {
-        name.get(..3)
-            .is_some_and(|start| start.eq_ignore_ascii_case("cam"))
-    };
+fn sources(root: &Path) -> Result<Vec<Source>, DatasetError> {
     let names = files::list(root)?;
     let mut folders = Vec::new();
-    for name in names
-        .iter()
-        .filter(|name| is_camera(name) && ends_in_digit(name))
-    {
-        let folder = root.join(name);
-        if !folder.is_dir() {
-            continue;
-        }
-        let inner = folder.join("images");
-        let images = files::list_images(if inner.is_dir() { &inner } else { &folder })?;
-        folders.push(CameraSource {
+    for name in names.iter().filter(|name| is_camera_folder(root, name)) {
+        let path = root.join(name);
+        let inner = path.join("images");
+        let images = files::list_images(if inner.is_dir() { &inner } else { &path })?;
+        folders.push(Source {
             name: name.clone(),
-            frames: Frames::Images(images),
+            path,
+            frames: Frames::Images(FrameFile::by_stems(images)),
         });
     }
-    let has_images =
-        |source: &CameraSource| matches!(&source.frames, Frames::Images(i) if !i.is_empty());
+    let has_images = |source: &Source| matches!(&source.frames, Frames::Images(i) if !i.is_empty());
     if folders.iter().any(has_images) {
         return Ok(folders);
     }
-    let videos: Vec<CameraSource> = names
+    let videos: Vec<Source> = names
         .iter()
-        .filter(|name| is_camera(name) && files::has_extension(name, &["mp4"]))
-        .map(|name| (root.join(name), name))
-        .filter(|(path, _)| path.is_file())
-        .map(|(path, name)| CameraSource {
+        .filter(|name| is_camera(name) && is_video(root, name))
+        .map(|name| Source {
             name: files::stem(Path::new(name)),
-            frames: Frames::Video(path),
+            path: root.join(name),
+            frames: Frames::Video,
         })
         .collect();
     if videos.is_empty() {
@@ -159,194 +217,4 @@ fn sources(root: &Path) -> Result<Vec<CameraSource>, DatasetError> {
         ));
     }
     Ok(videos)
-}
-
-fn ends_in_digit(name: &str) -> bool {
-    name.ends_with(|c: char| c.is_ascii_digit())
-}
-
-fn image_lists(sources: &[CameraSource]) -> Option<Vec<&[PathBuf]>> {
-    sources
-        .iter()
-        .map(|source| match &source.frames {
-            Frames::Images(images) => Some(images.as_slice()),
-            Frames::Video(_) => None,
-        })
-        .collect()
-}
-
-/// Every camera must have the same frames, or times would be mixed up between cameras.
-fn check_frames(
-    root: &Path,
-    sources: &[CameraSource],
-    lists: &[&[PathBuf]],
-) -> Result<(), DatasetError> {
-    let stems: Vec<Vec<String>> = lists
-        .iter()
-        .map(|list| list.iter().map(|path| files::stem(path)).collect())
-        .collect();
-    for (index, source) in sources.iter().enumerate() {
-        let numbers: Vec<_> = stems[index]
-            .iter()
-            .map(|stem| files::frame_number(stem))
-            .collect();
-        if let Some(at) = numbers
-            .windows(2)
-            .position(|pair| pair[0].is_some() && pair[0] == pair[1])
-        {
-            return Err(DatasetError::invalid(
-                &root.join(&source.name),
-                "one image per frame",
-                format!(
-                    "{} twice (as {} too)",
-                    lists[index][at].display(),
-                    stems[index][at + 1]
-                ),
-                "remove the duplicate",
-            ));
-        }
-        same_count(
-            root,
-            &sources[0].name,
-            stems[0].len(),
-            &source.name,
-            stems[index].len(),
-        )?;
-        let differs = |at: &usize| files::frame_number(&stems[0][*at]) != numbers[*at];
-        if let Some(at) = (0..numbers.len()).find(differs) {
-            return Err(DatasetError::invalid(
-                &root.join(&source.name),
-                format!(
-                    "the frames of {}, the next being {}",
-                    sources[0].name, stems[0][at]
-                ),
-                stems[index][at].clone(),
-                "give every camera the same frame numbers",
-            ));
-        }
-    }
-    Ok(())
-}
-
-fn same_count(
-    root: &Path,
-    first: &str,
-    expected: usize,
-    name: &str,
-    found: usize,
-) -> Result<(), DatasetError> {
-    if found == expected {
-        return Ok(());
-    }
-    Err(DatasetError::invalid(
-        &root.join(name),
-        format!("{expected} frames, as many as {first} has"),
-        found.to_string(),
-        "give every camera the same frames",
-    ))
-}
-
-fn plan(
-    context: &Context,
-    cameras: &[Camera],
-    sources: &[CameraSource],
-    lists: &[&[PathBuf]],
-    held_out: &[bool],
-) -> Result<Vec<PlannedView>, DatasetError> {
-    let mut planned = Vec::new();
-    for (camera_index, images) in lists.iter().enumerate() {
-        let kept: Vec<&PathBuf> = (0..images.len())
-            .filter(|&index| context.options.keeps_frame(index))
-            .map(|index| &images[index])
-            .collect();
-        let Some(first) = kept.first() else { continue };
-        let camera = at_size(&cameras[camera_index], dimensions(first)?, first)?;
-        let camera_name = &sources[camera_index].name;
-        for (frame, file) in kept.iter().enumerate() {
-            planned.push(PlannedView {
-                source: Source::File(file.to_path_buf()),
-                name: format!("{camera_name}/{}", files::stem(file)),
-                camera_name: camera_name.clone(),
-                camera_index,
-                frame,
-                time: frame_time(frame, kept.len()),
-                split: Split::held_out(held_out[camera_index]),
-                camera: camera.clone(),
-                lens: None,
-            });
-        }
-    }
-    Ok(planned)
-}
-
-/// The camera at the frames' size, which may be another than the poses were estimated at.
-fn at_size(
-    camera: &Camera,
-    (width, height): (usize, usize),
-    path: &Path,
-) -> Result<Camera, DatasetError> {
-    let expected_height = width as f64 * camera.height as f64 / camera.width as f64;
-    if (height as f64 - expected_height).abs() > 1.0 + ASPECT_TOLERANCE * expected_height {
-        return Err(DatasetError::invalid(
-            path,
-            format!(
-                "frames shaped like the {}x{} of {POSES_FILE}",
-                camera.width, camera.height
-            ),
-            format!("{width}x{height}"),
-            "use uncropped frames, or correct height, width and focal length in the poses",
-        ));
-    }
-    Ok(camera.resized(width, height))
-}
-
-fn plan_videos(
-    context: &Context,
-    cameras: &[Camera],
-    sources: &[CameraSource],
-    held_out: &[bool],
-) -> Result<Vec<PlannedView>, DatasetError> {
-    let videos = sources
-        .par_iter()
-        .map(|source| match &source.frames {
-            Frames::Video(path) => Ok(Arc::new(VideoIndex::read(path)?)),
-            Frames::Images(_) => Err(DatasetError::invalid(
-                &context.root.join(&source.name),
-                "a video",
-                "a folder",
-                "use folders of images or videos, not both",
-            )),
-        })
-        .collect::<Result<Vec<_>, DatasetError>>()?;
-    let mut planned = Vec::new();
-    for (camera_index, (source, video)) in sources.iter().zip(&videos).enumerate() {
-        let n_frames = video.n_frames();
-        same_count(
-            context.root,
-            &sources[0].name,
-            videos[0].n_frames(),
-            &source.name,
-            n_frames,
-        )?;
-        let camera = at_size(&cameras[camera_index], video.size(), video.path())?;
-        let keeps = |index: &usize| context.options.keeps_frame(*index);
-        let kept: Vec<usize> = (0..n_frames).filter(keeps).collect();
-        for (frame, &index) in kept.iter().enumerate() {
-            planned.push(PlannedView {
-                source: Source::Video {
-                    video: video.clone(),
-                    frame: index,
-                },
-                name: format!("{}/{index:04}", source.name),
-                camera_name: source.name.clone(),
-                camera_index,
-                frame,
-                time: frame_time(frame, kept.len()),
-                split: Split::held_out(held_out[camera_index]),
-                camera: camera.clone(),
-                lens: None,
-            });
-        }
-    }
-    Ok(planned)
 }

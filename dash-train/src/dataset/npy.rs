@@ -1,4 +1,4 @@
-//! `poses_bounds.npy`: one row of 17 numbers per camera.
+//! NumPy files: `poses_bounds.npy`, one row of 17 numbers per camera, and positions of points.
 
 use std::path::Path;
 
@@ -6,20 +6,41 @@ use npyz::{DType, NpyFile, Order, TypeChar};
 
 use super::DatasetError;
 
-/// Columns of a row: a 3x5 pose and two depth bounds.
-pub(super) const ROW: usize = 17;
+/// Columns of a row of poses: a 3x5 pose and two depth bounds.
+pub(super) const POSE_COLUMNS: usize = 17;
 /// NumPy's own limit (`numpy.lib.format`).
 const MAX_HEADER_BYTES: usize = 10_000;
 /// Enough for `[n, 17]`; keeps the product of the shape below 2^64 and the parser's recursion flat.
 const MAX_HEADER_DIGITS: usize = 19;
 const MAX_HEADER_BRACKETS: usize = 16;
 
-/// Parses an `[n, 17]` array of f32 or f64, in either memory order and byte order.
-pub(super) fn parse_rows(path: &Path, bytes: &[u8]) -> Result<Vec<[f64; ROW]>, DatasetError> {
+/// Parses LLFF poses and bounds.
+pub(super) fn parse_poses(
+    path: &Path,
+    bytes: &[u8],
+) -> Result<Vec<[f64; POSE_COLUMNS]>, DatasetError> {
+    parse_rows(
+        path,
+        bytes,
+        "[cameras, 17] of f32 or f64 (LLFF poses and bounds)",
+    )
+}
+
+/// Parses positions of points.
+pub(super) fn parse_points(path: &Path, bytes: &[u8]) -> Result<Vec<[f64; 3]>, DatasetError> {
+    parse_rows(path, bytes, "[points, 3] of f32 or f64 (positions)")
+}
+
+/// Parses an array of rows of f32 or f64, in either memory order and byte order.
+fn parse_rows<const COLUMNS: usize>(
+    path: &Path,
+    bytes: &[u8],
+    what: &str,
+) -> Result<Vec<[f64; COLUMNS]>, DatasetError> {
     let malformed = |found: String| {
         DatasetError::invalid(
             path,
-            "a NumPy array [cameras, 17] of f32 or f64 (LLFF poses and bounds)",
+            format!("a NumPy array {what}"),
             found,
             "write it again with `numpy.save`",
         )
@@ -40,15 +61,15 @@ pub(super) fn parse_rows(path: &Path, bytes: &[u8]) -> Result<Vec<[f64; ROW]>, D
     let [n, columns] = shape[..] else {
         return Err(malformed(format!("shape {shape:?}")));
     };
-    if columns != ROW as u64 {
+    if columns != COLUMNS as u64 {
         return Err(malformed(format!("shape {shape:?}")));
     }
     if n == 0 {
-        return Err(malformed("no cameras".into()));
+        return Err(malformed("no rows".into()));
     }
     let header = npy.header().clone();
     drop(npy);
-    let available = rest.len() / (ROW * item_bytes);
+    let available = rest.len() / (COLUMNS * item_bytes);
     if n > available as u64 {
         return Err(malformed(format!(
             "shape {shape:?} announced but {} bytes of numbers (truncated?)",
@@ -66,7 +87,7 @@ pub(super) fn parse_rows(path: &Path, bytes: &[u8]) -> Result<Vec<[f64; ROW]>, D
     let n = n as usize;
     let row = |index: usize| {
         std::array::from_fn(|column| match order {
-            Order::C => values[index * ROW + column],
+            Order::C => values[index * COLUMNS + column],
             Order::Fortran => values[column * n + index],
         })
     };
@@ -126,7 +147,7 @@ pub(super) mod tests {
         bytes
     }
 
-    pub(crate) fn npy_f64(rows: &[[f64; ROW]]) -> Vec<u8> {
+    pub(crate) fn npy_f64(rows: &[[f64; POSE_COLUMNS]]) -> Vec<u8> {
         let header = format!(
             "{{'descr': '<f8', 'fortran_order': False, 'shape': ({}, 17), }}\n",
             rows.len()
@@ -139,11 +160,11 @@ pub(super) mod tests {
         npy(&header, &values)
     }
 
-    fn read(bytes: &[u8]) -> Result<Vec<[f64; ROW]>, DatasetError> {
-        parse_rows(Path::new("poses_bounds.npy"), bytes)
+    fn read(bytes: &[u8]) -> Result<Vec<[f64; POSE_COLUMNS]>, DatasetError> {
+        parse_poses(Path::new("poses_bounds.npy"), bytes)
     }
 
-    fn rows() -> Vec<[f64; ROW]> {
+    fn rows() -> Vec<[f64; POSE_COLUMNS]> {
         (0..3)
             .map(|r| std::array::from_fn(|c| f64::from(r) + c as f64 / 32.0))
             .collect()
@@ -153,7 +174,7 @@ pub(super) mod tests {
     fn both_orders_types_and_byte_orders() {
         assert_eq!(read(&npy_f64(&rows())).expect("valid"), rows());
         let mut by_column = Vec::new();
-        for column in 0..ROW {
+        for column in 0..POSE_COLUMNS {
             for row in rows() {
                 by_column.extend((row[column] as f32).to_be_bytes());
             }

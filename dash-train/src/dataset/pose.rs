@@ -51,8 +51,63 @@ pub(super) fn place(
     Ok(intrinsics.placed(rows, position))
 }
 
+/// Places the intrinsics at a world-to-camera pose: a quaternion (w, x, y, z) of any length and a
+/// translation.
+///
+/// # Errors
+/// Says what is wrong with the pose: zero or not finite.
+pub(super) fn place_by_quaternion(
+    intrinsics: Camera,
+    quaternion: [f64; 4],
+    translation: [f64; 3],
+) -> Result<Camera, String> {
+    let norm = quaternion.iter().map(|v| v * v).sum::<f64>().sqrt();
+    if !(norm > 1e-12 && norm.is_finite()) {
+        return Err("a quaternion that is zero, NaN or infinite".into());
+    }
+    let [w, x, y, z] = quaternion.map(|v| v / norm);
+    let rows = [
+        [
+            1.0 - 2.0 * (y * y + z * z),
+            2.0 * (x * y - w * z),
+            2.0 * (x * z + w * y),
+        ],
+        [
+            2.0 * (x * y + w * z),
+            1.0 - 2.0 * (x * x + z * z),
+            2.0 * (y * z - w * x),
+        ],
+        [
+            2.0 * (x * z - w * y),
+            2.0 * (y * z + w * x),
+            1.0 - 2.0 * (x * x + y * y),
+        ],
+    ];
+    let position = [0, 1, 2].map(|axis| {
+        -(0..3)
+            .map(|row| rows[row][axis] * translation[row])
+            .sum::<f64>()
+    });
+    place(intrinsics, rows, position)
+}
+
+/// For each camera the index of its pose among the distinct ones, and their number.
+pub(super) fn distinct_poses<'a>(cameras: impl Iterator<Item = &'a Camera>) -> (Vec<usize>, usize) {
+    let mut distinct: Vec<&Camera> = Vec::new();
+    let indices = cameras
+        .map(|camera| {
+            let known = distinct.iter().position(|seen| same_pose(seen, camera));
+            known.unwrap_or_else(|| {
+                distinct.push(camera);
+                distinct.len() - 1
+            })
+        })
+        .collect();
+    (indices, distinct.len())
+}
+
 /// Whether two cameras stand at the same place and look the same way.
-pub(super) fn same_pose(a: &Camera, b: &Camera) -> bool {
+fn same_pose(a: &Camera, b: &Camera) -> bool {
     let close = |(x, y): (&f64, &f64)| (x - y).abs() <= SAME_POSE;
     a.translation.iter().zip(&b.translation).all(close)
         && a.rotation

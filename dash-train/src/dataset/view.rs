@@ -9,6 +9,7 @@ use dash_kernels::Camera;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
+use super::broken::keep_readable;
 use super::distortion::Distortion;
 use super::frames::{
     CountedMask, FrameStore, Pixels, Recipe, Source, bytes_in_words, default_budget, groups,
@@ -252,14 +253,22 @@ impl<'a> Context<'a> {
     /// The views of a plan, in its order: with their images where all of them fit the memory that
     /// they may take, else with images that are made when they are asked for.
     pub(super) fn load_views(&self, planned: Vec<PlannedView>) -> Result<Vec<View>, DatasetError> {
-        let recipes: Vec<Recipe> = planned
+        let skip_broken = self.options.skip_broken;
+        let recipes = planned
             .par_iter()
-            .map(|view| self.recipe(view))
-            .collect::<Result<_, _>>()?;
+            .map(|view| (view.name.clone(), self.recipe(view)))
+            .collect();
+        let recipes = keep_readable(recipes, skip_broken)?;
+        let (mut planned, mut recipes): (Vec<_>, Vec<_>) = planned
+            .into_iter()
+            .zip(recipes)
+            .filter_map(|(view, recipe)| Some((view, recipe?)))
+            .unzip();
         let total: u64 = recipes.iter().map(Recipe::bytes).sum();
         let budget = self.options.memory.unwrap_or_else(default_budget);
         let on_demand = self.options.on_demand || total > budget;
-        let pixels = if on_demand {
+        let named = |planned: &[PlannedView]| planned.iter().map(|v| v.name.clone()).collect();
+        if on_demand {
             if total > budget {
                 tracing::info!(
                     "{}: the images take {}, more than the {} for them: they are decoded on demand",
@@ -268,21 +277,36 @@ impl<'a> Context<'a> {
                     bytes_in_words(budget)
                 );
             }
+            if skip_broken {
+                // What is broken must be known before it is drawn: all is decoded once.
+                let names: Vec<String> = named(&planned);
+                let checked = names.into_iter().zip(make_all(&recipes, |_| ())).collect();
+                let sound = keep_readable(checked, true)?;
+                let mut is_sound = sound.iter().map(Option::is_some);
+                planned.retain(|_| is_sound.next().unwrap_or(false));
+                let mut is_sound = sound.iter().map(Option::is_some);
+                recipes.retain(|_| is_sound.next().unwrap_or(false));
+            }
             let threads = rayon::current_num_threads().min(MAX_FRAME_THREADS);
             let store = Arc::new(FrameStore::new(recipes.clone(), budget, threads)?);
-            let stored = |index| Pixels::Stored {
-                store: store.clone(),
-                index,
-            };
-            (0..recipes.len()).map(stored).collect()
-        } else {
-            make_all(&recipes)?
-        };
+            return planned
+                .into_iter()
+                .zip(&recipes)
+                .enumerate()
+                .map(|(index, (view, recipe))| {
+                    let store = store.clone();
+                    self.view(view, recipe, Pixels::Stored { store, index }, true)
+                })
+                .collect();
+        }
+        let names: Vec<String> = named(&planned);
+        let made = make_all(&recipes, |image| Pixels::Ready(Arc::new(image)));
+        let made = keep_readable(names.into_iter().zip(made).collect(), skip_broken)?;
         planned
             .into_iter()
             .zip(&recipes)
-            .zip(pixels)
-            .map(|((view, recipe), pixels)| self.view(view, recipe, pixels, on_demand))
+            .zip(made)
+            .filter_map(|((view, recipe), pixels)| Some(self.view(view, recipe, pixels?, false)))
             .collect()
     }
 
@@ -354,25 +378,37 @@ impl<'a> Context<'a> {
     }
 }
 
-/// Makes all images, in parallel over files and videos.
-fn make_all(recipes: &[Recipe]) -> Result<Vec<Pixels>, DatasetError> {
-    let made: Vec<Vec<(usize, ImageData)>> = videos(recipes)
+/// Makes all images, in parallel over files and videos, and keeps of each what `keep` does.
+fn make_all<T: Send>(
+    recipes: &[Recipe],
+    keep: impl Fn(ImageData) -> T + Sync,
+) -> Vec<Result<T, DatasetError>> {
+    let made: Vec<Vec<Result<T, DatasetError>>> = videos(recipes)
         .into_par_iter()
         .map(|group| {
-            let mut made = Vec::with_capacity(group.len());
-            make_group(recipes, &group, |index, image| {
-                made.push((index, image));
+            let mut made: Vec<Option<T>> = group.iter().map(|_| None).collect();
+            let first = group.first().copied().unwrap_or(0);
+            let outcome = make_group(recipes, &group, |index, image| {
+                if let Some(place) = made.get_mut(index - first) {
+                    *place = Some(keep(image));
+                }
                 Ok(())
-            })?;
-            Ok(made)
+            });
+            // The reason is told once; what is missing besides is named.
+            let mut reason = outcome.err();
+            group
+                .iter()
+                .zip(made)
+                .map(|(&index, made)| match made {
+                    Some(made) => Ok(made),
+                    None => Err(reason
+                        .take()
+                        .unwrap_or_else(|| recipes[index].source.is_missing())),
+                })
+                .collect()
         })
-        .collect::<Result<_, DatasetError>>()?;
-    let mut made: Vec<(usize, ImageData)> = made.into_iter().flatten().collect();
-    made.sort_by_key(|(index, _)| *index);
-    Ok(made
-        .into_iter()
-        .map(|(_, image)| Pixels::Ready(Arc::new(image)))
-        .collect())
+        .collect();
+    made.into_iter().flatten().collect()
 }
 
 /// As [`groups`], with those of one video together.

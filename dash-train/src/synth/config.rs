@@ -34,6 +34,14 @@ pub enum SynthLayout {
     N3dv,
     /// Dynamic Blender (D-NeRF): `transforms_train.json` and `transforms_test.json`.
     Blender,
+    /// COLMAP: the first frame as a static capture, `images/camNN.png` and a binary model.
+    Colmap,
+    /// Technicolor: `Synth_undist_%05d_%02d.png` and `cameras_parameters.txt`.
+    Technicolor,
+    /// Nerfies and HyperNeRF: `rgb/1x/ID.png`, `camera/ID.json` and lists of ids.
+    Nerfies,
+    /// A rig of videos: `videos/camNN.mp4` and `transforms.json` (needs ffmpeg).
+    Rig,
 }
 
 macro_rules! named {
@@ -63,8 +71,9 @@ macro_rules! named {
 
 named!(SceneKind, "--scene", "bounce, static, tiny or flow",
     Bounce => "bounce", Static => "static", Tiny => "tiny", Flow => "flow");
-named!(SynthLayout, "--layout", "n3dv or blender (others are not supported yet)",
-    N3dv => "n3dv", Blender => "blender");
+named!(SynthLayout, "--layout", "n3dv, blender, colmap, technicolor, nerfies or rig",
+    N3dv => "n3dv", Blender => "blender", Colmap => "colmap", Technicolor => "technicolor",
+    Nerfies => "nerfies", Rig => "rig");
 
 /// Settings of [`write`](fn@super::write).
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
@@ -76,7 +85,8 @@ pub struct SynthConfig {
     pub layout: SynthLayout,
     /// Number of cameras, 2 to 100; camera 0 is central, the others span the arc around it.
     pub cameras: usize,
-    /// Number of frames, at least 1; frame `f` of `n` is at time `f / (n - 1)`.
+    /// Number of frames, at least 1; frame `f` of `n` is at time `f / (n - 1)`. `colmap` holds
+    /// the first one alone.
     pub frames: usize,
     /// Image width in pixels.
     pub width: usize,
@@ -84,7 +94,7 @@ pub struct SynthConfig {
     pub height: usize,
     /// Varies colours, textures, the clutter's places and the noise of the point cloud.
     pub seed: u64,
-    /// Write one MP4 per camera instead of PNG frames (`n3dv` only, needs ffmpeg).
+    /// Write one MP4 per camera instead of PNG frames (`n3dv`, and always `rig`; needs ffmpeg).
     pub video: bool,
 }
 
@@ -142,11 +152,25 @@ impl SynthConfig {
             "16 to 8192 pixels per side",
         )?;
         check(
-            !self.video || self.layout == SynthLayout::N3dv,
+            !self.video || matches!(self.layout, SynthLayout::N3dv | SynthLayout::Rig),
             "--video",
             format!("set with --layout {}", self.layout),
-            "--layout n3dv (the Blender layout holds images)",
+            "--layout n3dv or rig (the others hold images)",
         )
+    }
+
+    /// The settings with what the layout implies: one frame for `colmap`, videos for `rig`.
+    pub(super) fn as_written(&self) -> Self {
+        let layout = self.layout;
+        Self {
+            frames: if layout == SynthLayout::Colmap {
+                1
+            } else {
+                self.frames
+            },
+            video: self.video || layout == SynthLayout::Rig,
+            ..self.clone()
+        }
     }
 
     /// The time of a frame, from 0 for the first to 1 for the last.

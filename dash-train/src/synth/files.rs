@@ -94,6 +94,14 @@ pub(super) fn write_json(path: &Path, value: &impl Serialize) -> Result<(), Synt
     finish(file, path)
 }
 
+/// Text or bytes.
+pub(super) fn write_bytes(path: &Path, bytes: &[u8]) -> Result<(), SynthError> {
+    let mut file = create(path)?;
+    file.write_all(bytes)
+        .map_err(SynthError::io(path, "write the file"))?;
+    finish(file, path)
+}
+
 /// Fails unless `program` starts: before minutes of rendering, not after.
 pub(super) fn check_ffmpeg(program: &str) -> Result<(), SynthError> {
     Command::new(program)

@@ -1,17 +1,21 @@
 //! Where each layout keeps its files, and the files that hold its cameras.
 
 use super::SynthError;
+use super::cloud::CloudPoint;
+use super::colmap;
 use super::config::{SynthConfig, SynthLayout};
 use super::files;
+use super::nerfies;
 use super::truth::ViewStats;
 use dash_kernels::Camera;
+use glam::{DMat3, DQuat};
 use serde_json::{Value, json};
 use std::path::Path;
 
 /// Columns of a row of `poses_bounds.npy`: a 3x5 matrix, near and far.
 const POSES_BOUNDS_COLUMNS: usize = 17;
 /// Room left between the bounds and the nearest and farthest surface.
-const BOUNDS_MARGIN: f64 = 0.1;
+pub(super) const BOUNDS_MARGIN: f64 = 0.1;
 
 impl SynthLayout {
     /// The picture of a camera at a frame, relative to the dataset.
@@ -19,22 +23,52 @@ impl SynthLayout {
         match self {
             Self::N3dv => format!("cam{camera:02}/images/{frame:04}.png"),
             Self::Blender => format!("{}.png", blender_stem(camera, frame, frames)),
+            Self::Colmap => format!("images/cam{camera:02}.png"),
+            Self::Technicolor => format!("Synth_undist_{frame:05}_{camera:02}.png"),
+            Self::Nerfies => format!("rgb/1x/{}.png", nerfies::id(camera, frame)),
+            Self::Rig => format!("images/cam{camera:02}/{frame:04}.png"),
+        }
+    }
+
+    /// The video of a camera, relative to the dataset, where there are videos.
+    pub fn video_path(self, camera: usize) -> String {
+        match self {
+            Self::Rig => format!("videos/cam{camera:02}.mp4"),
+            _ => format!("cam{camera:02}.mp4"),
         }
     }
 
     /// The truth about what moves in it, relative to the dataset.
     pub fn mask_path(self, camera: usize, frame: usize, frames: usize) -> String {
         match self {
-            Self::N3dv => format!("motion_masks/cam{camera:02}/{frame:04}.png"),
+            Self::N3dv | Self::Rig => format!("motion_masks/cam{camera:02}/{frame:04}.png"),
             Self::Blender => format!("motion_masks/{}.png", blender_stem(camera, frame, frames)),
+            Self::Colmap => format!("motion_masks/cam{camera:02}.png"),
+            Self::Technicolor => format!("motion_masks/cam{camera:02}/{frame:05}.png"),
+            Self::Nerfies => format!("motion_masks/{}.png", nerfies::id(camera, frame)),
         }
     }
 
-    /// The point cloud's file name.
+    /// The point cloud's file, relative to the dataset.
     pub fn cloud_name(self) -> &'static str {
         match self {
-            Self::N3dv => "points3D_downsample2.ply",
-            Self::Blender => "points3d.ply",
+            Self::N3dv | Self::Technicolor => "points3D_downsample2.ply",
+            Self::Blender | Self::Rig => "points3d.ply",
+            Self::Colmap => "sparse/0/points3D.bin",
+            Self::Nerfies => "points.npy",
+        }
+    }
+
+    pub(super) fn write_cloud(self, root: &Path, points: &[CloudPoint]) -> Result<(), SynthError> {
+        let path = root.join(self.cloud_name());
+        match self {
+            Self::Colmap => files::write_bytes(&path, &colmap::points(points)),
+            Self::Nerfies => {
+                // The layout has no colours.
+                let positions = points.iter().flat_map(|p| [p.x, p.y, p.z].map(f64::from));
+                files::write_npy(&path, &positions.collect::<Vec<_>>(), 3)
+            }
+            _ => files::write_ply(&path, points),
         }
     }
 
@@ -64,8 +98,61 @@ impl SynthLayout {
                 }
                 Ok(())
             }
+            Self::Colmap => colmap::write_cameras(root, cameras),
+            Self::Technicolor => {
+                let path = root.join("cameras_parameters.txt");
+                files::write_bytes(&path, camera_parameters(cameras).as_bytes())
+            }
+            Self::Nerfies => nerfies::write_cameras(root, config, cameras, stats),
+            Self::Rig => files::write_json(&root.join("transforms.json"), &rig(cameras)),
         }
     }
+}
+
+/// World to camera as a quaternion (w, x, y, z).
+pub(super) fn quaternion(camera: &Camera) -> [f64; 4] {
+    let rows = DMat3::from_cols_array_2d(&camera.rotation);
+    let q = DQuat::from_mat3(&rows.transpose());
+    [q.w, q.x, q.y, q.z]
+}
+
+/// Technicolor's file: a header, and per camera focal length, principal point, aspect, skew,
+/// quaternion and translation (world to camera).
+fn camera_parameters(cameras: &[Camera]) -> String {
+    let mut text = String::from("f cu cv ar sk qw qx qy qz tx ty tz\n");
+    for camera in cameras {
+        let intrinsics = [camera.fx, camera.cx, camera.cy, camera.fy / camera.fx, 0.0];
+        let pose = quaternion(camera).into_iter().chain(camera.translation);
+        let numbers: Vec<String> = intrinsics
+            .into_iter()
+            .chain(pose)
+            .map(|number| number.to_string())
+            .collect();
+        text += &numbers.join(" ");
+        text.push('\n');
+    }
+    text
+}
+
+/// The poses of a rig of videos, by the videos' names.
+fn rig(cameras: &[Camera]) -> Value {
+    let frames: Vec<Value> = cameras
+        .iter()
+        .enumerate()
+        .map(|(index, camera)| {
+            json!({
+                "file_path": SynthLayout::Rig.video_path(index),
+                "transform_matrix": opengl_world_from_camera(camera),
+                "fl_x": camera.fx,
+                "fl_y": camera.fy,
+                "cx": camera.cx,
+                "cy": camera.cy,
+                "w": camera.width,
+                "h": camera.height,
+            })
+        })
+        .collect();
+    json!({ "camera_model": "PINHOLE", "frames": frames })
 }
 
 /// `test/r_FRAME` for camera 0; the others follow each other in `train`.

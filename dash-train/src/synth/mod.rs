@@ -21,20 +21,28 @@
 //!   `points3D_downsample2.ply`; `motion_masks/camNN/%04d.png`.
 //! - `blender`: `transforms_train.json`, `transforms_test.json` (camera 0), `train/r_%04d.png` (one
 //!   camera after another), `test/r_%04d.png`, `points3d.ply`, `motion_masks/train/`, `motion_masks/test/`.
-//! - both: `truth.json`, see [`Truth`].
+//! - `colmap`: frame 0 as a static capture: `images/camNN.png`, `sparse/0/{cameras,images,points3D}.bin`.
+//! - `technicolor`: `Synth_undist_%05d_%02d.png` (frame, camera), `cameras_parameters.txt`,
+//!   `points3D_downsample2.ply`.
+//! - `nerfies`: `rgb/1x/CC_FFFFF.png`, `camera/CC_FFFFF.json`, `dataset.json` (camera 0 in `val_ids`),
+//!   `metadata.json`, `scene.json`, `points.npy`.
+//! - `rig`: `videos/camNN.mp4`, `transforms.json`, `points3d.ply`.
+//! - all: `motion_masks/`, and `truth.json`, see [`Truth`].
 //!
 //! # Modules
 //! `shape` (rays and solids), `texture`, `motion`, `scene` (objects and light), `room` and
-//! `furniture` (the scenes), `rig` (cameras), `render` and `tracer`, `cloud` (points), `layout` and
-//! `files` (formats), `truth`, `write`.
+//! `furniture` (the scenes), `rig` (cameras), `render` and `tracer`, `cloud` (points), `layout`,
+//! `colmap`, `nerfies` and `files` (formats), `truth`, `write`.
 
 mod cloud;
+mod colmap;
 mod config;
 mod error;
 mod files;
 mod furniture;
 mod layout;
 mod motion;
+mod nerfies;
 mod render;
 mod rig;
 mod room;

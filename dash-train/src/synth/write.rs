@@ -63,6 +63,7 @@ pub(super) fn write_with(
     ffmpeg: &str,
 ) -> Result<SynthSummary, SynthError> {
     config.validate()?;
+    let config = &config.as_written();
     let parent = check_output(out)?;
     if config.video {
         files::check_ffmpeg(ffmpeg)?;
@@ -84,7 +85,7 @@ pub(super) fn write_with(
         .write_cameras(&root, config, &cameras, &stats)?;
     let count = cloud_size(config.width, config.height);
     let points = cloud(&scene, &cameras, count, config.seed);
-    files::write_ply(&root.join(config.layout.cloud_name()), &points)?;
+    config.layout.write_cloud(&root, &points)?;
     let truth = Truth::new(config, &scene, &cameras, &stats);
     files::write_json(&root.join("truth.json"), &truth)?;
 
@@ -189,8 +190,9 @@ impl<'a> Clip<'a> {
         ffmpeg: &str,
     ) -> Result<Self, SynthError> {
         let video = if config.video {
-            fs::create_dir_all(root).map_err(SynthError::io(root, "create the folder"))?;
-            let path = root.join(format!("cam{index:02}.mp4"));
+            let path = root.join(config.layout.video_path(index));
+            let folder = path.parent().unwrap_or(root);
+            fs::create_dir_all(folder).map_err(SynthError::io(folder, "create the folder"))?;
             Some(files::video_writer(
                 ffmpeg,
                 &path,

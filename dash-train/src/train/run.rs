@@ -45,6 +45,9 @@ pub struct DataConfig {
     /// Whether white in the dataset's `masks/` marks what does not count, instead of what does.
     #[serde(default)]
     pub invert_masks: bool,
+    /// Whether views whose image cannot be read are left out.
+    #[serde(default)]
+    pub skip_broken: bool,
     /// The device it ran on, as named on the command line.
     pub device: String,
 }
@@ -57,6 +60,7 @@ impl DataConfig {
             downscale: self.downscale,
             test_cameras: self.test_cameras.clone(),
             invert_masks: self.invert_masks,
+            skip_broken: self.skip_broken,
             ..Default::default()
         }
     }

@@ -49,6 +49,8 @@ pub struct DataSection {
     pub test_cameras: Option<Vec<usize>>,
     /// Whether masks are to be inverted.
     pub invert_masks: Option<bool>,
+    /// Whether views whose image cannot be read are left out.
+    pub skip_broken: Option<bool>,
     /// Chosen with `--device` instead.
     #[serde(rename = "device")]
     _device: Option<String>,

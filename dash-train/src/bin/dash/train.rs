@@ -28,7 +28,7 @@ use crate::values::{self, CameraList};
 RUN/config.toml holds every value that was used; its keys are those of --set and --config, and
 `--config RUN/config.toml` trains the same again.")]
 pub struct TrainArgs {
-    /// The dataset's folder (n3dv, blender or colmap layout)
+    /// The dataset's folder, in any of the layouts of --layout
     dataset: PathBuf,
     /// The run's folder to make; must not exist, or be empty
     #[arg(long, value_name = "RUN")]
@@ -65,6 +65,9 @@ pub struct TrainArgs {
     /// Force the dataset's layout instead of recognising it by its files
     #[arg(long, value_enum)]
     layout: Option<Layout>,
+    /// Leave out views whose image cannot be read, with a warning, instead of stopping
+    #[arg(long)]
+    skip_broken: bool,
     /// Continue the run in RUN from its newest checkpoint, with its own configuration
     #[arg(long)]
     resume: bool,
@@ -132,6 +135,7 @@ fn start(
         downscale: args.downscale.or(file.data.downscale).unwrap_or(1.0),
         test_cameras: test_cameras(args).or_else(|| file.data.test_cameras.clone()),
         invert_masks: args.invert_masks || file.data.invert_masks.unwrap_or(false),
+        skip_broken: args.skip_broken || file.data.skip_broken.unwrap_or(false),
         device: choice.to_string(),
     };
     let dataset = load_dataset(&data, args.memory)?;
@@ -204,6 +208,9 @@ fn check_same(
             data.layout
                 .map_or("none".into(), |layout| layout.to_string()),
         );
+    }
+    if args.skip_broken && !data.skip_broken {
+        return refuse("--skip-broken", "every view".into());
     }
     if args.test_cameras.is_some() && test_cameras(args) != data.test_cameras {
         let found = data

@@ -7,7 +7,7 @@ use super::super::{Layout, LoadOptions, Split};
 use super::{Fixture, H, W, assert_cameras_equal, axis, camera, negated};
 
 /// Camera-to-world with OpenGL axes.
-fn matrix(camera: &Camera) -> Value {
+pub(super) fn matrix(camera: &Camera) -> Value {
     let columns = [
         axis(camera, 0),
         negated(axis(camera, 1)),
@@ -189,6 +189,45 @@ fn the_frames_own_intrinsics_count_and_times_in_seconds_are_normalised() {
         views.iter().map(|v| v.time).collect::<Vec<_>>(),
         [0.0, 0.5, 1.0]
     );
+}
+
+#[test]
+fn cameras_may_differ_in_size_and_lens() {
+    let fixture = Fixture::new();
+    let mut wide = json!({"file_path": "images/0.png", "transform_matrix": matrix(&camera(0))});
+    let own =
+        json!({"w": 2 * W, "h": H, "fl_x": 9.0, "cx": W as f64 - 0.5, "camera_model": "PINHOLE"});
+    for (key, value) in own.as_object().expect("an object") {
+        wide[key] = value.clone();
+    }
+    let other =
+        json!({"file_path": "images/1.png", "transform_matrix": matrix(&camera(1)), "k1": 1.0});
+    let top = json!({"w": W, "h": H, "fl_x": 9.0, "camera_model": "OPENCV"});
+    write_single(&fixture, top, &[wide, other]);
+    fixture.image("images/0.png", 2 * W, H, [0; 3]);
+    fixture.image("images/1.png", W, H, [0; 3]);
+    let views = fixture.load().expect("loads").views;
+    let expected = Camera {
+        width: 2 * W,
+        cx: W as f64 - 0.5,
+        ..camera(0)
+    };
+    assert_cameras_equal(&views[0].camera, &expected);
+    assert!(views[1].camera.fx > 9.0 && views[1].camera.width == W);
+}
+
+#[test]
+fn broken_images_are_left_out_where_asked() {
+    let fixture = single(4, json!({"fl_x": 9.0}));
+    fixture.write("images/2.png", "damaged");
+    fixture.refuses(&["2.png"]);
+    let skipping = LoadOptions {
+        skip_broken: true,
+        ..LoadOptions::default()
+    };
+    let dataset = fixture.load_with(&skipping).expect("three are left");
+    let names: Vec<&str> = dataset.views.iter().map(|v| v.name.as_str()).collect();
+    assert_eq!(names, ["images/0", "images/1", "images/3"]);
 }
 
 #[test]

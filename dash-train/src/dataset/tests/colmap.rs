@@ -4,12 +4,17 @@ use super::super::{Layout, Split};
 use super::{Fixture, H, W, assert_cameras_equal};
 
 /// Camera model id, name and parameters; all have focal length 9 and a centred principal point.
-const MODELS: [(u32, &str, &[f64]); 5] = [
+const MODELS: [(u32, &str, &[f64]); 6] = [
     (0, "SIMPLE_PINHOLE", &[9.0, 4.0, 3.0]),
     (1, "PINHOLE", &[9.0, 9.0, 4.0, 3.0]),
     (2, "SIMPLE_RADIAL", &[9.0, 4.0, 3.0, 0.0]),
     (3, "RADIAL", &[9.0, 4.0, 3.0, 0.0, 0.0]),
     (4, "OPENCV", &[9.0, 9.0, 4.0, 3.0, 0.0, 0.0, 0.0, 0.0]),
+    (
+        6,
+        "FULL_OPENCV",
+        &[9.0, 9.0, 4.0, 3.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0],
+    ),
 ];
 /// Quarter turn about x, not of unit length: (1, 1, 0, 0).
 const TURN: [f64; 4] = [2.0, 2.0, 0.0, 0.0];
@@ -129,10 +134,28 @@ fn all_pinhole_models_with_undone_lenses() {
             assert!(zoomed > 9.0 && zoomed < 12.0, "{name}: {zoomed}");
         }
     }
-    for (model, n) in [(5, 8), (6, 12), (7, 5), (8, 4), (9, 5), (10, 12)] {
+    for (model, n) in [(5, 8), (7, 5), (8, 4), (9, 5), (10, 12)] {
         fixture.write("sparse/0/cameras.bin", cameras_bin(model, &vec![1.0; n]));
-        fixture.refuses(&["cameras.bin", "SIMPLE_RADIAL", "colmap image_undistorter"]);
+        fixture.refuses(&[
+            "cameras.bin",
+            "SIMPLE_RADIAL",
+            "a fisheye lens",
+            "colmap image_undistorter",
+        ]);
     }
+    let mut rational = MODELS[5].2.to_vec();
+    // k3 is of the polynomial, k4 below the fraction's line.
+    rational[8] = 30.0;
+    fixture.write("sparse/0/cameras.bin", cameras_bin(6, &rational));
+    assert!(fixture.load().expect("a polynomial").views[0].camera.fx > 9.0);
+    rational[9] = 0.1;
+    fixture.write("sparse/0/cameras.bin", cameras_bin(6, &rational));
+    fixture.refuses(&[
+        "cameras.bin",
+        "k4, k5 and k6",
+        "0.1",
+        "colmap image_undistorter",
+    ]);
     fixture.write("sparse/0/cameras.bin", cameras_bin(99, &[]));
     fixture.refuses(&["cameras.bin", "model 99"]);
 }

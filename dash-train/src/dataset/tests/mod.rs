@@ -2,8 +2,12 @@
 
 mod blender;
 mod colmap;
+mod llff;
 mod n3dv;
+mod nerfies;
 mod real;
+mod rig;
+mod technicolor;
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -127,6 +131,37 @@ fn camera(index: usize) -> Camera {
         [0.0; 3],
         [0.0, 1.0, 0.0],
     )
+}
+
+/// The rotation as a quaternion (w, x, y, z).
+fn quaternion(camera: &Camera) -> [f64; 4] {
+    let rows = glam::DMat3::from_cols_array_2d(&camera.rotation);
+    let q = glam::DQuat::from_mat3(&rows.transpose());
+    [q.w, q.x, q.y, q.z]
+}
+
+/// Writes a COLMAP text model of these images and one point.
+fn write_model(fixture: &Fixture, folder: &str, images: &[(&str, Camera)]) {
+    let (mut cameras, mut poses) = (String::from("# Cameras\n"), String::from("# Images\n"));
+    for (index, (name, camera)) in images.iter().enumerate() {
+        let id = index + 1;
+        let Camera {
+            fx,
+            fy,
+            cx,
+            cy,
+            width,
+            height,
+            ..
+        } = camera;
+        cameras += &format!("{id} PINHOLE {width} {height} {fx} {fy} {cx} {cy}\n");
+        let numbers = quaternion(camera).into_iter().chain(camera.translation);
+        let pose: Vec<String> = numbers.map(|v| v.to_string()).collect();
+        poses += &format!("{id} {} {id} {name}\n\n", pose.join(" "));
+    }
+    fixture.write(&format!("{folder}/cameras.txt"), cameras);
+    fixture.write(&format!("{folder}/images.txt"), poses);
+    fixture.write(&format!("{folder}/points3D.txt"), "1 1 2 3 4 5 6 0.5\n");
 }
 
 /// The camera's axis (right, down, forward: 0, 1, 2) in the world.
@@ -261,7 +296,7 @@ fn damaged_bytes_never_panic() {
             fs::write(&path, &bytes).expect("fixture file");
             match name.rsplit('.').next() {
                 Some("ply") => drop(crate::ply::read_points_counting(&path)),
-                Some("npy") => drop(super::npy::parse_rows(&path, &bytes)),
+                Some("npy") => drop(super::npy::parse_poses(&path, &bytes)),
                 _ => drop(super::image::decode(&path)),
             }
         }

@@ -4,11 +4,11 @@ use dash_kernels::Camera;
 
 use super::super::npy::tests::{npy, npy_f64};
 use super::super::{Dataset, Layout, LoadOptions, Split};
-use super::{Fixture, H, W, assert_cameras_equal, axis, camera, negated};
+use super::{Fixture, H, W, assert_cameras_equal, axis, camera, negated, write_model};
 use crate::ply::{PointCloud, write_points};
 
 /// The LLFF row of a camera: columns down, right, backwards, position, (height, width, focal).
-fn row(camera: &Camera) -> [f64; 17] {
+pub(super) fn row(camera: &Camera) -> [f64; 17] {
     let columns = [
         axis(camera, 1),
         axis(camera, 0),
@@ -25,7 +25,7 @@ fn row(camera: &Camera) -> [f64; 17] {
     row
 }
 
-fn rows(n: usize) -> Vec<[f64; 17]> {
+pub(super) fn rows(n: usize) -> Vec<[f64; 17]> {
     (0..n).map(|index| row(&camera(index))).collect()
 }
 
@@ -306,8 +306,75 @@ fn masks_come_with_test_views_only() {
     );
 }
 
+#[test]
+fn the_kth_camera_in_order_belongs_to_row_k_whatever_its_number() {
+    let fixture = Fixture::new();
+    fixture.write("poses_bounds.npy", npy_f64(&rows(3)));
+    // Numbers with gaps, one of two digits.
+    for name in ["cam1", "cam4", "cam12"] {
+        fixture.image(&format!("{name}/images/0000.png"), W, H, [0; 3]);
+    }
+    let views = fixture.load().expect("loads").views;
+    for (index, (view, name)) in views.iter().zip(["cam1", "cam4", "cam12"]).enumerate() {
+        assert_eq!(
+            (view.camera_index, view.camera_name.as_str()),
+            (index, name)
+        );
+        assert_cameras_equal(&view.camera, &camera(index));
+    }
+}
+
+#[test]
+fn points_of_a_colmap_folder_serve_where_there_is_no_file() {
+    for folder in [
+        "sparse/0",
+        "colmap/sparse/0",
+        "colmap/dense/workspace/sparse",
+    ] {
+        let fixture = rig(2, 1);
+        write_model(&fixture, folder, &[("cam0.png", camera(0))]);
+        let dataset = fixture.load().expect("loads");
+        assert_eq!(dataset.layout, Layout::N3dv);
+        assert_eq!(dataset.points.expect(folder).positions, [[1.0, 2.0, 3.0]]);
+        write_points(&fixture.path("points3D_downsample2.ply"), &point()).expect("writes");
+        assert_eq!(fixture.load().expect("loads").points, Some(point()));
+    }
+}
+
+#[test]
+fn broken_frames_are_named_or_left_out() {
+    let fixture = rig(2, 3);
+    fixture.write("cam0/images/0000.png", "not an image");
+    fixture.write("cam1/images/0001.png", "");
+    fixture.refuses(&["cam0", "0000.png"]);
+    let skipping = LoadOptions {
+        skip_broken: true,
+        ..LoadOptions::default()
+    };
+    let dataset = fixture.load_with(&skipping).expect("four frames are left");
+    let names: Vec<_> = dataset
+        .views
+        .iter()
+        .map(|v| (v.name.as_str(), v.frame, v.time))
+        .collect();
+    let expected = [
+        ("cam0/0001", 1, 0.5),
+        ("cam0/0002", 2, 1.0),
+        ("cam1/0000", 0, 0.0),
+        ("cam1/0002", 2, 1.0),
+    ];
+    assert_eq!((names.as_slice(), dataset.n_frames), (&expected[..], 3));
+    for camera in 0..2 {
+        for frame in 0..3 {
+            fixture.write(&format!("cam{camera}/images/000{frame}.png"), "");
+        }
+    }
+    let error = fixture.load_with(&skipping).expect_err("nothing is left");
+    assert!(error.to_string().contains("0000.png"), "{error}");
+}
+
 /// Writes a short video of frames with rising brightness; `false` when there is no ffmpeg to try.
-fn write_video(fixture: &Fixture, name: &str, n_frames: usize, base: usize) -> bool {
+pub(super) fn write_video(fixture: &Fixture, name: &str, n_frames: usize, base: usize) -> bool {
     let shades = (0..n_frames).map(|frame| base + 30 * frame);
     write_video_with(fixture, name, shades, &["-c:v", "mpeg4", "-q:v", "1"])
 }

@@ -2,8 +2,8 @@
 
 use std::path::{Path, PathBuf};
 
-use super::super::colmap::{pinhole, place};
 use super::super::colmap_binary::{Reader, cameras};
+use super::super::colmap_model::{pinhole, place};
 use super::super::{Dataset, Layout, LoadOptions, Split, View, load};
 use crate::ply::PointCloud;
 

@@ -220,7 +220,13 @@ fn the_cloud_and_the_truth_read_back() {
 #[test]
 fn the_same_configuration_gives_the_same_bytes_on_any_number_of_threads() {
     let folder = tempfile::tempdir().expect("a scratch folder");
-    for layout in [SynthLayout::N3dv, SynthLayout::Blender] {
+    for layout in [
+        SynthLayout::N3dv,
+        SynthLayout::Blender,
+        SynthLayout::Colmap,
+        SynthLayout::Nerfies,
+        SynthLayout::Technicolor,
+    ] {
         let mut trees = Vec::new();
         for (threads, seed) in [(1, 5), (3, 5), (2, 6)] {
             let out = folder.path().join(format!("{layout}{threads}"));
@@ -300,7 +306,7 @@ fn settings_out_of_range_name_the_setting() {
     let one = SynthConfig { frames: 1, ..good };
     one.validate().expect("one frame is a clip");
     assert_eq!(one.time(0), 0.0);
-    assert!("technicolor".parse::<SynthLayout>().is_err());
+    assert!("llff".parse::<SynthLayout>().is_err());
     assert_eq!(
         "flow".parse::<SceneKind>().expect("a scene"),
         SceneKind::Flow

@@ -1,0 +1,57 @@
+//! Images that cannot be read: an error, or left out where the user asked for that.
+
+use std::path::Path;
+
+use super::DatasetError;
+use super::image::dimensions;
+use super::view::Context;
+
+/// What could be read, in order; with `skip_broken`, without what could not, each named in a warning.
+///
+/// # Errors
+/// The first reason, when something could not be read and is not to be skipped, or nothing is left.
+pub(super) fn keep_readable<T>(
+    results: Vec<(String, Result<T, DatasetError>)>,
+    skip_broken: bool,
+) -> Result<Vec<Option<T>>, DatasetError> {
+    let mut first_error = None;
+    let mut n_kept = 0;
+    let mut kept = Vec::with_capacity(results.len());
+    for (name, result) in results {
+        kept.push(match result {
+            Ok(value) => {
+                n_kept += 1;
+                Some(value)
+            }
+            Err(error) if !skip_broken => return Err(error),
+            Err(error) => {
+                tracing::warn!("left out the view {name}: {error}");
+                first_error.get_or_insert(error);
+                None
+            }
+        });
+    }
+    match first_error {
+        Some(error) if n_kept == 0 => Err(error),
+        _ => Ok(kept),
+    }
+}
+
+/// The size of the first of a camera's images; with `skip_broken`, of the first readable one.
+///
+/// # Errors
+/// The first image's reason when it, or with `skip_broken` every one, is unreadable.
+pub(super) fn first_size<'a>(
+    context: &Context,
+    mut files: impl Iterator<Item = &'a Path>,
+) -> Option<Result<(usize, usize), DatasetError>> {
+    let first = dimensions(files.next()?);
+    if first.is_ok() || !context.options.skip_broken {
+        return Some(first);
+    }
+    Some(
+        files
+            .find_map(|file| dimensions(file).ok())
+            .map_or(first, Ok),
+    )
+}

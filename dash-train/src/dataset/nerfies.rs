@@ -1,0 +1,284 @@
+//! The Nerfies and HyperNeRF layout: one JSON file per image's camera, lists of ids, and a scene's
+//! scale.
+
+use std::collections::{HashMap, HashSet};
+use std::fs;
+use std::path::{Path, PathBuf};
+
+use dash_kernels::Camera;
+use serde::Deserialize;
+use serde::de::DeserializeOwned;
+
+use super::image::dimensions;
+use super::nerfies_camera::CameraFile;
+use super::npy::parse_points;
+use super::points::{colored, find_points};
+use super::transforms::find_image;
+use super::view::{Context, Lens, PlannedView, Split};
+use super::{DatasetError, Parts, every_eighth, files, frames, pose, sources, times};
+
+pub(super) const DATASET_FILE: &str = "dataset.json";
+pub(super) const METADATA_FILE: &str = "metadata.json";
+pub(super) const CAMERA_FOLDER: &str = "camera";
+const SCENE_FILE: &str = "scene.json";
+const POINTS_FILE: &str = "points.npy";
+const IMAGE_FOLDER: &str = "rgb";
+
+/// `dataset.json`.
+#[derive(Deserialize)]
+struct Ids {
+    #[serde(default)]
+    ids: Vec<Id>,
+    #[serde(default)]
+    train_ids: Vec<Id>,
+    #[serde(default)]
+    val_ids: Vec<Id>,
+}
+
+/// Ids are strings, and in some captures numbers.
+#[derive(Deserialize)]
+#[serde(untagged)]
+enum Id {
+    Text(String),
+    Number(u64),
+}
+
+impl Id {
+    fn text(&self) -> String {
+        match self {
+            Self::Text(text) => text.clone(),
+            Self::Number(number) => number.to_string(),
+        }
+    }
+}
+
+/// An entry of `metadata.json`; `warp_id` is the time of captures without `time_id`.
+#[derive(Deserialize)]
+struct Metadata {
+    time_id: Option<u32>,
+    warp_id: Option<u32>,
+}
+
+/// `scene.json`: world points `p` are used as `(p - center) * scale`.
+#[derive(Deserialize)]
+struct Scene {
+    scale: f64,
+    center: [f64; 3],
+}
+
+impl Scene {
+    fn place(&self, point: [f64; 3]) -> [f64; 3] {
+        [0, 1, 2].map(|axis| (point[axis] - self.center[axis]) * self.scale)
+    }
+}
+
+/// An image before its frame is known.
+struct Item {
+    id: String,
+    file: PathBuf,
+    camera: Camera,
+    lens: Option<Lens>,
+    held_out: bool,
+}
+
+pub(super) fn read(context: &Context) -> Result<Parts, DatasetError> {
+    let root = context.root;
+    let scene = read_scene(root)?;
+    let ids = read_ids(&root.join(DATASET_FILE))?;
+    let folder = image_folder(root)?;
+    let stated = read_times(&root.join(METADATA_FILE), &ids)?;
+    let (frame_of, n_frames) = times::frames(context.options, &stated);
+    let mut items = Vec::new();
+    let mut frames = Vec::new();
+    for ((id, held_out), frame) in ids.into_iter().zip(frame_of) {
+        let Some(frame) = frame else { continue };
+        let Some(item) = read_item(context, &scene, &folder, id, held_out)? else {
+            continue;
+        };
+        items.push(item);
+        frames.push(frame);
+    }
+    if !items.iter().any(|item| item.held_out) {
+        let held_out = every_eighth(items.len());
+        for (item, held_out) in items.iter_mut().zip(held_out) {
+            item.held_out = held_out;
+        }
+    }
+    let (camera_of, n_cameras) = pose::distinct_poses(items.iter().map(|item| &item.camera));
+    if context.options.test_cameras.is_some() {
+        let held_out = context.options.held_out(vec![false; n_cameras])?;
+        for (item, &camera) in items.iter_mut().zip(&camera_of) {
+            item.held_out = held_out[camera];
+        }
+    }
+    let planned = items.into_iter().zip(camera_of).zip(frames);
+    let planned = planned.map(|((item, camera_index), (frame, time))| PlannedView {
+        source: frames::Source::File(item.file),
+        name: item.id,
+        camera_name: format!("cam{camera_index:02}"),
+        camera_index,
+        frame,
+        time,
+        split: Split::held_out(item.held_out),
+        camera: item.camera,
+        lens: item.lens,
+    });
+    let views = context.load_views(planned.collect())?;
+    let points = match read_positions(root, &scene)? {
+        Some(positions) => Some(colored(positions, &views)?),
+        None => find_points(root, None)?,
+    };
+    Ok(Parts {
+        views,
+        points,
+        n_frames,
+        n_cameras,
+    })
+}
+
+fn read_json<T: DeserializeOwned>(path: &Path, expected: &str) -> Result<T, DatasetError> {
+    let bytes = fs::read(path).map_err(DatasetError::io(path))?;
+    serde_json::from_slice(&bytes).map_err(|e| {
+        DatasetError::invalid(
+            path,
+            expected,
+            e.to_string(),
+            "mend the file or write it again",
+        )
+    })
+}
+
+/// The scene's scale and centre; without the file the world is used as it is.
+fn read_scene(root: &Path) -> Result<Scene, DatasetError> {
+    let path = root.join(SCENE_FILE);
+    if !path.is_file() {
+        return Ok(Scene {
+            scale: 1.0,
+            center: [0.0; 3],
+        });
+    }
+    let scene: Scene = read_json(&path, "JSON with `scale` and `center`")?;
+    if scene.scale > 0.0 && scene.scale.is_finite() && scene.center.iter().all(|v| v.is_finite()) {
+        return Ok(scene);
+    }
+    Err(DatasetError::invalid(
+        &path,
+        "a positive finite `scale` and a finite `center`",
+        format!("{} and {:?}", scene.scale, scene.center),
+        "mend the file",
+    ))
+}
+
+/// Every id and whether it is held out: training ids, then the others of validation.
+fn read_ids(path: &Path) -> Result<Vec<(String, bool)>, DatasetError> {
+    let lists: Ids = read_json(path, "JSON with `train_ids` and `val_ids`")?;
+    let all = if lists.train_ids.is_empty() {
+        &lists.ids
+    } else {
+        &lists.train_ids
+    };
+    let held_out: HashSet<String> = lists.val_ids.iter().map(Id::text).collect();
+    let is_held_out = |id: &String| lists.train_ids.is_empty() && held_out.contains(id);
+    let mut seen = HashSet::new();
+    let mut ids = Vec::new();
+    for id in all.iter().map(Id::text) {
+        if seen.insert(id.clone()) {
+            ids.push((id.clone(), is_held_out(&id)));
+        }
+    }
+    for id in lists.val_ids.iter().map(Id::text) {
+        if seen.insert(id.clone()) {
+            ids.push((id, true));
+        }
+    }
+    if ids.is_empty() {
+        return Err(DatasetError::invalid(
+            path,
+            "at least one id in `train_ids` or `ids`",
+            "none",
+            "list the images' ids",
+        ));
+    }
+    Ok(ids)
+}
+
+/// The number of the time of every id.
+fn read_times(path: &Path, ids: &[(String, bool)]) -> Result<Vec<f64>, DatasetError> {
+    let expected = "JSON with `time_id` or `warp_id` for every id";
+    let metadata: HashMap<String, Metadata> = read_json(path, expected)?;
+    let time = |(id, _): &(String, bool)| {
+        let entry = metadata.get(id);
+        let number = entry.and_then(|entry| entry.time_id.or(entry.warp_id));
+        number.map(f64::from).ok_or_else(|| {
+            DatasetError::invalid(path, expected, format!("none for `{id}`"), "add it")
+        })
+    };
+    ids.iter().map(time).collect()
+}
+
+/// The folder with the largest images.
+fn image_folder(root: &Path) -> Result<PathBuf, DatasetError> {
+    let folder = root.join(IMAGE_FOLDER);
+    let mut scales: Vec<(u32, String)> = files::list(&folder)?
+        .into_iter()
+        .filter_map(|name| Some((name.strip_suffix('x')?.parse().ok()?, name)))
+        .collect();
+    scales.sort();
+    for (_, name) in scales {
+        let scaled = folder.join(name);
+        if scaled.is_dir() && !files::list_images(&scaled)?.is_empty() {
+            return Ok(scaled);
+        }
+    }
+    Err(DatasetError::invalid(
+        &folder,
+        "images in 1x, 2x, 4x or so",
+        "none",
+        "put the images there",
+    ))
+}
+
+/// An id's camera at its image's size; `None` for an image that is left out.
+fn read_item(
+    context: &Context,
+    scene: &Scene,
+    folder: &Path,
+    id: String,
+    held_out: bool,
+) -> Result<Option<Item>, DatasetError> {
+    let listed_in = context.root.join(DATASET_FILE);
+    let camera_folder = context.root.join(CAMERA_FOLDER);
+    let camera_file = files::confined(&camera_folder, &format!("{id}.json"), &listed_in)?;
+    let file = files::confined(folder, &id, &listed_in)?;
+    let file = find_image(file, &listed_in)?;
+    let size = match dimensions(&file) {
+        Ok(size) => size,
+        Err(error) if context.options.skip_broken => {
+            tracing::warn!("left out the view {id}: {error}");
+            return Ok(None);
+        }
+        Err(error) => return Err(error),
+    };
+    let stated: CameraFile = read_json(&camera_file, "JSON of a Nerfies camera")?;
+    let (camera, distortion) = stated.camera(&camera_file, |position| scene.place(position))?;
+    let camera = sources::resized(&camera, size, &file, &camera_file)?;
+    Ok(Some(Item {
+        lens: Lens::new(distortion, &camera, &camera_file)?,
+        id,
+        file,
+        camera,
+        held_out,
+    }))
+}
+
+fn read_positions(root: &Path, scene: &Scene) -> Result<Option<Vec<[f64; 3]>>, DatasetError> {
+    let path = root.join(POINTS_FILE);
+    if !path.is_file() {
+        return Ok(None);
+    }
+    let bytes = fs::read(&path).map_err(DatasetError::io(&path))?;
+    let positions = parse_points(&path, &bytes)?;
+    Ok(Some(
+        positions.into_iter().map(|p| scene.place(p)).collect(),
+    ))
+}

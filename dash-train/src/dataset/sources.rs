@@ -1,0 +1,269 @@
+//! The cameras of a synchronised rig: where their frames are, and the step from them to views.
+
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+use dash_kernels::Camera;
+use rayon::prelude::*;
+
+use super::broken::first_size;
+use super::distortion::Distortion;
+use super::video::VideoIndex;
+use super::view::{Context, Lens, PlannedView, Split, View};
+use super::{DatasetError, files, frame_time, frames};
+
+/// Frames may differ from the poses' aspect ratio by this much and one pixel.
+const ASPECT_TOLERANCE: f64 = 0.01;
+/// Extensions of videos.
+pub(super) const VIDEO_EXTENSIONS: [&str; 5] = ["mp4", "mov", "mkv", "webm", "avi"];
+
+/// Where a camera's frames are.
+#[derive(Debug, Clone)]
+pub(super) enum Frames {
+    /// One file per frame, in order.
+    Images(Vec<FrameFile>),
+    Video,
+}
+
+/// One frame's image and what it is called: its file's stem, or less where that says more.
+#[derive(Debug, Clone)]
+pub(super) struct FrameFile {
+    pub(super) file: PathBuf,
+    pub(super) label: String,
+}
+
+impl FrameFile {
+    /// Frames called by their files' stems.
+    pub(super) fn by_stems(files: Vec<PathBuf>) -> Vec<Self> {
+        files
+            .into_iter()
+            .map(|file| Self {
+                label: files::stem(&file),
+                file,
+            })
+            .collect()
+    }
+}
+
+/// A camera without its pose.
+#[derive(Debug, Clone)]
+pub(super) struct Source {
+    pub(super) name: String,
+    /// The video, or the folder of the images.
+    pub(super) path: PathBuf,
+    pub(super) frames: Frames,
+}
+
+impl Source {
+    fn images(&self) -> Option<&[FrameFile]> {
+        match &self.frames {
+            Frames::Images(images) => Some(images),
+            Frames::Video => None,
+        }
+    }
+}
+
+/// A camera with its pose.
+#[derive(Debug, Clone)]
+pub(super) struct RigCamera {
+    pub(super) source: Source,
+    /// At the size at which the pose was estimated; frames may have another.
+    pub(super) camera: Camera,
+    pub(super) distortion: Distortion,
+    /// The file with the pose, for errors.
+    pub(super) posed_by: PathBuf,
+}
+
+/// The views of all cameras at all wanted frames, camera by camera, and the number of frames.
+///
+/// # Errors
+/// When cameras differ in their frames, a frame in its shape from the poses, or one is damaged.
+pub(super) fn load(
+    context: &Context,
+    cameras: &[RigCamera],
+    held_out: &[bool],
+) -> Result<(Vec<View>, usize), DatasetError> {
+    let lists: Option<Vec<&[FrameFile]>> = cameras.iter().map(|c| c.source.images()).collect();
+    let Some(lists) = lists else {
+        let (planned, n_frames) = plan_videos(context, cameras, held_out)?;
+        return Ok((context.load_views(planned)?, n_frames));
+    };
+    check_frames(cameras, &lists)?;
+    let n_frames = (0..lists.first().map_or(0, |list| list.len()))
+        .filter(|&index| context.options.keeps_frame(index))
+        .count();
+    let planned = plan(context, cameras, &lists, held_out)?;
+    Ok((context.load_views(planned)?, n_frames))
+}
+
+/// Every camera must have the same frames, or times would be mixed up between cameras.
+fn check_frames(cameras: &[RigCamera], lists: &[&[FrameFile]]) -> Result<(), DatasetError> {
+    let Some((first, expected)) = cameras.first().zip(lists.first()) else {
+        return Ok(());
+    };
+    for (camera, list) in cameras.iter().zip(lists) {
+        let source = &camera.source;
+        let number = |frame: &'_ FrameFile| files::frame_number(&frame.label).map(str::to_string);
+        let repeated = |pair: &[FrameFile]| {
+            let number = number(&pair[0]);
+            number.is_some() && number == files::frame_number(&pair[1].label).map(str::to_string)
+        };
+        if let Some(pair) = list.windows(2).find(|pair| repeated(pair)) {
+            return Err(DatasetError::invalid(
+                &source.path,
+                "one image per frame",
+                format!(
+                    "{} twice (as {} too)",
+                    pair[0].file.display(),
+                    pair[1].label
+                ),
+                "remove the duplicate",
+            ));
+        }
+        same_count(&first.source, expected.len(), source, list.len())?;
+        let differs = |(a, b): &(&FrameFile, &FrameFile)| number(a) != number(b);
+        if let Some((wanted, found)) = expected.iter().zip(*list).find(differs) {
+            return Err(DatasetError::invalid(
+                &source.path,
+                format!(
+                    "the frames of {}, the next being {}",
+                    first.source.name, wanted.label
+                ),
+                found.label.clone(),
+                "give every camera the same frame numbers",
+            ));
+        }
+    }
+    Ok(())
+}
+
+fn same_count(
+    first: &Source,
+    expected: usize,
+    source: &Source,
+    found: usize,
+) -> Result<(), DatasetError> {
+    if found == expected {
+        return Ok(());
+    }
+    Err(DatasetError::invalid(
+        &source.path,
+        format!("{expected} frames, as many as {} has", first.name),
+        found.to_string(),
+        "give every camera the same frames",
+    ))
+}
+
+fn plan(
+    context: &Context,
+    cameras: &[RigCamera],
+    lists: &[&[FrameFile]],
+    held_out: &[bool],
+) -> Result<Vec<PlannedView>, DatasetError> {
+    let mut planned = Vec::new();
+    for (camera_index, (rig_camera, images)) in cameras.iter().zip(lists).enumerate() {
+        let kept: Vec<&FrameFile> = (0..images.len())
+            .filter(|&index| context.options.keeps_frame(index))
+            .map(|index| &images[index])
+            .collect();
+        let (Some(first), Some(size)) = (
+            kept.first(),
+            first_size(context, kept.iter().map(|frame| frame.file.as_path())),
+        ) else {
+            continue;
+        };
+        let (camera, lens) = at_size(rig_camera, size?, &first.file)?;
+        let camera_name = &rig_camera.source.name;
+        for (frame, image) in kept.iter().enumerate() {
+            planned.push(PlannedView {
+                source: frames::Source::File(image.file.clone()),
+                name: format!("{camera_name}/{}", image.label),
+                camera_name: camera_name.clone(),
+                camera_index,
+                frame,
+                time: frame_time(frame, kept.len()),
+                split: Split::held_out(held_out[camera_index]),
+                camera: camera.clone(),
+                lens: lens.clone(),
+            });
+        }
+    }
+    Ok(planned)
+}
+
+/// The camera at the frames' size, which may be another than the poses were estimated at.
+fn at_size(
+    rig_camera: &RigCamera,
+    (width, height): (usize, usize),
+    path: &Path,
+) -> Result<(Camera, Option<Lens>), DatasetError> {
+    let RigCamera {
+        camera, posed_by, ..
+    } = rig_camera;
+    let camera = resized(camera, (width, height), path, posed_by)?;
+    let lens = Lens::new(rig_camera.distortion, &camera, posed_by)?;
+    Ok((camera, lens))
+}
+
+/// The camera at another size of the same shape; errors name the image `path` and the poses' file.
+pub(super) fn resized(
+    camera: &Camera,
+    (width, height): (usize, usize),
+    path: &Path,
+    posed_by: &Path,
+) -> Result<Camera, DatasetError> {
+    let expected_height = width as f64 * camera.height as f64 / camera.width as f64;
+    if (height as f64 - expected_height).abs() > 1.0 + ASPECT_TOLERANCE * expected_height {
+        let posed_by = posed_by.file_name().unwrap_or(posed_by.as_os_str());
+        return Err(DatasetError::invalid(
+            path,
+            format!(
+                "frames shaped like the {}x{} of {}",
+                camera.width,
+                camera.height,
+                posed_by.to_string_lossy()
+            ),
+            format!("{width}x{height}"),
+            "use uncropped frames, or correct height, width and focal length in the poses",
+        ));
+    }
+    Ok(camera.resized(width, height))
+}
+
+fn plan_videos(
+    context: &Context,
+    cameras: &[RigCamera],
+    held_out: &[bool],
+) -> Result<(Vec<PlannedView>, usize), DatasetError> {
+    let videos = cameras
+        .par_iter()
+        .map(|camera| Ok(Arc::new(VideoIndex::read(&camera.source.path)?)))
+        .collect::<Result<Vec<_>, DatasetError>>()?;
+    let n_all = videos.first().map_or(0, |video| video.n_frames());
+    let kept: Vec<usize> = (0..n_all)
+        .filter(|&index| context.options.keeps_frame(index))
+        .collect();
+    let mut planned = Vec::with_capacity(kept.len() * cameras.len());
+    for (camera_index, (rig_camera, video)) in cameras.iter().zip(&videos).enumerate() {
+        let source = &rig_camera.source;
+        same_count(&cameras[0].source, n_all, source, video.n_frames())?;
+        let (camera, lens) = at_size(rig_camera, video.size(), &source.path)?;
+        for (frame, &index) in kept.iter().enumerate() {
+            planned.push(PlannedView {
+                source: frames::Source::Video {
+                    video: video.clone(),
+                    frame: index,
+                },
+                name: format!("{}/{index:04}", source.name),
+                camera_name: source.name.clone(),
+                camera_index,
+                frame,
+                time: frame_time(frame, kept.len()),
+                split: Split::held_out(held_out[camera_index]),
+                camera: camera.clone(),
+                lens: lens.clone(),
+            });
+        }
+    }
+    Ok((planned, kept.len()))
+}

@@ -1,0 +1,241 @@
+//! The Technicolor light-field rig: 4x4 cameras, as published or prepared with a COLMAP model.
+
+use std::collections::BTreeMap;
+use std::fs;
+use std::ops::RangeInclusive;
+use std::path::Path;
+
+use super::broken::first_size;
+use super::colmap_model::{model_folder, read_model};
+use super::distortion::Distortion;
+use super::sources::{self, FrameFile, Frames, RigCamera, Source};
+use super::technicolor_parameters::parse;
+use super::view::Context;
+use super::{DatasetError, Parts, files, find_points, rig};
+
+pub(super) const PARAMETERS_FILE: &str = "cameras_parameters.txt";
+/// Where the prepared layout has its model.
+const MODEL_FOLDER: [&str; 1] = ["colmap/dense/workspace/sparse"];
+const IMAGE_FOLDER: &str = "images";
+/// What stands between a raw file's scene and its numbers.
+const UNDISTORTED: &str = "_undist";
+/// The held-out camera of published results.
+const TEST_CAMERA: &str = "cam10";
+/// The rig has this many; prepared folders with more are another rig's.
+const MOST_CAMERAS: usize = 16;
+/// The frames that published results are of, by scene.
+const PUBLISHED: [(&str, RangeInclusive<u32>); 5] = [
+    ("birthday", 151..=200),
+    ("train", 151..=200),
+    ("fabien", 51..=100),
+    ("theater", 51..=100),
+    ("painter", 100..=149),
+];
+
+/// Whether the folder holds a prepared scene: one folder of frames per camera and a COLMAP model.
+pub(super) fn is_prepared(root: &Path) -> bool {
+    model_folder(root, &MODEL_FOLDER).is_some()
+        && files::list(&root.join(IMAGE_FOLDER)).is_ok_and(|names| {
+            let is_camera = |name: &&String| camera_number(name).is_some();
+            names.iter().any(|name| is_camera(&name))
+        })
+}
+
+pub(super) fn read(context: &Context) -> Result<Parts, DatasetError> {
+    let raw = context.root.join(PARAMETERS_FILE);
+    let (cameras, is_rig) = if raw.is_file() {
+        (read_raw(context, &raw)?, true)
+    } else {
+        read_prepared(context)?
+    };
+    let n_cameras = cameras.len();
+    let names = || cameras.iter().map(|camera| &camera.source.name);
+    let test = names()
+        .position(|name| is_rig && name == TEST_CAMERA)
+        .unwrap_or(0);
+    let suggested = (0..n_cameras).map(|index| index == test).collect();
+    let held_out = context.options.held_out(suggested)?;
+    let points = find_points(context.root, None)?;
+    let (views, n_frames) = sources::load(context, &cameras, &held_out)?;
+    Ok(Parts {
+        views,
+        points,
+        n_frames,
+        n_cameras,
+    })
+}
+
+/// The prepared layout's cameras, and whether they can be the 4x4 rig's.
+fn read_prepared(context: &Context) -> Result<(Vec<RigCamera>, bool), DatasetError> {
+    let Some(model) = model_folder(context.root, &MODEL_FOLDER) else {
+        return Err(DatasetError::invalid(
+            context.root,
+            format!(
+                "{PARAMETERS_FILE} beside <Scene>_undist_00000_00.png, .., or \
+                 {MODEL_FOLDER:?} beside images/cam00/, .."
+            ),
+            "neither",
+            "check the path, or choose the layout with --layout",
+        ));
+    };
+    let mut sources = rig::image_folders(context.root)?;
+    sources.retain(|source| camera_number(&source.name).is_some());
+    if sources.is_empty() {
+        return Err(DatasetError::invalid(
+            &context.root.join(IMAGE_FOLDER),
+            "a folder of frames per camera (cam00/0000.png, ..)",
+            "none",
+            "put the frames there",
+        ));
+    }
+    let root = context.root.canonicalize();
+    let scene = root.unwrap_or_else(|_| context.root.to_path_buf());
+    let scene = scene.file_name().unwrap_or_default().to_string_lossy();
+    let range = published(&scene);
+    for source in &mut sources {
+        keep_published(source, &scene, range.as_ref());
+    }
+    let is_rig = sources.len() <= MOST_CAMERAS;
+    let model = read_model(&model)?;
+    Ok((rig::pose_by_model(sources, model)?, is_rig))
+}
+
+/// The raw layout's cameras.
+fn read_raw(context: &Context, path: &Path) -> Result<Vec<RigCamera>, DatasetError> {
+    let bytes = fs::read(path).map_err(DatasetError::io(path))?;
+    let rows = parse(path, &String::from_utf8_lossy(&bytes))?;
+    let (scene, frames) = raw_frames(context.root)?;
+    let range = published(&scene);
+    let mut cameras = Vec::with_capacity(frames.len());
+    for (number, images) in frames {
+        let name = format!("cam{number:02}");
+        let Some(row) = rows.get(number) else {
+            return Err(DatasetError::invalid(
+                path,
+                format!("a line for every camera, {name} among them"),
+                format!("{} lines", rows.len()),
+                "complete the file, or remove that camera's images",
+            ));
+        };
+        let mut source = Source {
+            path: images[0]
+                .file
+                .with_file_name(format!("{scene}{UNDISTORTED}_*_{number:02}")),
+            name,
+            frames: Frames::Images(images),
+        };
+        keep_published(&mut source, &scene, range.as_ref());
+        cameras.push(RigCamera {
+            camera: row.camera(path, image_size(context, &source)?)?,
+            source,
+            distortion: Distortion::default(),
+            posed_by: path.to_path_buf(),
+        });
+    }
+    Ok(cameras)
+}
+
+/// The scene's name and each camera's frames, from file names in the folder or its `images/`.
+fn raw_frames(root: &Path) -> Result<(String, BTreeMap<usize, Vec<FrameFile>>), DatasetError> {
+    let mut found: Option<String> = None;
+    let mut cameras: BTreeMap<usize, Vec<FrameFile>> = BTreeMap::new();
+    let inner = root.join(IMAGE_FOLDER);
+    let mut images = files::list_images(root)?;
+    if inner.is_dir() {
+        images.extend(files::list_images(&inner)?);
+    }
+    for file in images {
+        let stem = files::stem(&file);
+        let Some((scene, frame, camera)) = raw_name(&stem) else {
+            continue;
+        };
+        match &found {
+            Some(first) if first != scene => {
+                return Err(DatasetError::invalid(
+                    &file,
+                    format!("images of one scene, {first}"),
+                    format!("one of {scene}"),
+                    "give every scene a folder of its own",
+                ));
+            }
+            _ => found = Some(scene.to_string()),
+        }
+        let label = frame.to_string();
+        cameras
+            .entry(camera)
+            .or_default()
+            .push(FrameFile { file, label });
+    }
+    match found {
+        Some(scene) => Ok((scene, cameras)),
+        None => Err(DatasetError::invalid(
+            root,
+            format!("images called <Scene>{UNDISTORTED}_00000_00.png (frame, camera)"),
+            "none",
+            format!("put the undistorted images beside {PARAMETERS_FILE}"),
+        )),
+    }
+}
+
+/// Scene, frame and camera of `<Scene>_undist_%05d_%02d`.
+fn raw_name(stem: &str) -> Option<(&str, &str, usize)> {
+    let (rest, camera) = stem.rsplit_once('_')?;
+    let (rest, frame) = rest.rsplit_once('_')?;
+    let digits = |text: &str| !text.is_empty() && text.bytes().all(|c| c.is_ascii_digit());
+    let scene = rest.strip_suffix(UNDISTORTED)?;
+    (digits(frame) && digits(camera)).then_some(())?;
+    Some((scene, frame, camera.parse().ok()?))
+}
+
+/// The number in `camNN`.
+fn camera_number(name: &str) -> Option<usize> {
+    let start = name.get(..3)?;
+    start.eq_ignore_ascii_case("cam").then_some(())?;
+    name[3..].parse().ok()
+}
+
+fn published(scene: &str) -> Option<RangeInclusive<u32>> {
+    let scene = scene.to_lowercase();
+    let mut known = PUBLISHED.iter();
+    known
+        .find(|(name, _)| scene == *name)
+        .map(|(_, range)| range.clone())
+}
+
+/// Drops a camera's other frames where it has all of the published ones.
+fn keep_published(source: &mut Source, scene: &str, range: Option<&RangeInclusive<u32>>) {
+    let (Frames::Images(images), Some(range)) = (&mut source.frames, range) else {
+        return;
+    };
+    let inside = |image: &FrameFile| {
+        let number = files::frame_number(&image.label).map(|digits| digits.parse().unwrap_or(0));
+        number.is_some_and(|number: u32| range.contains(&number))
+    };
+    let n_inside = images.iter().filter(|image| inside(image)).count();
+    if n_inside == range.clone().count() && n_inside < images.len() {
+        tracing::info!(
+            "{}: only the published frames of {scene}, {} to {}",
+            source.path.display(),
+            range.start(),
+            range.end()
+        );
+        images.retain(inside);
+    }
+}
+
+/// The size of a camera's images, which the parameters do not state.
+fn image_size(context: &Context, source: &Source) -> Result<(usize, usize), DatasetError> {
+    let images = match &source.frames {
+        Frames::Images(images) => images.as_slice(),
+        Frames::Video => &[],
+    };
+    let files = images.iter().map(|image| image.file.as_path());
+    first_size(context, files).unwrap_or_else(|| {
+        Err(DatasetError::invalid(
+            &source.path,
+            "at least one frame",
+            "none",
+            "put the frames there",
+        ))
+    })
+}
