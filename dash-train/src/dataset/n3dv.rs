@@ -12,7 +12,7 @@ use super::image::{MAX_IMAGE_SIDE, dimensions};
 use super::npy::{POSE_COLUMNS, parse_poses};
 use super::sources::{self, FrameFile, Frames, RigCamera, Source, VIDEO_EXTENSIONS};
 use super::view::{Context, PlannedView, Split};
-use super::{DatasetError, Parts, every_eighth, files, find_points, pose};
+use super::{DatasetError, Parts, every_eighth, files, find_points, pose, rig};
 
 pub(super) const POSES_FILE: &str = "poses_bounds.npy";
 /// Folder of the images of a capture without cameras.
@@ -178,7 +178,8 @@ fn is_video(root: &Path, name: &str) -> bool {
     files::has_extension(name, &VIDEO_EXTENSIONS) && root.join(name).is_file()
 }
 
-/// The camera folders that hold images, else the camera videos, in natural order.
+/// The camera folders that hold images, else the camera videos, else camera folders in `images/`,
+/// in natural order.
 fn sources(root: &Path) -> Result<Vec<Source>, DatasetError> {
     let names = files::list(root)?;
     let mut folders = Vec::new();
@@ -206,6 +207,11 @@ fn sources(root: &Path) -> Result<Vec<Source>, DatasetError> {
         })
         .collect();
     if videos.is_empty() {
+        let mut inner = rig::image_folders(root)?;
+        inner.retain(|source| is_camera(&source.name));
+        if !inner.is_empty() {
+            return Ok(inner);
+        }
         let found = match folders.len() {
             0 => "none of these".into(),
             n => format!("{n} camera folders without images"),

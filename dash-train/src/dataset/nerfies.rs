@@ -9,7 +9,7 @@ use dash_kernels::Camera;
 use serde::Deserialize;
 use serde::de::DeserializeOwned;
 
-use super::broken::leave_out;
+use super::broken::{check_any, leave_out};
 use super::image::dimensions;
 use super::nerfies_camera::CameraFile;
 use super::npy::parse_points;
@@ -99,6 +99,7 @@ pub(super) fn read(context: &Context) -> Result<Parts, DatasetError> {
         items.push(item);
         frames.push(frame);
     }
+    check_any(&root.join(DATASET_FILE), !items.is_empty())?;
     if !items.iter().any(|item| item.held_out) {
         let held_out = every_eighth(items.len());
         for (item, held_out) in items.iter_mut().zip(held_out) {

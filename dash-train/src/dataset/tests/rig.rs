@@ -212,19 +212,25 @@ fn videos_are_read_frame_by_frame_with_sizes_of_their_own() {
     fixture.refuses(&["right.mp4"]);
 }
 
+pub(super) fn with_model() -> Fixture {
+    let fixture = folders();
+    let images = [0, 1, 2].map(|index| (NAMES[index], expected(index)));
+    write_model(&fixture, "sparse/0", &images);
+    fixture
+}
+
+pub(super) fn with_transforms() -> Fixture {
+    let fixture = folders();
+    let file = transforms(|name| format!("{name}.png"), &all());
+    fixture.write("transforms.json", file.to_string());
+    fixture
+}
+
 #[test]
 fn truncated_files_are_errors() {
-    let fixture = folders();
-    write_model(
-        &fixture,
-        "sparse/0",
-        &[0, 1, 2].map(|index| (NAMES[index], expected(index))),
-    );
+    let fixture = with_model();
     fixture.survives_truncation("sparse/0/images.txt", 3);
     fixture.survives_truncation("sparse/0/cameras.txt", 3);
     fixture.survives_truncation("images/left/001.png", 1);
-    let fixture = folders();
-    let text = transforms(|name| format!("{name}.png"), &all()).to_string();
-    fixture.write("transforms.json", text);
-    fixture.survives_truncation("transforms.json", 7);
+    with_transforms().survives_truncation("transforms.json", 7);
 }

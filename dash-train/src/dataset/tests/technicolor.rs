@@ -31,7 +31,11 @@ fn parameters(n: usize) -> String {
         .collect()
 }
 
-fn raw(scene: &str, n_cameras: usize, frames: impl Iterator<Item = usize> + Clone) -> Fixture {
+pub(super) fn raw(
+    scene: &str,
+    n_cameras: usize,
+    frames: impl Iterator<Item = usize> + Clone,
+) -> Fixture {
     let fixture = Fixture::new();
     fixture.write("cameras_parameters.txt", parameters(n_cameras));
     for camera in 0..n_cameras {
