@@ -8,9 +8,10 @@ use dash_kernels::Camera;
 use super::broken::{check_any, leave_out};
 use super::distortion::Distortion;
 use super::image::dimensions;
+use super::points::{Models, find_points};
 use super::transforms::{Transforms, find_image, parse};
 use super::view::{Context, Lens, PlannedView, Split};
-use super::{DatasetError, Parts, every_eighth, files, find_points, pose, times};
+use super::{DatasetError, Parts, every_eighth, files, pose, times};
 
 const SINGLE: &str = "transforms.json";
 const TRAIN: &str = "transforms_train.json";
@@ -86,7 +87,7 @@ pub(super) fn read(context: &Context) -> Result<Parts, DatasetError> {
         .as_deref()
         .map(|name| files::confined(context.root, name, &first))
         .transpose()?;
-    let points = find_points(context.root, named.as_deref())?;
+    let points = find_points(context.root, named.as_deref(), Models::Own)?;
     let views = context.load_views(leave_out(context, planned)?)?;
     Ok(Parts {
         views,

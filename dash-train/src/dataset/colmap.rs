@@ -4,8 +4,9 @@ use std::collections::HashMap;
 
 use super::broken::leave_out;
 use super::colmap_model::{MODEL_FOLDERS, Registered, model_folder, read_model};
+use super::points::{Models, find_points};
 use super::view::{Context, Lens, PlannedView, Split};
-use super::{DatasetError, Parts, every_eighth, files, find_points};
+use super::{DatasetError, Parts, every_eighth, files};
 
 const IMAGE_FOLDER: &str = "images";
 
@@ -65,7 +66,7 @@ pub(super) fn read(context: &Context) -> Result<Parts, DatasetError> {
             lens,
         });
     }
-    let points = find_points(context.root, None)?;
+    let points = find_points(context.root, None, Models::Own)?;
     let views = context.load_views(leave_out(context, planned)?)?;
     Ok(Parts {
         views,

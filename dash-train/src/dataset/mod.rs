@@ -53,7 +53,6 @@ pub use error::DatasetError;
 pub use view::{Split, View};
 
 use crate::ply::PointCloud;
-use points::find_points;
 use view::Context;
 
 /// Without a stated split, one view of this many is held out (3DGS convention).

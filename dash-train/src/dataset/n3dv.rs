@@ -10,9 +10,10 @@ use super::broken::leave_out;
 use super::distortion::Distortion;
 use super::image::{MAX_IMAGE_SIDE, dimensions};
 use super::npy::{POSE_COLUMNS, parse_poses};
+use super::points::{Models, find_points};
 use super::sources::{self, FrameFile, Frames, RigCamera, Source, VIDEO_EXTENSIONS};
 use super::view::{Context, PlannedView, Split};
-use super::{DatasetError, Parts, every_eighth, files, find_points, pose, rig};
+use super::{DatasetError, Parts, every_eighth, files, pose, rig};
 
 pub(super) const POSES_FILE: &str = "poses_bounds.npy";
 /// Folder of the images of a capture without cameras.
@@ -40,7 +41,7 @@ pub(super) fn read(context: &Context) -> Result<Parts, DatasetError> {
     let held_out = context
         .options
         .held_out((0..n_cameras).map(|index| index == 0).collect())?;
-    let points = find_points(context.root, None)?;
+    let points = find_points(context.root, None, Models::Rig)?;
     let rig: Vec<RigCamera> = sources
         .into_iter()
         .zip(cameras)
@@ -114,7 +115,7 @@ fn read_llff(
             lens: None,
         });
     }
-    let points = find_points(context.root, None)?;
+    let points = find_points(context.root, None, Models::Rig)?;
     Ok(Parts {
         views: context.load_views(leave_out(context, planned)?)?,
         points,

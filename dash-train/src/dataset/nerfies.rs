@@ -13,7 +13,7 @@ use super::broken::{check_any, leave_out};
 use super::image::dimensions;
 use super::nerfies_camera::CameraFile;
 use super::npy::parse_points;
-use super::points::{colored, find_points};
+use super::points::{Models, colored, find_points};
 use super::transforms::find_image;
 use super::view::{Context, Lens, PlannedView, Split};
 use super::{DatasetError, Parts, every_eighth, files, pose, sources, times};
@@ -129,7 +129,7 @@ pub(super) fn read(context: &Context) -> Result<Parts, DatasetError> {
     let views = context.load_views(planned)?;
     let points = match read_positions(root, &scene)? {
         Some(positions) => Some(colored(positions, &views)?),
-        None => find_points(root, None)?,
+        None => find_points(root, None, Models::Foreign)?,
     };
     Ok(Parts {
         views,

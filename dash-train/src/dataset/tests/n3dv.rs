@@ -347,6 +347,7 @@ fn points_of_a_colmap_folder_serve_where_there_is_no_file() {
         "sparse/0",
         "colmap/sparse/0",
         "colmap/dense/workspace/sparse",
+        "colmap_0/sparse/0",
     ] {
         let fixture = rig(2, 1);
         write_model(&fixture, folder, &[("cam0.png", camera(0))]);

@@ -208,6 +208,19 @@ fn videos_are_read_frame_by_frame_with_sizes_of_their_own() {
             view.name
         );
     }
+    // Or a model made of one image per camera, which may lie beside the videos.
+    fixture.remove("transforms.json");
+    let names = NAMES.map(|name| format!("{name}.png"));
+    let images: Vec<(&str, Camera)> = (0..3)
+        .map(|index| (names[index].as_str(), camera(index).resized(64, 48)))
+        .collect();
+    write_model(&fixture, "sparse/0", &images);
+    for name in &names {
+        fixture.image(&format!("images/{name}"), 64, 48, [0; 3]);
+    }
+    let dataset = fixture.load().expect("loads");
+    assert_eq!((dataset.layout, dataset.views.len()), (Layout::Rig, 9));
+    assert_cameras_equal(&dataset.views[8].camera, &images[2].1);
     fixture.write("videos/right.mp4", "not a video");
     fixture.refuses(&["right.mp4"]);
 }
