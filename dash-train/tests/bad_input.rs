@@ -412,3 +412,14 @@ fn options_that_do_not_fit_the_data() {
     bench.fails(&["eval", "run"], "test");
     bench.fails(&["render", "run", "--out", "out"], "test views");
 }
+
+#[test]
+fn broken_images_are_left_out_where_asked() {
+    let bench = Bench::with_room("technicolor");
+    let name = "Synth_undist_00001_02.png";
+    bench.write(&format!("room/{name}"), "damaged");
+    bench.fails(&TRAIN, name);
+    bench.ok(&[&TRAIN[..], &TINY, &["--skip-broken"]].concat());
+    let config = String::from_utf8_lossy(&bench.read("run/config.toml")).into_owned();
+    assert!(config.contains("skip_broken = true"), "{config}");
+}

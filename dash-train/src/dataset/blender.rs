@@ -1,15 +1,18 @@
 //! The layout of D-NeRF, Blender and nerfstudio: `transforms*.json` beside the images.
 
+use std::collections::HashSet;
 use std::path::{Path, PathBuf};
 
 use dash_kernels::Camera;
 
+use super::broken::check_any;
 use super::distortion::Distortion;
 use super::frames::Source;
 use super::image::dimensions;
+use super::points::{Models, find_points};
 use super::transforms::{Transforms, find_image, parse};
 use super::view::{Context, Lens, PlannedView, Split};
-use super::{DatasetError, Parts, every_eighth, files, find_points, pose, times};
+use super::{DatasetError, Parts, every_eighth, files, pose, times};
 
 const SINGLE: &str = "transforms.json";
 const TRAIN: &str = "transforms_train.json";
@@ -46,8 +49,10 @@ pub(super) fn read(context: &Context) -> Result<Parts, DatasetError> {
         .find(|p| first != path(SINGLE) && p.is_file());
     match held_out {
         Some(file) => collect(context, &file, &parse(&file)?, true, &mut entries)?,
-        None => hold_out_every_eighth(&mut entries),
+        None if !hold_out_listed(&transforms, &mut entries) => hold_out_every_eighth(&mut entries),
+        None => {}
     }
+    check_any(&first, !entries.is_empty())?;
     check_times(&entries)?;
     let stated: Vec<f64> = entries.iter().map(|e| e.time.unwrap_or(0.0)).collect();
     let (times, n_frames) = times::frames(context.options, &stated);
@@ -83,7 +88,7 @@ pub(super) fn read(context: &Context) -> Result<Parts, DatasetError> {
         .as_deref()
         .map(|name| files::confined(context.root, name, &first))
         .transpose()?;
-    let points = find_points(context.root, named.as_deref())?;
+    let points = find_points(context.root, named.as_deref(), Models::Own)?;
     let views = context.load_views(planned)?;
     Ok(Parts {
         views,
@@ -121,10 +126,7 @@ fn collect(
         }
         let inside = file.strip_prefix(context.root).unwrap_or(&file);
         entries.push(Entry {
-            name: inside
-                .with_extension("")
-                .to_string_lossy()
-                .replace('\\', "/"),
+            name: entry_name(inside),
             file,
             time: frame.time,
             camera,
@@ -136,7 +138,33 @@ fn collect(
     Ok(())
 }
 
-/// Without a file of test views every eighth in the order of names is held out.
+/// Holds out the frames that nerfstudio's lists name; `false` when they name none of them.
+fn hold_out_listed(transforms: &Transforms, entries: &mut [Entry]) -> bool {
+    let mut held_out = false;
+    for list in [&transforms.test_filenames, &transforms.val_filenames] {
+        if held_out {
+            break;
+        }
+        let names: HashSet<String> = list
+            .iter()
+            .filter_map(|name| files::confine(name))
+            .map(|path| entry_name(&path))
+            .collect();
+        for entry in entries.iter_mut() {
+            entry.held_out = names.contains(&entry.name);
+            held_out |= entry.held_out;
+        }
+    }
+    held_out
+}
+
+/// A path below the dataset without its extension.
+fn entry_name(inside: &Path) -> String {
+    let stem = inside.with_extension("");
+    stem.to_string_lossy().replace('\\', "/")
+}
+
+/// Without a file or list of test views every eighth in the order of names is held out.
 fn hold_out_every_eighth(entries: &mut [Entry]) {
     let mut order: Vec<usize> = (0..entries.len()).collect();
     order.sort_by(|&a, &b| files::natural_cmp(&entries[a].name, &entries[b].name));

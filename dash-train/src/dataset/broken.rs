@@ -37,6 +37,19 @@ pub(super) fn keep_readable<T>(
     }
 }
 
+/// Refuses a dataset of which nothing is left.
+pub(super) fn check_any(listed_in: &Path, any: bool) -> Result<(), DatasetError> {
+    if any {
+        return Ok(());
+    }
+    Err(DatasetError::invalid(
+        listed_in,
+        "at least one readable image",
+        "none",
+        "put the images there, or write them again",
+    ))
+}
+
 /// The size of the first of a camera's images; with `skip_broken`, of the first readable one.
 ///
 /// # Errors

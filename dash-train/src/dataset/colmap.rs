@@ -1,9 +1,12 @@
 //! The COLMAP layout: a sparse model and the images it was made from.
 
+use std::collections::HashMap;
+
 use super::colmap_model::{MODEL_FOLDERS, Registered, model_folder, read_model};
 use super::frames::Source;
+use super::points::{Models, find_points};
 use super::view::{Context, Lens, PlannedView, Split};
-use super::{DatasetError, Parts, every_eighth, files, find_points};
+use super::{DatasetError, Parts, every_eighth, files};
 
 const IMAGE_FOLDER: &str = "images";
 
@@ -22,10 +25,13 @@ pub(super) fn read(context: &Context) -> Result<Parts, DatasetError> {
     let n_cameras = model.images.len();
     let held_out = context.options.held_out(every_eighth(n_cameras))?;
     let folder = context.root.join(IMAGE_FOLDER);
+    // Many images share a lens, and working out how to undo one takes a while.
+    let mut lenses: HashMap<u32, Option<Lens>> = HashMap::new();
     let mut planned = Vec::with_capacity(n_cameras);
     for (camera_index, image) in model.images.into_iter().enumerate() {
         let Registered {
             name,
+            camera_id,
             camera,
             distortion,
         } = image;
@@ -38,6 +44,14 @@ pub(super) fn read(context: &Context) -> Result<Parts, DatasetError> {
                 "put the image there, or export the model again",
             ));
         }
+        let lens = match lenses.get(&camera_id) {
+            Some(known) => known.clone(),
+            None => {
+                let lens = Lens::new(distortion, &camera, &model.cameras_file)?;
+                lenses.insert(camera_id, lens.clone());
+                lens
+            }
+        };
         let inside = file.strip_prefix(&folder).unwrap_or(&file);
         let name = inside.with_extension("").to_string_lossy().into_owned();
         planned.push(PlannedView {
@@ -48,11 +62,11 @@ pub(super) fn read(context: &Context) -> Result<Parts, DatasetError> {
             frame: 0,
             time: 0.0,
             split: Split::held_out(held_out[camera_index]),
-            lens: Lens::new(distortion, &camera, &model.cameras_file)?,
             camera,
+            lens,
         });
     }
-    let points = find_points(context.root, None)?;
+    let points = find_points(context.root, None, Models::Own)?;
     let views = context.load_views(planned)?;
     Ok(Parts {
         views,

@@ -20,6 +20,7 @@ const NEGLIGIBLE: f64 = 1e-6;
 #[derive(Debug, Clone)]
 pub(super) struct Registered {
     pub(super) name: String,
+    pub(super) camera_id: u32,
     pub(super) camera: Camera,
     pub(super) distortion: Distortion,
 }
@@ -150,6 +151,7 @@ pub(super) fn read_model(model: &Path) -> Result<Model, DatasetError> {
         let camera = place(camera, &image).map_err(|e| malformed("a finite pose", e))?;
         Ok(Registered {
             name: image.name,
+            camera_id: image.camera_id,
             camera,
             distortion: *distortion,
         })

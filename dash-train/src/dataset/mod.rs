@@ -56,7 +56,6 @@ pub use view::{Split, View};
 
 use crate::ply::PointCloud;
 use frames::{FrameStore, Pixels};
-use points::find_points;
 use view::Context;
 
 /// Without a stated split, one view of this many is held out (3DGS convention).

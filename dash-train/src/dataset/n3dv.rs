@@ -9,9 +9,10 @@ use dash_kernels::Camera;
 use super::distortion::Distortion;
 use super::image::{MAX_IMAGE_SIDE, dimensions};
 use super::npy::{POSE_COLUMNS, parse_poses};
+use super::points::{Models, find_points};
 use super::sources::{self, FrameFile, Frames, RigCamera, Source, VIDEO_EXTENSIONS};
 use super::view::{Context, PlannedView, Split};
-use super::{DatasetError, Parts, every_eighth, files, find_points, frames, pose};
+use super::{DatasetError, Parts, every_eighth, files, frames, pose, rig};
 
 pub(super) const POSES_FILE: &str = "poses_bounds.npy";
 /// Folder of the images of a capture without cameras.
@@ -39,7 +40,7 @@ pub(super) fn read(context: &Context) -> Result<Parts, DatasetError> {
     let held_out = context
         .options
         .held_out((0..n_cameras).map(|index| index == 0).collect())?;
-    let points = find_points(context.root, None)?;
+    let points = find_points(context.root, None, Models::Rig)?;
     let rig: Vec<RigCamera> = sources
         .into_iter()
         .zip(cameras)
@@ -113,7 +114,7 @@ fn read_llff(
             lens: None,
         });
     }
-    let points = find_points(context.root, None)?;
+    let points = find_points(context.root, None, Models::Rig)?;
     Ok(Parts {
         views: context.load_views(planned)?,
         points,
@@ -177,7 +178,8 @@ fn is_video(root: &Path, name: &str) -> bool {
     files::has_extension(name, &VIDEO_EXTENSIONS) && root.join(name).is_file()
 }
 
-/// The camera folders that hold images, else the camera videos, in natural order.
+/// The camera folders that hold images, else the camera videos, else camera folders in `images/`,
+/// in natural order.
 fn sources(root: &Path) -> Result<Vec<Source>, DatasetError> {
     let names = files::list(root)?;
     let mut folders = Vec::new();
@@ -205,6 +207,11 @@ fn sources(root: &Path) -> Result<Vec<Source>, DatasetError> {
         })
         .collect();
     if videos.is_empty() {
+        let mut inner = rig::image_folders(root)?;
+        inner.retain(|source| is_camera(&source.name));
+        if !inner.is_empty() {
+            return Ok(inner);
+        }
         let found = match folders.len() {
             0 => "none of these".into(),
             n => format!("{n} camera folders without images"),

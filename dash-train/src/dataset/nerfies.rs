@@ -9,10 +9,11 @@ use dash_kernels::Camera;
 use serde::Deserialize;
 use serde::de::DeserializeOwned;
 
+use super::broken::check_any;
 use super::image::dimensions;
 use super::nerfies_camera::CameraFile;
 use super::npy::parse_points;
-use super::points::{colored, find_points};
+use super::points::{Models, colored, find_points};
 use super::transforms::find_image;
 use super::view::{Context, Lens, PlannedView, Split};
 use super::{DatasetError, Parts, every_eighth, files, frames, pose, sources, times};
@@ -98,6 +99,7 @@ pub(super) fn read(context: &Context) -> Result<Parts, DatasetError> {
         items.push(item);
         frames.push(frame);
     }
+    check_any(&root.join(DATASET_FILE), !items.is_empty())?;
     if !items.iter().any(|item| item.held_out) {
         let held_out = every_eighth(items.len());
         for (item, held_out) in items.iter_mut().zip(held_out) {
@@ -126,7 +128,7 @@ pub(super) fn read(context: &Context) -> Result<Parts, DatasetError> {
     let views = context.load_views(planned.collect())?;
     let points = match read_positions(root, &scene)? {
         Some(positions) => Some(colored(positions, &views)?),
-        None => find_points(root, None)?,
+        None => find_points(root, None, Models::Foreign)?,
     };
     Ok(Parts {
         views,

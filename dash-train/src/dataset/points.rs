@@ -1,8 +1,9 @@
 //! Initial points: where they are looked for, and colours for those that have none.
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
-use super::{DatasetError, Split, View, colmap_model};
+use super::colmap_model::{MODEL_FOLDERS, read_model_points};
+use super::{DatasetError, Split, View, files};
 use crate::ply::{PointCloud, read_points};
 
 /// Files with initial points, in the order in which they are looked for.
@@ -15,14 +16,13 @@ const POINT_FILES: [&str; 7] = [
     "sparse_points.ply",
     "sparse_pc.ply",
 ];
-/// Folders with COLMAP models whose points serve where there is no such file.
-const POINT_MODELS: [&str; 6] = [
+/// Where rigs have COLMAP models, apart from `colmap_FRAME/sparse/0`, one per frame.
+const RIG_MODELS: [&str; 5] = [
     "sparse/0",
     "sparse",
     "colmap/sparse/0",
     "colmap/sparse",
     "colmap/dense/workspace/sparse",
-    "colmap_0/sparse/0",
 ];
 /// Dense clouds of COLMAP, which serve last, since they are large.
 const DENSE_CLOUDS: [&str; 2] = ["colmap/dense/workspace/fused.ply", "colmap/dense/fused.ply"];
@@ -31,27 +31,59 @@ const COLORING_VIEWS: usize = 12;
 /// Colour of points that no view shows.
 const GRAY: u8 = 128;
 
-/// The initial points of a dataset: the file its poses name, one of [`POINT_FILES`], those of a
-/// COLMAP model, or a dense cloud.
+/// Which COLMAP results have the dataset's own world, so that their points can serve.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Models {
+    /// None.
+    Foreign,
+    /// Those where COLMAP's own layout has them.
+    Own,
+    /// Those that preparing a rig leaves behind, dense clouds among them.
+    Rig,
+}
+
+/// The initial points of a dataset: the file its poses name, one of [`POINT_FILES`], or COLMAP's.
 pub(super) fn find_points(
     root: &Path,
     named: Option<&Path>,
+    models: Models,
 ) -> Result<Option<PointCloud>, DatasetError> {
     let is_file = |name: &&&str| root.join(name).is_file();
     let known = || POINT_FILES.iter().find(is_file).map(|name| root.join(name));
     if let Some(file) = named.map(Path::to_path_buf).or_else(known) {
         return Ok(Some(read_points(&file)?).filter(|points| !points.is_empty()));
     }
-    for folder in POINT_MODELS {
-        let points = colmap_model::read_model_points(&root.join(folder))?;
+    let mut folders: Vec<PathBuf> = match models {
+        Models::Foreign => Vec::new(),
+        Models::Own => MODEL_FOLDERS.iter().map(|name| root.join(name)).collect(),
+        Models::Rig => RIG_MODELS.iter().map(|name| root.join(name)).collect(),
+    };
+    if models == Models::Rig {
+        folders.extend(first_frames_model(root)?);
+    }
+    for folder in folders {
+        let points = read_model_points(&folder)?;
         if let Some(points) = points.filter(|points| !points.is_empty()) {
             return Ok(Some(points));
         }
     }
     match DENSE_CLOUDS.iter().find(is_file) {
-        Some(name) => Ok(Some(read_points(&root.join(name))?).filter(|p| !p.is_empty())),
-        None => Ok(None),
+        Some(name) if models == Models::Rig => {
+            let points = read_points(&root.join(name))?;
+            Ok(Some(points).filter(|points| !points.is_empty()))
+        }
+        _ => Ok(None),
     }
+}
+
+/// The first of the models that are made of one frame each.
+fn first_frames_model(root: &Path) -> Result<Option<PathBuf>, DatasetError> {
+    let of_frame = |name: &String| {
+        let frame = name.strip_prefix("colmap_");
+        frame.is_some_and(|digits| digits.parse::<u32>().is_ok())
+    };
+    let first = files::list(root)?.into_iter().find(of_frame);
+    Ok(first.map(|name| root.join(name).join("sparse/0")))
 }
 
 /// Points with the median colour of the pixels that they project onto in some of the training

@@ -5,10 +5,11 @@ use std::path::Path;
 
 use super::broken::first_size;
 use super::colmap_model::{Model, model_folder, read_model};
+use super::points::{Models, find_points};
 use super::sources::{self, FrameFile, Frames, RigCamera, Source, VIDEO_EXTENSIONS};
 use super::transforms::{self, Transforms};
 use super::view::Context;
-use super::{DatasetError, Parts, files, find_points, video};
+use super::{DatasetError, Parts, files, video};
 
 const VIDEO_FOLDER: &str = "videos";
 const IMAGE_FOLDER: &str = "images";
@@ -51,7 +52,10 @@ pub(super) fn read(context: &Context) -> Result<Parts, DatasetError> {
     let sources = cameras(root)?;
     let file = root.join(TRANSFORMS_FILE);
     let mut named = None;
+    let mut models = Models::Rig;
     let cameras = if file.is_file() {
+        // Tools that write this file may turn or scale COLMAP's world.
+        models = Models::Own;
         let transforms = transforms::parse(&file)?;
         named = transforms
             .ply_file_path
@@ -73,7 +77,7 @@ pub(super) fn read(context: &Context) -> Result<Parts, DatasetError> {
     let held_out = context
         .options
         .held_out((0..n_cameras).map(|index| index == 0).collect())?;
-    let points = find_points(root, named.as_deref())?;
+    let points = find_points(root, named.as_deref(), models)?;
     let (views, n_frames) = sources::load(context, &cameras, &held_out)?;
     Ok(Parts {
         views,

@@ -8,10 +8,11 @@ use std::path::Path;
 use super::broken::first_size;
 use super::colmap_model::{model_folder, read_model};
 use super::distortion::Distortion;
+use super::points::{Models, find_points};
 use super::sources::{self, FrameFile, Frames, RigCamera, Source};
 use super::technicolor_parameters::parse;
 use super::view::Context;
-use super::{DatasetError, Parts, files, find_points, rig};
+use super::{DatasetError, Parts, files, rig};
 
 pub(super) const PARAMETERS_FILE: &str = "cameras_parameters.txt";
 /// Where the prepared layout has its model.
@@ -55,7 +56,7 @@ pub(super) fn read(context: &Context) -> Result<Parts, DatasetError> {
         .unwrap_or(0);
     let suggested = (0..n_cameras).map(|index| index == test).collect();
     let held_out = context.options.held_out(suggested)?;
-    let points = find_points(context.root, None)?;
+    let points = find_points(context.root, None, Models::Rig)?;
     let (views, n_frames) = sources::load(context, &cameras, &held_out)?;
     Ok(Parts {
         views,
@@ -72,7 +73,8 @@ fn read_prepared(context: &Context) -> Result<(Vec<RigCamera>, bool), DatasetErr
             context.root,
             format!(
                 "{PARAMETERS_FILE} beside <Scene>_undist_00000_00.png, .., or \
-                 {MODEL_FOLDER:?} beside images/cam00/, .."
+                 {} beside images/cam00/, ..",
+                MODEL_FOLDER[0]
             ),
             "neither",
             "check the path, or choose the layout with --layout",

@@ -18,6 +18,12 @@ pub(super) struct Transforms {
     pub(super) frames: Vec<Frame>,
     /// Initial points (nerfstudio).
     pub(super) ply_file_path: Option<String>,
+    /// File paths of the frames to hold out (nerfstudio).
+    #[serde(default)]
+    pub(super) test_filenames: Vec<String>,
+    /// The same, which serve where there are none to test.
+    #[serde(default)]
+    pub(super) val_filenames: Vec<String>,
 }
 
 /// One image's entry.

@@ -50,7 +50,7 @@ pub enum SynthError {
     },
     /// ffmpeg is needed for videos and could not be started.
     #[error(
-        "{program}: could not start it to write videos: {source}; install ffmpeg and put it on the PATH, or leave out --video to get PNG frames"
+        "{program}: could not start it to write videos: {source}; install ffmpeg and put it on the PATH, or write PNG frames: no --video, and another layout than rig"
     )]
     FfmpegMissing {
         /// The program that was tried.

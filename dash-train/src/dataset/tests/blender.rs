@@ -217,6 +217,23 @@ fn cameras_may_differ_in_size_and_lens() {
 }
 
 #[test]
+fn nerfstudios_lists_say_what_is_held_out() {
+    for (key, held_out) in [
+        ("test_filenames", true),
+        ("val_filenames", true),
+        ("train_filenames", false),
+    ] {
+        let lists = json!({"fl_x": 9.0, key: ["./images/1.png", "images/2.png", "../x.png"]});
+        let dataset = single(4, lists).load().expect("loads");
+        let listed: Vec<usize> = (0..4)
+            .filter(|&index| dataset.views[index].split == Split::Test)
+            .collect();
+        // Without lists of what to hold out: every eighth.
+        assert_eq!(listed, if held_out { vec![1, 2] } else { vec![0] }, "{key}");
+    }
+}
+
+#[test]
 fn broken_images_are_left_out_where_asked() {
     let fixture = single(4, json!({"fl_x": 9.0}));
     fixture.write("images/2.png", "damaged");
@@ -228,6 +245,15 @@ fn broken_images_are_left_out_where_asked() {
     let dataset = fixture.load_with(&skipping).expect("three are left");
     let names: Vec<&str> = dataset.views.iter().map(|v| v.name.as_str()).collect();
     assert_eq!(names, ["images/0", "images/1", "images/3"]);
+    for index in 0..4 {
+        fixture.write(&format!("images/{index}.png"), "");
+    }
+    let none = LoadOptions {
+        test_cameras: Some(vec![0]),
+        ..skipping
+    };
+    let error = fixture.load_with(&none).expect_err("nothing is left");
+    assert!(error.to_string().contains("transforms.json"), "{error}");
 }
 
 #[test]

@@ -3,7 +3,7 @@ use super::super::{Layout, LoadOptions, Split};
 use super::n3dv::{row, rows};
 use super::{Fixture, H, W, assert_cameras_equal, camera};
 
-fn capture(n: usize) -> Fixture {
+pub(super) fn capture(n: usize) -> Fixture {
     let fixture = Fixture::new();
     fixture.write("poses_bounds.npy", npy_f64(&rows(n)));
     for index in 0..n {

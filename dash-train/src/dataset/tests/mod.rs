@@ -101,6 +101,59 @@ impl Fixture {
     }
 }
 
+/// Loads each fixture with bytes of one of its files changed at random: nothing may panic or hang.
+#[test]
+fn damaged_files_of_every_layout_never_panic() {
+    use rand::{Rng, SeedableRng};
+    let mut random = rand_pcg::Pcg32::seed_from_u64(11);
+    for (fixture, names) in [
+        (
+            technicolor::raw("Rugby", 3, 1..2),
+            &["cameras_parameters.txt"][..],
+        ),
+        (
+            nerfies::capture(),
+            &[
+                "dataset.json",
+                "metadata.json",
+                "scene.json",
+                "points.npy",
+                "camera/000000.json",
+            ],
+        ),
+        (rig::with_transforms(), &["transforms.json"]),
+        (
+            rig::with_model(),
+            &["sparse/0/cameras.txt", "sparse/0/images.txt"],
+        ),
+        (llff::capture(3), &["poses_bounds.npy"]),
+    ] {
+        for name in names {
+            let whole = fs::read(fixture.root().join(name)).expect("fixture file");
+            for _ in 0..400 {
+                let mut bytes = whole.clone();
+                for _ in 0..random.random_range(1..4) {
+                    let at = random.random_range(0..bytes.len());
+                    // Digits and signs keep text parsable, so that values are tried too.
+                    bytes[at] = match random.random_range(0..3) {
+                        0 => random.random(),
+                        1 => b"0123456789-e."[random.random_range(0..13)],
+                        _ => whole[random.random_range(0..whole.len())],
+                    };
+                }
+                fixture.write(name, &bytes);
+                let skip_broken = random.random();
+                drop(fixture.load_with(&LoadOptions {
+                    skip_broken,
+                    ..LoadOptions::default()
+                }));
+            }
+            fixture.write(name, &whole);
+            fixture.load().expect("whole again");
+        }
+    }
+}
+
 #[track_caller]
 fn assert_cameras_equal(got: &Camera, expected: &Camera) {
     assert_eq!((got.width, got.height), (expected.width, expected.height));

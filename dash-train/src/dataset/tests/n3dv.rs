@@ -325,11 +325,29 @@ fn the_kth_camera_in_order_belongs_to_row_k_whatever_its_number() {
 }
 
 #[test]
+fn camera_folders_may_lie_in_images() {
+    let fixture = Fixture::new();
+    fixture.write("poses_bounds.npy", npy_f64(&rows(2)));
+    for camera in 0..2 {
+        fixture.image(
+            &format!("images/cam0{camera}/0007.png"),
+            W,
+            H,
+            shade(camera, 0),
+        );
+    }
+    let dataset = fixture.load().expect("loads");
+    assert_eq!((dataset.layout, dataset.n_cameras), (Layout::N3dv, 2));
+    assert_eq!(dataset.views[1].name, "cam01/0007");
+}
+
+#[test]
 fn points_of_a_colmap_folder_serve_where_there_is_no_file() {
     for folder in [
         "sparse/0",
         "colmap/sparse/0",
         "colmap/dense/workspace/sparse",
+        "colmap_0/sparse/0",
     ] {
         let fixture = rig(2, 1);
         write_model(&fixture, folder, &[("cam0.png", camera(0))]);

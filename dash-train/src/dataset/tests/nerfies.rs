@@ -51,7 +51,7 @@ fn points() -> Vec<u8> {
 }
 
 /// A validation rig: two cameras at each of three times, the second held out.
-fn capture() -> Fixture {
+pub(super) fn capture() -> Fixture {
     let fixture = Fixture::new();
     let id = |index: usize| format!("{:06}", index * 10);
     let ids: Vec<String> = (0..6).map(id).collect();
@@ -236,6 +236,15 @@ fn broken_images_are_named_or_left_out() {
     let dataset = fixture.load_with(&skipping).expect("five are left");
     assert_eq!((dataset.views.len(), dataset.n_frames), (5, 3));
     assert!(dataset.views.iter().all(|view| view.name != "000020"));
+    for index in 0..6 {
+        fixture.write(&format!("rgb/2x/{:06}.png", index * 10), "");
+    }
+    let none = LoadOptions {
+        test_cameras: Some(vec![0]),
+        ..skipping
+    };
+    let error = fixture.load_with(&none).expect_err("nothing is left");
+    assert!(error.to_string().contains("dataset.json"), "{error}");
 }
 
 #[test]

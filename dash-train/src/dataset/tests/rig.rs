@@ -208,23 +208,42 @@ fn videos_are_read_frame_by_frame_with_sizes_of_their_own() {
             view.name
         );
     }
+    // Or a model made of one image per camera, which may lie beside the videos.
+    fixture.remove("transforms.json");
+    let names = NAMES.map(|name| format!("{name}.png"));
+    let images: Vec<(&str, Camera)> = (0..3)
+        .map(|index| (names[index].as_str(), camera(index).resized(64, 48)))
+        .collect();
+    write_model(&fixture, "sparse/0", &images);
+    for name in &names {
+        fixture.image(&format!("images/{name}"), 64, 48, [0; 3]);
+    }
+    let dataset = fixture.load().expect("loads");
+    assert_eq!((dataset.layout, dataset.views.len()), (Layout::Rig, 9));
+    assert_cameras_equal(&dataset.views[8].camera, &images[2].1);
     fixture.write("videos/right.mp4", "not a video");
     fixture.refuses(&["right.mp4"]);
 }
 
+pub(super) fn with_model() -> Fixture {
+    let fixture = folders();
+    let images = [0, 1, 2].map(|index| (NAMES[index], expected(index)));
+    write_model(&fixture, "sparse/0", &images);
+    fixture
+}
+
+pub(super) fn with_transforms() -> Fixture {
+    let fixture = folders();
+    let file = transforms(|name| format!("{name}.png"), &all());
+    fixture.write("transforms.json", file.to_string());
+    fixture
+}
+
 #[test]
 fn truncated_files_are_errors() {
-    let fixture = folders();
-    write_model(
-        &fixture,
-        "sparse/0",
-        &[0, 1, 2].map(|index| (NAMES[index], expected(index))),
-    );
+    let fixture = with_model();
     fixture.survives_truncation("sparse/0/images.txt", 3);
     fixture.survives_truncation("sparse/0/cameras.txt", 3);
     fixture.survives_truncation("images/left/001.png", 1);
-    let fixture = folders();
-    let text = transforms(|name| format!("{name}.png"), &all()).to_string();
-    fixture.write("transforms.json", text);
-    fixture.survives_truncation("transforms.json", 7);
+    with_transforms().survives_truncation("transforms.json", 7);
 }

@@ -31,7 +31,11 @@ fn parameters(n: usize) -> String {
         .collect()
 }
 
-fn raw(scene: &str, n_cameras: usize, frames: impl Iterator<Item = usize> + Clone) -> Fixture {
+pub(super) fn raw(
+    scene: &str,
+    n_cameras: usize,
+    frames: impl Iterator<Item = usize> + Clone,
+) -> Fixture {
     let fixture = Fixture::new();
     fixture.write("cameras_parameters.txt", parameters(n_cameras));
     for camera in 0..n_cameras {
@@ -63,6 +67,18 @@ fn the_published_files_give_exact_cameras_times_and_the_test_camera() {
     }
     let few = raw("Rugby", 3, 1..3).load().expect("loads");
     assert!(few.split(Split::Test).all(|view| view.camera_index == 0));
+    // One model per frame, as some tools leave them, the first of the clip counts.
+    let fixture = raw("Rugby", 2, 0..2);
+    for (frame, x) in [(12, 9), (3, 1)] {
+        let folder = format!("colmap_{frame}/sparse/0");
+        write_model(&fixture, &folder, &[("cam00.png", camera(0))]);
+        fixture.write(
+            &format!("{folder}/points3D.txt"),
+            format!("1 {x} 2 3 4 5 6 0.5\n"),
+        );
+    }
+    let points = fixture.load().expect("loads").points.expect("points");
+    assert_eq!(points.positions, [[1.0, 2.0, 3.0]]);
     // Beside each other or in `images/`, as some tools want them.
     let fixture = raw("Rugby", 2, 0..0);
     for camera in 0..2 {
