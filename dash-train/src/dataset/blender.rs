@@ -23,6 +23,7 @@ const SAME_TIME: f64 = 1e-6;
 struct Entry {
     file: PathBuf,
     name: String,
+    camera_name: Option<String>,
     time: Option<f64>,
     camera: Camera,
     distortion: Distortion,
@@ -50,7 +51,8 @@ pub(super) fn read(context: &Context) -> Result<Parts, DatasetError> {
         None => hold_out_every_eighth(&mut entries),
     }
     let (times, n_frames) = frames(context, &mut entries)?;
-    let (camera_of, n_cameras) = distinct_poses(&entries);
+    let (camera_of, camera_names) = cameras(&entries);
+    let n_cameras = camera_names.len();
     if context.options.test_cameras.is_some() {
         let held_out = context.options.held_out(vec![false; n_cameras])?;
         for (entry, &camera) in entries.iter_mut().zip(&camera_of) {
@@ -63,7 +65,7 @@ pub(super) fn read(context: &Context) -> Result<Parts, DatasetError> {
             lens: Lens::new(entry.distortion, &entry.camera, &entry.listed_in)?,
             file: entry.file,
             name: entry.name,
-            camera_name: format!("cam{camera_index:02}"),
+            camera_name: camera_names[camera_index].clone(),
             camera_index,
             frame,
             time,
@@ -113,6 +115,7 @@ fn collect(
                 .to_string_lossy()
                 .replace('\\', "/"),
             file,
+            camera_name: frame.camera_name().map(str::to_string),
             time: frame.time,
             camera,
             distortion,
@@ -177,6 +180,22 @@ fn frames(
         })
         .collect();
     Ok((times, n_frames))
+}
+
+/// For each entry the index of its camera, and the cameras' names: those that the file states, in their
+/// order, where every entry has one; else numbers of the distinct poses.
+fn cameras(entries: &[Entry]) -> (Vec<usize>, Vec<String>) {
+    let stated: Option<Vec<&String>> = entries.iter().map(|e| e.camera_name.as_ref()).collect();
+    let Some(stated) = stated else {
+        let (indices, n) = distinct_poses(entries);
+        return (indices, (0..n).map(|n| format!("cam{n:02}")).collect());
+    };
+    let mut names: Vec<String> = stated.iter().copied().cloned().collect();
+    names.sort_by(|a, b| files::natural_cmp(a, b));
+    names.dedup();
+    let index = |name| names.binary_search_by(|other| files::natural_cmp(other, name));
+    let indices = stated.iter().map(|name| index(name).unwrap_or_default());
+    (indices.collect(), names)
 }
 
 /// For each entry the index of its pose among the distinct ones, and their number.

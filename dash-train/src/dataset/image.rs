@@ -168,7 +168,7 @@ fn coverage(from: usize, to: usize) -> Vec<Vec<(usize, f32)>> {
 }
 
 /// An image's width and height from its header.
-pub(super) fn dimensions(path: &Path) -> Result<(usize, usize), DatasetError> {
+pub(crate) fn dimensions(path: &Path) -> Result<(usize, usize), DatasetError> {
     let reader = ImageReader::open(path)
         .and_then(ImageReader::with_guessed_format)
         .map_err(DatasetError::io(path))?;

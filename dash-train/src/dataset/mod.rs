@@ -9,19 +9,23 @@
 //! | [`Layout::N3dv`]: `n3dv.rs`, `npy.rs`, `video.rs` | `poses_bounds.npy`, `camNN/` or `cam*.mp4` |
 //! | [`Layout::Blender`]: `blender.rs`, `transforms.rs` | `transforms*.json` |
 //! | [`Layout::Colmap`]: `colmap.rs`, `colmap_binary.rs`, `colmap_text.rs` | `sparse/0`, `images/` |
+//! | `known_poses.rs`, `colmap_tracks.rs`, `shrink.rs` | what `prepare` makes a dataset from |
 //! | `view.rs`, `image.rs`, `distortion.rs`, `pose.rs`, `files.rs`, `error.rs` | what they share |
 
 mod blender;
 mod colmap;
 mod colmap_binary;
 mod colmap_text;
-mod distortion;
+mod colmap_tracks;
+pub(crate) mod distortion;
 mod error;
-mod files;
+pub(crate) mod files;
 mod image;
+pub(crate) mod known_poses;
 mod n3dv;
 mod npy;
 mod pose;
+pub(crate) mod shrink;
 #[cfg(test)]
 mod tests;
 mod transforms;
@@ -35,6 +39,7 @@ use std::str::FromStr;
 use clap::ValueEnum;
 use serde::{Deserialize, Serialize};
 
+pub(crate) use colmap_tracks::{TrackedPoint, read_tracked_points};
 pub use error::DatasetError;
 pub use view::{Split, View};
 
