@@ -2,6 +2,7 @@
 //!
 //! # Map
 //! - `dataset`, `ply`: readers for camera rigs' folders; `cameras`: camera files and paths.
+//! - `prepare`: datasets from recordings of a rig.
 //! - `synth`: ray-traced scenes with exact truth.
 //! - `train`: configuration, stages, losses, density control, checkpoints, runs on disk.
 //! - `device`: devices by name; `evaluate`: `results.json`; `render`: pictures of a scene.
@@ -16,6 +17,7 @@ mod error;
 pub mod evaluate;
 pub mod metrics;
 pub mod ply;
+pub mod prepare;
 pub mod render;
 pub mod synth;
 pub mod train;

@@ -311,7 +311,9 @@ fn both_cpu_backends_train() {
 #[test]
 fn help_shows_examples_and_wrong_usage_exits_with_two() {
     let bench = Bench::new();
-    for command in ["synth", "train", "eval", "render", "export", "info"] {
+    for command in [
+        "synth", "prepare", "train", "eval", "render", "export", "info",
+    ] {
         let help = bench.ok(&[command, "--help"]);
         assert!(
             help.contains("Example") && help.contains(&format!("dash {command} ")),
@@ -331,6 +333,17 @@ fn help_shows_examples_and_wrong_usage_exits_with_two() {
         &["render", "run", "--time", "0.5", "--frames", "3"],
         &["render", "run", "--time", "1.5"],
         &["render", "run", "--background", "red"],
+        &["prepare", "room", "made", "--fps", "0"],
+        &[
+            "prepare",
+            "room",
+            "made",
+            "--height",
+            "9",
+            "--downscale",
+            "2",
+        ],
+        &["prepare", "room", "made", "--random-points", "9"],
         &["info", "room", "--device", "abacus"],
         &["info", "room", "--threads", "0"],
     ] {

@@ -25,6 +25,7 @@ pub(super) const FILES: [&str; 2] = [TRAIN, SINGLE];
 struct Entry {
     file: PathBuf,
     name: String,
+    camera_name: Option<String>,
     time: Option<f64>,
     camera: Camera,
     distortion: Distortion,
@@ -58,7 +59,8 @@ pub(super) fn read(context: &Context) -> Result<Parts, DatasetError> {
     let (times, n_frames) = times::frames(context.options, &stated);
     let mut time_of = times.iter();
     entries.retain(|_| time_of.next().is_some_and(Option::is_some));
-    let (camera_of, n_cameras) = pose::distinct_poses(entries.iter().map(|e| &e.camera));
+    let (camera_of, camera_names) = cameras(&entries);
+    let n_cameras = camera_names.len();
     if context.options.test_cameras.is_some() {
         let held_out = context.options.held_out(vec![false; n_cameras])?;
         for (entry, &camera) in entries.iter_mut().zip(&camera_of) {
@@ -75,7 +77,7 @@ pub(super) fn read(context: &Context) -> Result<Parts, DatasetError> {
             lens: Lens::new(entry.distortion, &entry.camera, &entry.listed_in)?,
             source: Source::File(entry.file),
             name: entry.name,
-            camera_name: format!("cam{camera_index:02}"),
+            camera_name: camera_names[camera_index].clone(),
             camera_index,
             frame,
             time,
@@ -128,6 +130,7 @@ fn collect(
         entries.push(Entry {
             name: entry_name(inside),
             file,
+            camera_name: frame.camera_name().map(str::to_string),
             time: frame.time,
             camera,
             distortion,
@@ -185,4 +188,20 @@ fn check_times(entries: &[Entry]) -> Result<(), DatasetError> {
         )),
         _ => Ok(()),
     }
+}
+
+/// For each entry the index of its camera, and the cameras' names: those that the file states, in their
+/// order, where every entry has one; else numbers of the distinct poses.
+fn cameras(entries: &[Entry]) -> (Vec<usize>, Vec<String>) {
+    let stated: Option<Vec<&String>> = entries.iter().map(|e| e.camera_name.as_ref()).collect();
+    let Some(stated) = stated else {
+        let (indices, n) = pose::distinct_poses(entries.iter().map(|e| &e.camera));
+        return (indices, (0..n).map(|n| format!("cam{n:02}")).collect());
+    };
+    let mut names: Vec<String> = stated.iter().copied().cloned().collect();
+    names.sort_by(|a, b| files::natural_cmp(a, b));
+    names.dedup();
+    let index = |name| names.binary_search_by(|other| files::natural_cmp(other, name));
+    let indices = stated.iter().map(|name| index(name).unwrap_or_default());
+    (indices.collect(), names)
 }

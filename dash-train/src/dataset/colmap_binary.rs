@@ -9,9 +9,9 @@ use crate::ply::PointCloud;
 /// Smallest size of one entry of each file, with an empty name and no observations.
 const CAMERA_BYTES: usize = 24;
 const IMAGE_BYTES: usize = 4 + 7 * 8 + 4 + 1 + 8;
-const POINT_BYTES: usize = 8 + 3 * 8 + 3 + 8 + 8;
+pub(super) const POINT_BYTES: usize = 8 + 3 * 8 + 3 + 8 + 8;
 const OBSERVATION_BYTES: usize = 24;
-const TRACK_BYTES: usize = 8;
+pub(super) const TRACK_BYTES: usize = 8;
 
 pub(super) fn cameras(path: &Path, bytes: &[u8]) -> Result<Vec<ModelCamera>, DatasetError> {
     let mut reader = Reader::new(path, bytes);
@@ -105,7 +105,7 @@ impl<'a> Reader<'a> {
         Ok(taken)
     }
 
-    fn array<const N: usize>(&mut self, what: &str) -> Result<[u8; N], DatasetError> {
+    pub(super) fn array<const N: usize>(&mut self, what: &str) -> Result<[u8; N], DatasetError> {
         let mut bytes = [0; N];
         bytes.copy_from_slice(self.take(N, what)?);
         Ok(bytes)
@@ -123,7 +123,7 @@ impl<'a> Reader<'a> {
         self.array(what).map(f64::from_le_bytes)
     }
 
-    fn f64s<const N: usize>(&mut self, what: &str) -> Result<[f64; N], DatasetError> {
+    pub(super) fn f64s<const N: usize>(&mut self, what: &str) -> Result<[f64; N], DatasetError> {
         let mut values = [0.0; N];
         for value in &mut values {
             *value = self.f64(what)?;

@@ -62,7 +62,7 @@ pub(super) fn points(path: &Path, text: &str) -> Result<(PointCloud, usize), Dat
     Ok((points, dropped))
 }
 
-fn content(text: &str) -> impl Iterator<Item = (usize, &str)> {
+pub(super) fn content(text: &str) -> impl Iterator<Item = (usize, &str)> {
     text.lines()
         .enumerate()
         .filter(|(_, line)| is_content(line))
@@ -73,14 +73,14 @@ fn is_content(line: &str) -> bool {
 }
 
 /// The fields of one line.
-struct Fields<'a> {
+pub(super) struct Fields<'a> {
     path: &'a Path,
     line_index: usize,
     fields: SplitAsciiWhitespace<'a>,
 }
 
 impl<'a> Fields<'a> {
-    fn new(path: &'a Path, line_index: usize, line: &'a str) -> Self {
+    pub(super) fn new(path: &'a Path, line_index: usize, line: &'a str) -> Self {
         Self {
             path,
             line_index,
@@ -97,7 +97,7 @@ impl<'a> Fields<'a> {
         )
     }
 
-    fn next<T: FromStr>(&mut self, what: &str) -> Result<T, DatasetError> {
+    pub(super) fn next<T: FromStr>(&mut self, what: &str) -> Result<T, DatasetError> {
         let field = self
             .fields
             .next()
@@ -107,7 +107,7 @@ impl<'a> Fields<'a> {
             .map_err(|_| self.malformed(what, &format!("`{field}`")))
     }
 
-    fn array<T: FromStr + Copy + Default, const N: usize>(
+    pub(super) fn array<T: FromStr + Copy + Default, const N: usize>(
         &mut self,
         what: &str,
     ) -> Result<[T; N], DatasetError> {
@@ -118,7 +118,7 @@ impl<'a> Fields<'a> {
         Ok(values)
     }
 
-    fn rest<T: FromStr>(&mut self, what: &str) -> Result<Vec<T>, DatasetError> {
+    pub(super) fn rest<T: FromStr>(&mut self, what: &str) -> Result<Vec<T>, DatasetError> {
         let mut values = vec![self.next(what)?];
         while let Some(field) = self.fields.next() {
             values.push(

@@ -15,9 +15,9 @@ const MAX_ZOOM: f64 = 2.0;
 /// Radial (`k`) and tangential (`p`) coefficients: with `r2 = x^2 + y^2` at unit depth,
 /// `x' = x (1 + k1 r2 + k2 r2^2 + k3 r2^3 + k4 r2^4) + 2 p1 x y + p2 (r2 + 2 x^2)`, `y'` alike.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
-pub(super) struct Distortion {
-    pub(super) k: [f64; 4],
-    pub(super) p: [f64; 2],
+pub(crate) struct Distortion {
+    pub(crate) k: [f64; 4],
+    pub(crate) p: [f64; 2],
 }
 
 impl Distortion {

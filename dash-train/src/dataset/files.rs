@@ -10,7 +10,7 @@ use super::DatasetError;
 pub(super) const IMAGE_EXTENSIONS: [&str; 3] = ["png", "jpg", "jpeg"];
 
 /// Compares names with runs of digits taken as numbers: `cam2` before `cam10`.
-pub(super) fn natural_cmp(a: &str, b: &str) -> Ordering {
+pub(crate) fn natural_cmp(a: &str, b: &str) -> Ordering {
     let (mut left, mut right) = (a.as_bytes(), b.as_bytes());
     loop {
         match (left.first(), right.first()) {
@@ -44,7 +44,7 @@ fn split_digits(text: &[u8]) -> (&[u8], &[u8]) {
 }
 
 /// The last run of digits in a name without its leading zeros; empty for zero, `None` without one.
-pub(super) fn frame_number(stem: &str) -> Option<&str> {
+pub(crate) fn frame_number(stem: &str) -> Option<&str> {
     let end = stem.rfind(|c: char| c.is_ascii_digit())? + 1;
     let start = stem[..end]
         .rfind(|c: char| !c.is_ascii_digit())
@@ -55,7 +55,7 @@ pub(super) fn frame_number(stem: &str) -> Option<&str> {
 }
 
 /// The names in a folder, hidden ones left out, in natural order.
-pub(super) fn list(folder: &Path) -> Result<Vec<String>, DatasetError> {
+pub(crate) fn list(folder: &Path) -> Result<Vec<String>, DatasetError> {
     let mut names = Vec::new();
     for entry in fs::read_dir(folder).map_err(DatasetError::io(folder))? {
         let entry = entry.map_err(DatasetError::io(folder))?;
@@ -70,7 +70,7 @@ pub(super) fn list(folder: &Path) -> Result<Vec<String>, DatasetError> {
 }
 
 /// The image files directly in a folder, in natural order.
-pub(super) fn list_images(folder: &Path) -> Result<Vec<PathBuf>, DatasetError> {
+pub(crate) fn list_images(folder: &Path) -> Result<Vec<PathBuf>, DatasetError> {
     let names = list(folder)?;
     let images = names
         .iter()
@@ -82,7 +82,7 @@ pub(super) fn list_images(folder: &Path) -> Result<Vec<PathBuf>, DatasetError> {
 }
 
 /// Whether the name ends in one of the extensions, in either case.
-pub(super) fn has_extension(name: &str, extensions: &[&str]) -> bool {
+pub(crate) fn has_extension(name: &str, extensions: &[&str]) -> bool {
     Path::new(name)
         .extension()
         .and_then(|e| e.to_str())
@@ -90,7 +90,7 @@ pub(super) fn has_extension(name: &str, extensions: &[&str]) -> bool {
 }
 
 /// The file's name without folder and extension.
-pub(super) fn stem(path: &Path) -> String {
+pub(crate) fn stem(path: &Path) -> String {
     path.file_stem()
         .unwrap_or_default()
         .to_string_lossy()

@@ -188,7 +188,7 @@ fn coverage(from: usize, to: usize) -> Vec<Vec<(usize, f32)>> {
 }
 
 /// An image's width and height from its header.
-pub(super) fn dimensions(path: &Path) -> Result<(usize, usize), DatasetError> {
+pub(crate) fn dimensions(path: &Path) -> Result<(usize, usize), DatasetError> {
     let (width, height, _) = header(path)?;
     Ok((width, height))
 }

@@ -13,6 +13,7 @@
 //! | [`Layout::Nerfies`]: `nerfies.rs`, `nerfies_camera.rs` | `dataset.json`, `camera/`, `rgb/` |
 //! | [`Layout::Rig`]: `rig.rs` | `videos/` or `images/CAMERA/`, and poses by camera |
 //! | `sources.rs`, `times.rs`, `points.rs`, `broken.rs` | frames of synchronised cameras, times, initial points, damaged images |
+//! | `known_poses.rs`, `colmap_tracks.rs`, `shrink.rs` | what `prepare` makes a dataset from |
 //! | `view.rs`, `image.rs`, `distortion.rs`, `pose.rs`, `files.rs`, `error.rs` | what they share |
 
 mod blender;
@@ -21,11 +22,13 @@ mod colmap;
 mod colmap_binary;
 mod colmap_model;
 mod colmap_text;
-mod distortion;
+mod colmap_tracks;
+pub(crate) mod distortion;
 mod error;
-mod files;
+pub(crate) mod files;
 mod frames;
 mod image;
+pub(crate) mod known_poses;
 mod n3dv;
 mod nerfies;
 mod nerfies_camera;
@@ -33,6 +36,7 @@ mod npy;
 mod points;
 mod pose;
 mod rig;
+pub(crate) mod shrink;
 mod sources;
 mod technicolor;
 mod technicolor_parameters;
@@ -50,6 +54,7 @@ use std::str::FromStr;
 use clap::ValueEnum;
 use serde::{Deserialize, Serialize};
 
+pub(crate) use colmap_tracks::{TrackedPoint, read_tracked_points};
 pub use error::DatasetError;
 pub use frames::FrameStatistics;
 pub use view::{Split, View};

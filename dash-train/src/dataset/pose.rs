@@ -107,7 +107,7 @@ pub(super) fn distinct_poses<'a>(cameras: impl Iterator<Item = &'a Camera>) -> (
 }
 
 /// Whether two cameras stand at the same place and look the same way.
-fn same_pose(a: &Camera, b: &Camera) -> bool {
+pub(super) fn same_pose(a: &Camera, b: &Camera) -> bool {
     let close = |(x, y): (&f64, &f64)| (x - y).abs() <= SAME_POSE;
     a.translation.iter().zip(&b.translation).all(close)
         && a.rotation

@@ -31,6 +31,8 @@ pub(super) struct Transforms {
 pub(super) struct Frame {
     pub(super) file_path: String,
     pub(super) time: Option<f64>,
+    /// The camera's name, where `dash prepare` wrote the file; what others may mean by it is skipped.
+    camera_name: Option<serde_json::Value>,
     /// Camera to world, OpenGL axes, rows; 4x4 or 3x4.
     transform_matrix: Vec<Vec<f64>>,
     #[serde(flatten)]
@@ -56,6 +58,13 @@ struct Intrinsics {
     k4: Option<f64>,
     p1: Option<f64>,
     p2: Option<f64>,
+}
+
+impl Frame {
+    /// The name of the camera, where the file states one.
+    pub(super) fn camera_name(&self) -> Option<&str> {
+        self.camera_name.as_ref()?.as_str()
+    }
 }
 
 pub(super) fn parse(path: &Path) -> Result<Transforms, DatasetError> {

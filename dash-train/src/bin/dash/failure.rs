@@ -5,6 +5,7 @@ use std::error::Error;
 use dash_model::ModelError;
 use dash_train::TrainError;
 use dash_train::dataset::DatasetError;
+use dash_train::prepare::PrepareError;
 use dash_train::synth::SynthError;
 
 /// Exit code of work that failed.
@@ -93,6 +94,15 @@ impl From<SynthError> for Failure {
     fn from(error: SynthError) -> Self {
         match error {
             SynthError::Setting { .. } => Self::usage(error.to_string()),
+            other => Self::from_error(&other),
+        }
+    }
+}
+
+impl From<PrepareError> for Failure {
+    fn from(error: PrepareError) -> Self {
+        match error {
+            PrepareError::Setting { .. } => Self::usage(error.to_string()),
             other => Self::from_error(&other),
         }
     }

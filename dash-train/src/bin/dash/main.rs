@@ -9,6 +9,7 @@ mod eval;
 mod export;
 mod failure;
 mod info;
+mod prepare;
 mod progress;
 mod render;
 mod summary;
@@ -66,6 +67,7 @@ struct Shared {
 #[derive(Subcommand)]
 enum Command {
     Synth(synth::SynthArgs),
+    Prepare(prepare::PrepareArgs),
     Train(train::TrainArgs),
     Eval(eval::EvalArgs),
     Render(render::RenderArgs),
@@ -135,6 +137,7 @@ fn run(cli: &Cli) -> Result<String, Failure> {
     }
     match &cli.command {
         Command::Synth(args) => synth::run(args),
+        Command::Prepare(args) => prepare::run(args),
         Command::Train(args) => train::run(args, shared),
         Command::Eval(args) => eval::run(args, shared),
         Command::Render(args) => render::run(args, shared),

@@ -1,0 +1,158 @@
+//! What is asked for.
+
+use std::path::PathBuf;
+
+use clap::ValueEnum;
+
+use super::PrepareError;
+use super::frames::FrameSize;
+
+/// COLMAP's camera models that datasets are read with.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, ValueEnum)]
+pub enum CameraModel {
+    /// One focal length, no distortion.
+    SimplePinhole,
+    /// Two focal lengths, no distortion.
+    Pinhole,
+    /// One focal length, one coefficient of radial distortion.
+    SimpleRadial,
+    /// One focal length, two coefficients of radial distortion.
+    Radial,
+    /// Two focal lengths, two radial and two tangential coefficients.
+    #[default]
+    Opencv,
+}
+
+impl CameraModel {
+    /// COLMAP's name.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::SimplePinhole => "SIMPLE_PINHOLE",
+            Self::Pinhole => "PINHOLE",
+            Self::SimpleRadial => "SIMPLE_RADIAL",
+            Self::Radial => "RADIAL",
+            Self::Opencv => "OPENCV",
+        }
+    }
+}
+
+/// Whether cameras share one lens.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, ValueEnum)]
+pub enum LensChoice {
+    /// Shared where all pictures have one size; where that fails, one for each camera.
+    #[default]
+    Auto,
+    /// All cameras have the same lens at the same zoom.
+    Shared,
+    /// Each camera has its own.
+    Own,
+}
+
+/// What `prepare` makes of the recordings.
+#[derive(Debug, Clone, PartialEq)]
+pub struct PrepareConfig {
+    /// Frames a second; the lowest rate among the recordings when `None`.
+    pub fps: Option<f64>,
+    /// Frames a second of folders of images, which don't say.
+    pub image_rate: f64,
+    /// Size of the frames.
+    pub size: FrameSize,
+    /// First second that is taken, in the rig's time.
+    pub start: Option<f64>,
+    /// Last second that is taken.
+    pub end: Option<f64>,
+    /// JSON file of seconds by camera name: how much later a recording's own time is than the rig's.
+    pub offsets: Option<PathBuf>,
+    /// Known poses: `poses_bounds.npy`, `transforms.json` or the folder of a COLMAP model.
+    pub poses: Option<PathBuf>,
+    /// Lens model for structure from motion.
+    pub camera_model: CameraModel,
+    /// Whether cameras share it.
+    pub lens: LensChoice,
+    /// As many random points instead of triangulated ones.
+    pub random_points: Option<usize>,
+    /// At most this many points are kept.
+    pub max_points: usize,
+    /// Indices of the cameras to hold out for testing.
+    pub test_cameras: Vec<usize>,
+    /// Seed of the random points.
+    pub seed: u64,
+}
+
+impl Default for PrepareConfig {
+    fn default() -> Self {
+        Self {
+            fps: None,
+            image_rate: 30.0,
+            size: FrameSize::Recorded,
+            start: None,
+            end: None,
+            offsets: None,
+            poses: None,
+            camera_model: CameraModel::default(),
+            lens: LensChoice::default(),
+            random_points: None,
+            max_points: 100_000,
+            test_cameras: vec![0],
+            seed: 0,
+        }
+    }
+}
+
+/// The most points that are asked for.
+const MAX_POINTS: usize = 10_000_000;
+
+impl PrepareConfig {
+    /// Checks what does not depend on the input.
+    ///
+    /// # Errors
+    /// Names the option and says what would fit.
+    pub fn validate(&self) -> Result<(), PrepareError> {
+        let rates = [("--fps", self.fps), ("--image-fps", Some(self.image_rate))];
+        for (option, rate) in rates {
+            if let Some(rate) = rate.filter(|rate| !(*rate > 0.0 && *rate <= 1e4)) {
+                let expected = "a number of frames a second above 0, at most 10000";
+                return Err(PrepareError::setting(option, expected, rate));
+            }
+        }
+        for (option, time) in [("--start", self.start), ("--end", self.end)] {
+            if let Some(time) = time.filter(|time| !time.is_finite()) {
+                return Err(PrepareError::setting(option, "a time in seconds", time));
+            }
+        }
+        if let (Some(start), Some(end)) = (self.start, self.end)
+            && end < start
+        {
+            let expected = format!("a time not before --start {start}");
+            return Err(PrepareError::setting("--end", expected, end));
+        }
+        match self.size {
+            FrameSize::Height(0) => {
+                return Err(PrepareError::setting("--height", "at least 1 pixel", 0));
+            }
+            FrameSize::Downscale(factor) if !(factor >= 1.0 && factor.is_finite()) => {
+                let expected = "a factor of at least 1";
+                return Err(PrepareError::setting("--downscale", expected, factor));
+            }
+            _ => {}
+        }
+        let counts = [
+            ("--random-points", self.random_points),
+            ("--max-points", Some(self.max_points)),
+        ];
+        for (option, count) in counts {
+            if let Some(count) = count.filter(|count| !(1..=MAX_POINTS).contains(count)) {
+                let expected = format!("from 1 to {MAX_POINTS} points");
+                return Err(PrepareError::setting(option, expected, count));
+            }
+        }
+        if self.random_points.is_some() && self.poses.is_none() {
+            return Err(PrepareError::setting(
+                "--random-points",
+                "known poses too (--poses), since random points have nothing to find poses by",
+                "none",
+            ));
+        }
+        Ok(())
+    }
+}

@@ -1,0 +1,219 @@
+//! Frames of all cameras at the same times, as numbered images.
+
+use std::fs;
+use std::path::{Path, PathBuf};
+
+use rayon::prelude::*;
+
+use super::PrepareError;
+use super::ffmpeg::{self, Selection};
+use super::schedule::{Schedule, Timeline};
+use super::sources::{Recording, Source, image_times};
+use crate::dataset::files;
+use crate::dataset::shrink::{dimensions, write_resized};
+
+/// How large the frames are to be.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+pub enum FrameSize {
+    /// As they were recorded.
+    #[default]
+    Recorded,
+    /// At most this many pixels high.
+    Height(usize),
+    /// Width and height divided by this; at least 1.
+    Downscale(f64),
+}
+
+impl FrameSize {
+    /// The width and height of frames that were recorded at `[width, height]`.
+    pub(super) fn of(self, [width, height]: [usize; 2]) -> [usize; 2] {
+        let factor = match self {
+            Self::Recorded => return [width, height],
+            Self::Height(wanted) => height as f64 / wanted as f64,
+            Self::Downscale(factor) => factor,
+        };
+        if factor <= 1.0 {
+            return [width, height];
+        }
+        [width, height].map(|side| (side as f64 / factor).round().max(1.0) as usize)
+    }
+}
+
+/// When each camera recorded its frames. `image_rate` is that of folders of images.
+pub(super) fn timelines(
+    sources: &[Source],
+    offsets: &[f64],
+    image_rate: f64,
+) -> Result<Vec<Timeline>, PrepareError> {
+    let images: Vec<&[PathBuf]> = sources
+        .iter()
+        .filter_map(|source| match &source.recording {
+            Recording::Images(images) => Some(images.as_slice()),
+            Recording::Video(_) => None,
+        })
+        .collect();
+    let mut of_images = image_times(&images, image_rate).into_iter();
+    let lists: Vec<Option<Vec<f64>>> = sources
+        .iter()
+        .map(|source| match source.recording {
+            Recording::Images(_) => of_images.next(),
+            Recording::Video(_) => None,
+        })
+        .collect();
+    sources
+        .par_iter()
+        .zip(lists)
+        .zip(offsets)
+        .map(|((source, list), &offset)| {
+            let times = match (list, &source.recording) {
+                (Some(times), _) => times,
+                (None, Recording::Video(video)) => ffmpeg::frame_times(video)?,
+                (None, Recording::Images(_)) => Vec::new(),
+            };
+            Ok(Timeline { times, offset })
+        })
+        .collect()
+}
+
+/// Each camera's first frame at its full size, as `folder/0000.png`, `0001.png` .. (or with the extension
+/// of the image it is), in the cameras' order.
+pub(super) fn first_frames(
+    sources: &[Source],
+    timelines: &[Timeline],
+    schedule: &Schedule,
+    folder: &Path,
+) -> Result<Vec<PathBuf>, PrepareError> {
+    fs::create_dir_all(folder).map_err(PrepareError::io(folder))?;
+    sources
+        .par_iter()
+        .zip(timelines)
+        .enumerate()
+        .map(|(index, (source, timeline))| match &source.recording {
+            Recording::Images(images) => {
+                let image = &images[timeline.nearest(schedule.start)];
+                let to = folder.join(format!("{index:04}.{}", extension(image)));
+                fs::copy(image, &to).map_err(PrepareError::io(image))?;
+                Ok(to)
+            }
+            Recording::Video(video) => {
+                let own = folder.join(format!("{index:04}"));
+                fs::create_dir(&own).map_err(PrepareError::io(&own))?;
+                ffmpeg::write_frames(video, &own, &selection(timeline, schedule, 1, None))?;
+                let (from, to) = (own.join("0000.png"), folder.join(format!("{index:04}.png")));
+                if !from.is_file() {
+                    return Err(no_frame(video, schedule.start));
+                }
+                fs::rename(&from, &to).map_err(PrepareError::io(&to))?;
+                fs::remove_dir(&own).map_err(PrepareError::io(&own))?;
+                Ok(to)
+            }
+        })
+        .collect()
+}
+
+/// Writes every camera's frames to `dataset/NAME/images/0000.png` and so on, and returns them by camera:
+/// as many for each, which can be fewer than planned where a video ends early.
+pub(super) fn write_all(
+    sources: &[Source],
+    timelines: &[Timeline],
+    schedule: &Schedule,
+    sizes: &[[usize; 2]],
+    recorded_sizes: &[[usize; 2]],
+    dataset: &Path,
+) -> Result<Vec<Vec<PathBuf>>, PrepareError> {
+    let mut cameras = (0..sources.len())
+        .into_par_iter()
+        .map(|index| {
+            let folder = dataset.join(&sources[index].name).join("images");
+            fs::create_dir_all(&folder).map_err(PrepareError::io(&folder))?;
+            let size = (sizes[index] != recorded_sizes[index]).then_some(sizes[index]);
+            let timeline = &timelines[index];
+            match &sources[index].recording {
+                Recording::Images(images) => copy_images(images, timeline, schedule, size, &folder),
+                Recording::Video(video) => {
+                    let selection = selection(timeline, schedule, schedule.n_frames, size);
+                    ffmpeg::write_frames(video, &folder, &selection)?;
+                    let frames = files::list_images(&folder)?;
+                    if frames.is_empty() {
+                        return Err(no_frame(video, schedule.start));
+                    }
+                    Ok(frames)
+                }
+            }
+        })
+        .collect::<Result<Vec<Vec<PathBuf>>, PrepareError>>()?;
+    let shortest = cameras.iter().map(Vec::len).min().unwrap_or(0);
+    for frames in &mut cameras {
+        for extra in frames.drain(shortest..) {
+            fs::remove_file(&extra).map_err(PrepareError::io(&extra))?;
+        }
+    }
+    Ok(cameras)
+}
+
+fn copy_images(
+    images: &[PathBuf],
+    timeline: &Timeline,
+    schedule: &Schedule,
+    size: Option<[usize; 2]>,
+    folder: &Path,
+) -> Result<Vec<PathBuf>, PrepareError> {
+    (0..schedule.n_frames)
+        .into_par_iter()
+        .map(|frame| {
+            let image = &images[timeline.nearest(schedule.time(frame))];
+            let extension = match size {
+                Some(_) => "png".into(),
+                None => extension(image),
+            };
+            let to = folder.join(format!("{frame:04}.{extension}"));
+            match size {
+                Some(size) => write_resized(image, &to, size)?,
+                None => {
+                    fs::copy(image, &to).map_err(PrepareError::io(image))?;
+                }
+            }
+            Ok(to)
+        })
+        .collect()
+}
+
+/// Width and height of images.
+pub(super) fn sizes(images: &[PathBuf]) -> Result<Vec<[usize; 2]>, PrepareError> {
+    images
+        .iter()
+        .map(|image| Ok(dimensions(image).map(|(width, height)| [width, height])?))
+        .collect()
+}
+
+fn selection(
+    timeline: &Timeline,
+    schedule: &Schedule,
+    n_frames: usize,
+    size: Option<[usize; 2]>,
+) -> Selection {
+    Selection {
+        start: schedule.start + timeline.offset,
+        fps: schedule.fps,
+        n_frames,
+        period: timeline.period().unwrap_or(1.0 / schedule.fps),
+        size,
+    }
+}
+
+fn extension(image: &Path) -> String {
+    image
+        .extension()
+        .unwrap_or_default()
+        .to_string_lossy()
+        .to_ascii_lowercase()
+}
+
+fn no_frame(video: &Path, time: f64) -> PrepareError {
+    PrepareError::invalid(
+        video,
+        format!("a frame at {time:.3} s"),
+        "none that could be decoded",
+        "replace the video, or choose another range with --start and --end",
+    )
+}

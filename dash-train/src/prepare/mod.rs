@@ -1,0 +1,374 @@
+//! From a rig's recordings to a dataset: frames of all cameras at the same times, poses and points of
+//! the first frame, and the files that say so.
+//!
+//! | file | what |
+//! | --- | --- |
+//! | `config.rs`, `error.rs` | what is asked for, what can go wrong |
+//! | `sources.rs`, `schedule.rs` | the cameras of a folder; which times they have in common |
+//! | `ffmpeg.rs`, `frames.rs` | frames of videos and of folders of images |
+//! | `colmap.rs`, `reconstruct.rs` | poses and points by the program `colmap` |
+//! | `cloud.rs`, `random.rs` | points that are worth starting from |
+//! | `write.rs`, `output.rs` | the dataset's files; all of them or none |
+
+mod cloud;
+mod colmap;
+mod config;
+mod error;
+mod ffmpeg;
+mod frames;
+mod output;
+mod random;
+mod reconstruct;
+mod schedule;
+mod sources;
+#[cfg(test)]
+mod tests;
+mod write;
+
+use std::collections::BTreeMap;
+use std::ffi::OsString;
+use std::fmt;
+use std::fs;
+use std::path::{Path, PathBuf};
+
+pub use cloud::CloudCounts;
+pub use colmap::{COLMAP, COLMAP_VARIABLE};
+pub use config::{CameraModel, LensChoice, PrepareConfig};
+pub use error::PrepareError;
+pub use frames::FrameSize;
+
+use crate::dataset::known_poses::{self, KnownCamera};
+use crate::dataset::{DatasetError, LoadOptions, load};
+use crate::ply::PointCloud;
+use colmap::Colmap;
+use output::Output;
+use schedule::{Wanted, schedule};
+use write::WrittenCamera;
+
+/// With fewer points than this, the user is told what may be wrong.
+const FEW_POINTS: usize = 100;
+
+/// What was prepared, for the user.
+#[derive(Debug, Clone, PartialEq)]
+pub struct PrepareSummary {
+    /// The dataset's folder.
+    pub path: PathBuf,
+    /// Number of cameras.
+    pub n_cameras: usize,
+    /// Frames of each camera.
+    pub n_frames: usize,
+    /// Frames a second.
+    pub fps: f64,
+    /// Where the poses come from.
+    pub poses: String,
+    /// What became of the triangulated points; `None` for random ones.
+    pub cloud: Option<CloudCounts>,
+    /// Number of points that were written.
+    pub n_points: usize,
+    /// Names of the cameras that are held out.
+    pub held_out: Vec<String>,
+    /// What was cut off or assumed.
+    pub remarks: Vec<String>,
+}
+
+impl fmt::Display for PrepareSummary {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        writeln!(
+            f,
+            "{}: {} cameras x {} frames at {:.2} frames a second, poses {}",
+            self.path.display(),
+            self.n_cameras,
+            self.n_frames,
+            self.fps,
+            self.poses
+        )?;
+        match self.cloud {
+            Some(counts) => writeln!(
+                f,
+                "{} points: of {} triangulated, {} were doubtful, {} stood alone, {} were merged",
+                counts.kept, counts.found, counts.doubtful, counts.outliers, counts.merged
+            )?,
+            None => writeln!(f, "{} random points where the cameras look", self.n_points)?,
+        }
+        match &self.held_out[..] {
+            [] => write!(f, "no camera is held out for testing")?,
+            names => write!(f, "held out for testing: {}", names.join(", "))?,
+        }
+        self.remarks
+            .iter()
+            .try_for_each(|remark| write!(f, "\n{remark}"))
+    }
+}
+
+/// Makes a dataset in the folder `out` of the recordings in the folder `input`.
+///
+/// `out` appears when everything is written: a failure leaves nothing behind.
+///
+/// # Errors
+/// An option that does not fit, recordings without a common time, a missing or failing `ffmpeg` or
+/// `colmap`, cameras whose poses are not found, or an `out` that exists and is not an empty folder.
+pub fn prepare(
+    input: &Path,
+    out: &Path,
+    config: &PrepareConfig,
+) -> Result<PrepareSummary, PrepareError> {
+    prepare_with(input, out, config, None)
+}
+
+/// [`prepare`] with another program for `colmap`.
+fn prepare_with(
+    input: &Path,
+    out: &Path,
+    config: &PrepareConfig,
+    program: Option<OsString>,
+) -> Result<PrepareSummary, PrepareError> {
+    config.validate()?;
+    let sources = sources::find(input)?;
+    let names: Vec<String> = sources.iter().map(|source| source.name.clone()).collect();
+    let held_out = held_out(&config.test_cameras, names.len())?;
+    let offsets = match &config.offsets {
+        Some(path) => read_offsets(path, &names)?,
+        None => vec![0.0; names.len()],
+    };
+    let output = Output::create(out)?;
+    // Before minutes of work that would be in vain.
+    let colmap = match config.random_points {
+        Some(_) => None,
+        None => Some(find_colmap(&output.workspace(), config, program)?),
+    };
+
+    let timelines = frames::timelines(&sources, &offsets, config.image_rate)?;
+    let wanted = Wanted {
+        fps: config.fps,
+        start: config.start,
+        end: config.end,
+    };
+    let mut schedule = schedule(&names, &timelines, wanted)?;
+    let first_frames = output.workspace().join("first");
+    let first_frames = frames::first_frames(&sources, &timelines, &schedule, &first_frames)?;
+    let recorded_sizes = frames::sizes(&first_frames)?;
+    let sizes: Vec<[usize; 2]> = recorded_sizes
+        .iter()
+        .map(|&size| config.size.of(size))
+        .collect();
+
+    let known = config.poses.as_deref();
+    let known = known
+        .map(|path| known_poses::read(path, &names, &recorded_sizes))
+        .transpose()?;
+    let found = find_cameras_and_points(
+        config,
+        known,
+        colmap.as_ref(),
+        &first_frames,
+        &recorded_sizes,
+        &names,
+    )?;
+
+    tracing::info!(
+        "writing {} frames of {} cameras",
+        schedule.n_frames,
+        names.len()
+    );
+    let written = frames::write_all(
+        &sources,
+        &timelines,
+        &schedule,
+        &sizes,
+        &recorded_sizes,
+        &output.dataset(),
+    )?;
+    let n_frames = written.first().map_or(0, Vec::len);
+    let mut remarks = std::mem::take(&mut schedule.remarks);
+    if n_frames < schedule.n_frames {
+        remarks.push(format!(
+            "the last {} frames are left out: one of the videos could not be decoded so far",
+            schedule.n_frames - n_frames
+        ));
+    }
+    let cameras: Vec<KnownCamera> = found
+        .cameras
+        .iter()
+        .zip(&sizes)
+        .map(|(known, &size)| known.resized(size))
+        .collect();
+    let written: Vec<WrittenCamera> = (0..names.len())
+        .map(|index| WrittenCamera {
+            name: &names[index],
+            known: &cameras[index],
+            frames: &written[index],
+            held_out: held_out[index],
+        })
+        .collect();
+    if !found.points.is_empty() {
+        write::write_cloud(&output.dataset(), &found.points)?;
+    }
+    write::write_transforms(
+        &output.dataset(),
+        &written,
+        &schedule,
+        !found.points.is_empty(),
+    )?;
+    check(&output.dataset())?;
+    output.finish()?;
+    if found.points.len() < FEW_POINTS {
+        remarks.push(format!(
+            "{} points are few: training looks for more by comparing views; check that the poses belong \
+             to these pictures and that neighbouring cameras see the same",
+            found.points.len()
+        ));
+    }
+    Ok(PrepareSummary {
+        path: out.to_path_buf(),
+        n_cameras: names.len(),
+        n_frames,
+        fps: schedule.fps,
+        poses: found.origin,
+        cloud: found.counts,
+        n_points: found.points.len(),
+        held_out: (names
+            .iter()
+            .zip(&held_out)
+            .filter(|(_, held_out)| **held_out))
+        .map(|(name, _)| name.clone())
+        .collect(),
+        remarks,
+    })
+}
+
+/// Cameras at the size of the first frames, and the cleaned points.
+struct Found {
+    cameras: Vec<KnownCamera>,
+    origin: String,
+    points: PointCloud,
+    counts: Option<CloudCounts>,
+}
+
+fn find_cameras_and_points(
+    config: &PrepareConfig,
+    known: Option<Vec<KnownCamera>>,
+    colmap: Option<&Colmap>,
+    first_frames: &[PathBuf],
+    sizes: &[[usize; 2]],
+    names: &[String],
+) -> Result<Found, PrepareError> {
+    let given = || match &config.poses {
+        Some(path) => format!("from {}", path.display()),
+        None => "known".into(),
+    };
+    let (cameras, origin, triangulated) = match (known, colmap) {
+        (Some(cameras), None) => {
+            let n = config.random_points.unwrap_or_default();
+            let pinholes: Vec<_> = cameras.iter().map(|known| known.camera.clone()).collect();
+            return Ok(Found {
+                cameras,
+                origin: given(),
+                points: random::random_points(&pinholes, n, config.seed),
+                counts: None,
+            });
+        }
+        (Some(cameras), Some(colmap)) => {
+            tracing::info!("COLMAP triangulates points of the first frame with the known poses");
+            let points = reconstruct::triangulate(colmap, first_frames, &cameras)?;
+            (cameras, given(), points)
+        }
+        (None, Some(colmap)) => {
+            tracing::info!("COLMAP looks for poses and points in the first frame");
+            let found = reconstruct::from_motion(
+                colmap,
+                first_frames,
+                sizes,
+                names,
+                config.camera_model,
+                config.lens,
+            )?;
+            for (known, image) in found.cameras.iter().zip(first_frames) {
+                known.check_lens(image)?;
+            }
+            let origin = format!("by COLMAP with {}", found.remark);
+            (found.cameras, origin, found.points)
+        }
+        // Refused by `PrepareConfig::validate`.
+        (None, None) => (Vec::new(), String::new(), Vec::new()),
+    };
+    let (points, counts) = cloud::clean(&triangulated, config.max_points);
+    Ok(Found {
+        cameras,
+        origin,
+        points,
+        counts: Some(counts),
+    })
+}
+
+fn find_colmap(
+    workspace: &Path,
+    config: &PrepareConfig,
+    program: Option<OsString>,
+) -> Result<Colmap, PrepareError> {
+    let (purpose, instead) = match config.poses {
+        Some(_) => (
+            "points with the known poses",
+            ", or write random points instead with --random-points 20000",
+        ),
+        None => ("the cameras' poses", ", or give known poses with --poses"),
+    };
+    match program {
+        Some(program) => Colmap::find_at(program, workspace, purpose, instead),
+        None => Colmap::find(workspace, purpose, instead),
+    }
+}
+
+fn held_out(indices: &[usize], n: usize) -> Result<Vec<bool>, PrepareError> {
+    let mut held_out = vec![false; n];
+    for &index in indices {
+        match held_out.get_mut(index) {
+            Some(held_out) => *held_out = true,
+            None => {
+                let expected = format!("camera indices from 0 to {}", n.saturating_sub(1));
+                return Err(PrepareError::setting("--test-cameras", expected, index));
+            }
+        }
+    }
+    if held_out.iter().all(|&held_out| held_out) {
+        let expected = "at least one camera to train on";
+        return Err(PrepareError::setting(
+            "--test-cameras",
+            expected,
+            format!("all {n} held out"),
+        ));
+    }
+    Ok(held_out)
+}
+
+/// The seconds of each camera, zero where the file has none.
+fn read_offsets(path: &Path, names: &[String]) -> Result<Vec<f64>, PrepareError> {
+    let bytes = fs::read(path).map_err(PrepareError::io(path))?;
+    let malformed = |found: String| {
+        PrepareError::invalid(
+            path,
+            "JSON with seconds by camera, such as {\"cam01\": 0.033}",
+            found,
+            format!("mend the file; the cameras are {}", names.join(", ")),
+        )
+    };
+    let offsets: BTreeMap<String, f64> =
+        serde_json::from_slice(&bytes).map_err(|e| malformed(e.to_string()))?;
+    if let Some(unknown) = offsets.keys().find(|name| !names.contains(name)) {
+        return Err(malformed(format!(
+            "`{unknown}`, which is no camera of the input"
+        )));
+    }
+    Ok(names
+        .iter()
+        .map(|name| offsets.get(name).copied().unwrap_or(0.0))
+        .collect())
+}
+
+/// Loads the first frame of every camera as training will, so that what can't be read is an error now.
+fn check(dataset: &Path) -> Result<(), DatasetError> {
+    let options = LoadOptions {
+        max_frames: Some(1),
+        ..LoadOptions::default()
+    };
+    load(dataset, &options).map(|_| ())
+}

@@ -1,0 +1,89 @@
+//! The folder that is made: whole, or not at all.
+
+use std::fs;
+use std::io::ErrorKind;
+use std::path::{Path, PathBuf};
+
+use tempfile::TempDir;
+
+use super::PrepareError;
+
+/// A scratch folder beside the output, which takes the output's name at the end. Dropped before,
+/// it leaves nothing behind.
+pub(super) struct Output {
+    out: PathBuf,
+    scratch: TempDir,
+}
+
+impl Output {
+    /// Checks that `out` is free and makes the scratch folder.
+    pub(super) fn create(out: &Path) -> Result<Self, PrepareError> {
+        let parent = free_parent(out)?;
+        fs::create_dir_all(&parent).map_err(PrepareError::io(&parent))?;
+        // On the file system of `out`, so that the rename at the end is one step.
+        let scratch = tempfile::Builder::new()
+            .prefix(".dash-prepare-")
+            .tempdir_in(&parent)
+            .map_err(PrepareError::io(&parent))?;
+        let output = Self {
+            out: out.to_path_buf(),
+            scratch,
+        };
+        for folder in [output.dataset(), output.workspace()] {
+            fs::create_dir(&folder).map_err(PrepareError::io(&folder))?;
+        }
+        Ok(output)
+    }
+
+    /// What becomes `out`. One level down, since the scratch folder itself is closed to other users.
+    pub(super) fn dataset(&self) -> PathBuf {
+        self.scratch.path().join("dataset")
+    }
+
+    /// For files that are not part of the dataset.
+    pub(super) fn workspace(&self) -> PathBuf {
+        self.scratch.path().join("workspace")
+    }
+
+    /// Puts the dataset under its name.
+    pub(super) fn finish(self) -> Result<(), PrepareError> {
+        if self.out.exists() {
+            // Not every system renames over an empty folder.
+            fs::remove_dir(&self.out).map_err(PrepareError::io(&self.out))?;
+        }
+        fs::rename(self.dataset(), &self.out).map_err(PrepareError::io(&self.out))
+    }
+}
+
+/// Refuses an output that is not free; returns the folder it is to be in.
+fn free_parent(out: &Path) -> Result<PathBuf, PrepareError> {
+    let refuse = |found| {
+        Err(PrepareError::OutputExists {
+            path: out.to_path_buf(),
+            found,
+        })
+    };
+    if out.file_name().is_none() {
+        return Err(PrepareError::setting(
+            "OUT",
+            "a path that ends in a folder name, such as `data/room`",
+            out.display(),
+        ));
+    }
+    match fs::symlink_metadata(out) {
+        Err(error) if error.kind() == ErrorKind::NotFound => {}
+        Err(error) => return Err(PrepareError::io(out)(error)),
+        Ok(found) if found.is_symlink() => return refuse("a link"),
+        Ok(found) if !found.is_dir() => return refuse("a file"),
+        Ok(_) => {
+            let mut entries = fs::read_dir(out).map_err(PrepareError::io(out))?;
+            if entries.next().is_some() {
+                return refuse("a folder with files in it");
+            }
+        }
+    }
+    Ok(match out.parent() {
+        Some(parent) if parent != Path::new("") => parent.to_path_buf(),
+        _ => PathBuf::from("."),
+    })
+}
