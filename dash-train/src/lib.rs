@@ -4,6 +4,7 @@
 //! - `dataset`, `ply`: readers for camera rigs' folders; `cameras`: camera files and paths.
 //! - `synth`: ray-traced scenes with exact truth.
 //! - `train`: configuration, stages, losses, density control, checkpoints, runs on disk.
+//! - `doctor`: what is wrong with a dataset, and how to mend it.
 //! - `device`: devices by name; `evaluate`: `results.json`; `render`: pictures of a scene.
 //! - `metrics`: picture quality; `video`: pictures and videos on disk.
 //!
@@ -12,6 +13,7 @@
 pub mod cameras;
 pub mod dataset;
 pub mod device;
+pub mod doctor;
 mod error;
 pub mod evaluate;
 pub mod metrics;

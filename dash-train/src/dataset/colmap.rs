@@ -88,7 +88,7 @@ pub(super) fn read_model_points(model: &Path) -> Result<Option<PointCloud>, Data
 }
 
 /// Reads one of the model's files, binary if there is one, and says which.
-fn read_model_file<T>(
+pub(super) fn read_model_file<T>(
     model: &Path,
     name: &str,
     parse_binary: impl Fn(&Path, &[u8]) -> Result<T, DatasetError>,

@@ -44,7 +44,7 @@ fn split_digits(text: &[u8]) -> (&[u8], &[u8]) {
 }
 
 /// The last run of digits in a name without its leading zeros; empty for zero, `None` without one.
-pub(super) fn frame_number(stem: &str) -> Option<&str> {
+pub(crate) fn frame_number(stem: &str) -> Option<&str> {
     let end = stem.rfind(|c: char| c.is_ascii_digit())? + 1;
     let start = stem[..end]
         .rfind(|c: char| !c.is_ascii_digit())

@@ -10,6 +10,7 @@
 //! | [`Layout::Blender`]: `blender.rs`, `transforms.rs` | `transforms*.json` |
 //! | [`Layout::Colmap`]: `colmap.rs`, `colmap_binary.rs`, `colmap_text.rs` | `sparse/0`, `images/` |
 //! | `view.rs`, `image.rs`, `distortion.rs`, `pose.rs`, `files.rs`, `error.rs` | what they share |
+//! | `poses.rs` | the cameras of a folder whose pictures can't be loaded |
 
 mod blender;
 mod colmap;
@@ -22,6 +23,7 @@ mod image;
 mod n3dv;
 mod npy;
 mod pose;
+mod poses;
 #[cfg(test)]
 mod tests;
 mod transforms;
@@ -31,11 +33,14 @@ mod view;
 use std::fmt;
 use std::path::{Path, PathBuf};
 use std::str::FromStr;
+use std::sync::{Mutex, PoisonError};
 
 use clap::ValueEnum;
 use serde::{Deserialize, Serialize};
 
 pub use error::DatasetError;
+pub(crate) use files::frame_number;
+pub(crate) use poses::poses_alone;
 pub use view::{Split, View};
 
 use crate::ply::{PointCloud, read_points};
@@ -262,16 +267,39 @@ struct Parts {
 /// Names the file at fault: missing, damaged or inconsistent poses, images, videos or points, or
 /// an option that does not fit.
 pub fn load(path: &Path, options: &LoadOptions) -> Result<Dataset, DatasetError> {
+    load_in(&Context::new(path, options))
+}
+
+/// [`load`], but with views left out whose images can't be decoded; and for each of them why.
+pub(crate) fn load_decodable(
+    path: &Path,
+    options: &LoadOptions,
+) -> Result<(Dataset, Vec<DatasetError>), DatasetError> {
+    let mut context = Context::new(path, options);
+    context.broken = Some(Mutex::default());
+    let loaded = load_in(&context);
+    let broken = context.broken.take().unwrap_or_default();
+    let mut broken = broken.into_inner().unwrap_or_else(PoisonError::into_inner);
+    // Threads decode in any order.
+    broken.sort_by_key(ToString::to_string);
+    match loaded {
+        Ok(dataset) => Ok((dataset, broken)),
+        // Without any view to train on, why there is none says more.
+        Err(error) => Err(broken.into_iter().next().unwrap_or(error)),
+    }
+}
+
+fn load_in(context: &Context) -> Result<Dataset, DatasetError> {
+    let (path, options) = (context.root, context.options);
     options.validate()?;
     let layout = match options.layout {
         Some(layout) => layout,
         None => Layout::detect(path)?,
     };
-    let context = Context::new(path, options);
     let read = || match layout {
-        Layout::N3dv => n3dv::read(&context),
-        Layout::Blender => blender::read(&context),
-        Layout::Colmap => colmap::read(&context),
+        Layout::N3dv => n3dv::read(context),
+        Layout::Blender => blender::read(context),
+        Layout::Colmap => colmap::read(context),
     };
     let parts = match options.threads {
         None => read()?,
@@ -316,12 +344,10 @@ pub fn load(path: &Path, options: &LoadOptions) -> Result<Dataset, DatasetError>
 
 /// The initial points of a dataset: the file its poses name, one of [`POINT_FILES`], or COLMAP's.
 fn find_points(root: &Path, named: Option<&Path>) -> Result<Option<PointCloud>, DatasetError> {
-    let known = POINT_FILES
-        .iter()
-        .map(|name| root.join(name))
-        .find(|path| path.is_file());
     let points = match (
-        named.map(Path::to_path_buf).or(known),
+        named
+            .map(Path::to_path_buf)
+            .or_else(|| known_point_file(root)),
         colmap::model_folder(root),
     ) {
         (Some(file), _) => Some(read_points(&file)?),
@@ -329,6 +355,12 @@ fn find_points(root: &Path, named: Option<&Path>) -> Result<Option<PointCloud>, 
         (None, None) => None,
     };
     Ok(points.filter(|points| !points.is_empty()))
+}
+
+/// The first of [`POINT_FILES`] that a folder has.
+pub(crate) fn known_point_file(root: &Path) -> Option<PathBuf> {
+    let mut paths = POINT_FILES.iter().map(|name| root.join(name));
+    paths.find(|path| path.is_file())
 }
 
 /// A time in [0, 1] for each of `n` evenly spaced frames; 0 for a single one.

@@ -72,7 +72,7 @@ pub(super) fn read(context: &Context) -> Result<Parts, DatasetError> {
 
 /// The camera of one LLFF row: 3x5 of the axes down, right, backwards, the position and
 /// (height, width, focal); then the depth bounds.
-fn camera(path: &Path, index: usize, row: &[f64; ROW]) -> Result<Camera, DatasetError> {
+pub(super) fn camera(path: &Path, index: usize, row: &[f64; ROW]) -> Result<Camera, DatasetError> {
     let malformed = |found: String| {
         DatasetError::invalid(
             path,

@@ -2,8 +2,8 @@
 
 use std::fmt;
 use std::path::{Path, PathBuf};
-use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::{Arc, Mutex, PoisonError};
 
 use dash_kernels::Camera;
 use rayon::prelude::*;
@@ -170,6 +170,8 @@ pub(super) struct Context<'a> {
     pub(super) root: &'a Path,
     pub(super) options: &'a LoadOptions,
     loaded_bytes: AtomicU64,
+    /// Where views whose images can't be decoded are noted and left out; `None`: they are errors.
+    pub(super) broken: Option<Mutex<Vec<DatasetError>>>,
 }
 
 impl<'a> Context<'a> {
@@ -178,6 +180,7 @@ impl<'a> Context<'a> {
             root,
             options,
             loaded_bytes: AtomicU64::new(0),
+            broken: None,
         }
     }
 
@@ -185,9 +188,14 @@ impl<'a> Context<'a> {
     pub(super) fn load_views(&self, planned: Vec<PlannedView>) -> Result<Vec<View>, DatasetError> {
         planned
             .into_par_iter()
-            .map(|view| {
-                let image = decode(&view.file)?;
-                self.finish(view, image)
+            .filter_map(|view| match (decode(&view.file), &self.broken) {
+                (Ok(image), _) => Some(self.finish(view, image)),
+                (Err(error), Some(broken)) => {
+                    let mut broken = broken.lock().unwrap_or_else(PoisonError::into_inner);
+                    broken.push(error);
+                    None
+                }
+                (Err(error), None) => Some(Err(error)),
             })
             .collect()
     }

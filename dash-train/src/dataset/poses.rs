@@ -1,0 +1,86 @@
+//! The cameras of a folder without its pictures, for folders whose pictures can't be loaded.
+
+use std::collections::HashMap;
+use std::fs;
+use std::path::Path;
+
+use dash_kernels::Camera;
+
+use super::image::dimensions;
+use super::{DatasetError, Layout, blender, colmap, colmap_binary, colmap_text, n3dv, transforms};
+
+/// Taken where neither the poses nor a picture say how large pictures are.
+const UNKNOWN_SIZE: (usize, usize) = (800, 800);
+
+/// The cameras that the poses of a folder name, in their order; `None` for layouts whose poses can't be
+/// read apart.
+///
+/// # Errors
+/// As [`load`](super::load), for files of poses only.
+pub(crate) fn poses_alone(
+    root: &Path,
+    layout: Layout,
+) -> Result<Option<Vec<Camera>>, DatasetError> {
+    if layout == Layout::N3dv {
+        of_rows(&root.join(n3dv::POSES_FILE)).map(Some)
+    } else if layout == Layout::Blender {
+        of_transforms(root).map(Some)
+    } else if layout == Layout::Colmap {
+        of_model(root)
+    } else {
+        Ok(None)
+    }
+}
+
+fn of_rows(path: &Path) -> Result<Vec<Camera>, DatasetError> {
+    let bytes = fs::read(path).map_err(DatasetError::io(path))?;
+    let rows = super::npy::parse_rows(path, &bytes)?;
+    let cameras = rows.iter().enumerate();
+    cameras
+        .map(|(index, row)| n3dv::camera(path, index, row))
+        .collect()
+}
+
+fn of_transforms(root: &Path) -> Result<Vec<Camera>, DatasetError> {
+    let mut cameras = Vec::new();
+    for name in blender::FILES {
+        let path = root.join(name);
+        if !path.is_file() {
+            continue;
+        }
+        let listed = transforms::parse(&path)?;
+        for frame in &listed.frames {
+            let file = super::files::confined(root, &frame.file_path, &path)?;
+            let size = || {
+                let found = transforms::find_image(file, &path).and_then(|file| dimensions(&file));
+                Ok(found.unwrap_or(UNKNOWN_SIZE))
+            };
+            cameras.push(listed.camera(&path, frame, size)?.0);
+        }
+        break;
+    }
+    Ok(cameras)
+}
+
+fn of_model(root: &Path) -> Result<Option<Vec<Camera>>, DatasetError> {
+    let Some(model) = colmap::model_folder(root) else {
+        return Ok(None);
+    };
+    let (file, cameras) = colmap::read_model_file(
+        &model,
+        "cameras",
+        colmap_binary::cameras,
+        colmap_text::cameras,
+    )?;
+    let (_, images) =
+        colmap::read_model_file(&model, "images", colmap_binary::images, colmap_text::images)?;
+    let mut intrinsics = HashMap::new();
+    for camera in &cameras {
+        intrinsics.insert(camera.id, colmap::pinhole(camera, &file)?.0);
+    }
+    let placed = images.iter().filter_map(|image| {
+        let pinhole = intrinsics.get(&image.camera_id)?;
+        colmap::place(pinhole, image).ok()
+    });
+    Ok(Some(placed.collect()))
+}
