@@ -15,7 +15,7 @@ const MAX_PICTURES: usize = 96;
 /// Pictures with more pixels are made smaller first.
 const MAX_PICTURE_PIXELS: usize = 700_000;
 /// Points in sight below which a picture says nothing.
-const MIN_SEEN: usize = 20;
+const MIN_SEEN: usize = 30;
 /// Brightness in which the ratio of two colours is meaningful.
 const EXPOSED: [f32; 2] = [0.08, 0.92];
 /// Bounds of the exposure that is undone before colours are compared.
@@ -118,17 +118,19 @@ pub(super) struct Agreement {
     pub(super) own: f64,
     /// Share of them on pixels of other points' colours.
     pub(super) chance: f64,
+    /// Correlation of the points' colours with their pixels', whatever the exposure.
+    pub(super) correlation: f64,
     /// How much brighter the picture is than the points, by their median.
     pub(super) gain: Option<f64>,
 }
 
 impl Agreement {
-    /// 1 when all points lie on their colours, 0 when no more do than by chance.
+    /// The correlation of colours; 0 where too few points are in sight.
     pub(super) fn score(&self) -> f64 {
-        if self.seen < MIN_SEEN || self.chance > 0.98 {
+        if self.seen < MIN_SEEN {
             return 0.0;
         }
-        (self.own - self.chance) / (1.0 - self.chance)
+        self.correlation
     }
 
     /// Points, moved by `moved` first, in a picture as `camera` took it.
@@ -167,7 +169,9 @@ impl Agreement {
             }
         }
         let count = seen.len().max(1) as f64;
+        let pairs = seen.iter().map(|&(row, pixel)| (cloud.colors[row], pixel));
         Self {
+            correlation: correlation(&pairs.collect::<Vec<_>>()),
             seen: seen.len(),
             own: own as f64 / count,
             chance: chance as f64 / (STRANGERS as f64 * count),
@@ -186,4 +190,25 @@ pub(super) fn middle_score(
 ) -> f64 {
     let score = |p: &Picture| Agreement::of(p, &camera(&p.camera), cloud, stride, &moved).score();
     median(pictures.iter().map(score).collect()).unwrap_or(0.0)
+}
+
+/// Pearson's correlation over the three channels, each about its own mean; 0 where it is not defined.
+fn correlation(pairs: &[([f32; 3], [f32; 3])]) -> f64 {
+    let n = pairs.len().max(1) as f64;
+    let (mut ab, mut aa, mut bb) = (0.0, 0.0, 0.0);
+    for c in 0..3 {
+        let mean_a = pairs.iter().map(|p| f64::from(p.0[c])).sum::<f64>() / n;
+        let mean_b = pairs.iter().map(|p| f64::from(p.1[c])).sum::<f64>() / n;
+        for pair in pairs {
+            let (a, b) = (f64::from(pair.0[c]) - mean_a, f64::from(pair.1[c]) - mean_b);
+            ab += a * b;
+            aa += a * a;
+            bb += b * b;
+        }
+    }
+    if aa * bb > 0.0 {
+        ab / (aa * bb).sqrt()
+    } else {
+        0.0
+    }
 }

@@ -6,6 +6,11 @@ use glam::{DMat3, DVec3};
 /// Length of the mean axis from which on axes are too nearly parallel to meet anywhere: about six
 /// degrees from their middle.
 const PARALLEL: f64 = 0.995;
+/// Share of the cameras that must have a meeting point in front for a convention to be right.
+const IN_FRONT: f64 = 0.9;
+/// Meeting points are equally close up to this factor and this share of the cameras' distance.
+const AS_CLOSE: f64 = 1.5;
+const TIE: f64 = 1e-6;
 /// Cameras that must have axes for their meeting point to mean something.
 const MIN_AXES: usize = 3;
 
@@ -61,6 +66,12 @@ pub(super) const CONVENTIONS: [Convention; 8] = [
     ),
     convention(
         true,
+        true,
+        Turn::Flip,
+        "poses inverted (world-to-camera with OpenGL's axes where camera-to-world was expected)",
+    ),
+    convention(
+        true,
         false,
         Turn::Flip,
         "poses inverted and then y and z axes negated",
@@ -70,12 +81,6 @@ pub(super) const CONVENTIONS: [Convention; 8] = [
         true,
         Turn::None,
         "y and z axes negated and then poses inverted",
-    ),
-    convention(
-        true,
-        true,
-        Turn::Flip,
-        "poses inverted (world-to-camera with OpenGL's axes where camera-to-world was expected)",
     ),
     convention(
         false,
@@ -190,15 +195,20 @@ impl Meeting {
     }
 }
 
-/// Conventions with which the axes meet in front of the cameras, the closest first.
+/// The first, most common convention with which the axes meet in front of the cameras about as closely as
+/// with any.
 pub(super) fn meeting_in_front(cameras: &[Camera]) -> Option<(Convention, Meeting)> {
-    CONVENTIONS
+    let found: Vec<(Convention, Meeting)> = CONVENTIONS
         .into_iter()
         .filter(Convention::changes_axes)
         .filter_map(|convention| {
             let turned: Vec<Camera> = cameras.iter().map(|c| convention.apply(c)).collect();
             Some((convention, Meeting::of(&turned)?))
         })
-        .filter(|(_, meeting)| meeting.share() > 0.9)
-        .min_by(|a, b| a.1.off.total_cmp(&b.1.off))
+        .filter(|(_, meeting)| meeting.share() > IN_FRONT)
+        .collect();
+    let closest = found.iter().map(|f| f.1.off).fold(f64::INFINITY, f64::min);
+    found
+        .into_iter()
+        .find(|f| f.1.off <= AS_CLOSE * closest + TIE)
 }

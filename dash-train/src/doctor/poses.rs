@@ -10,10 +10,11 @@ use super::misplaced;
 
 /// Fewer points than this tell nothing of the poses.
 const MIN_POINTS: usize = 100;
-/// Score from which on poses and points belong together.
-const SOUND: f64 = 0.12;
+/// Correlation of colours from which on poses and points belong together: captures that do have 0.45 and
+/// more in the middle camera, those that do not stay near 0.1.
+const SOUND: f64 = 0.25;
 /// A camera's score below this part of the cameras' middle one is suspicious.
-const SUSPICIOUS: f64 = 0.35;
+const SUSPICIOUS: f64 = 0.4;
 /// A pose explains a picture that scores this part of the middle one with it.
 const EXPLAINS: f64 = 0.6;
 /// Share of the cameras that must have the meeting point in front.
@@ -61,7 +62,7 @@ pub(super) fn by_colors(cloud: Option<&Cloud>, pictures: &[Picture]) -> Verdict 
     };
     let text = format!(
         "{:.0} % of the points lie on pixels of their own colour (within {TOLERANCE} per channel, exposure \
-         undone), {:.0} % by chance, with the points' colours interchanged",
+         undone), {:.0} % if the points' colours are interchanged; correlation {middle:.2} in the middle camera",
         pooled(|a| a.own),
         pooled(|a| a.chance)
     );
@@ -106,7 +107,6 @@ fn single(
             .map(|other| (score(i, &pictures[other].camera), other))
             .max_by(|a, b| a.0.total_cmp(&b.0))
             .filter(|best| explains(best.0))
-            .map(|best| best.1)
     };
     let mut findings = Vec::new();
     let mut unexplained = Vec::new();
@@ -117,37 +117,46 @@ fn single(
             .map(|c| (score(i, &c.apply(&pictures[i].camera)), c))
             .max_by(|a, b| a.0.total_cmp(&b.0))
             .filter(|best| explains(best.0));
-        if let Some((fits, convention)) = convention {
-            findings.push(Finding::error(
-                "poses",
-                format!(
-                    "{name} has another convention than the other cameras: agreement of colours {:.2} as loaded, \
-                     {fits:.2} with {}",
-                    scores[i], convention.words
-                ),
-                "write its pose as the others' are written",
-            ));
-        } else if let Some(other) = pose_of(i) {
-            let both = pose_of(other) == Some(i);
-            if both && other < i && suspects.contains(&other) {
-                continue;
+        match (convention, pose_of(i)) {
+            (Some((fits, convention)), other) if other.is_none_or(|other| other.0 < fits) => {
+                findings.push(Finding::error(
+                    "poses",
+                    format!(
+                        "{name} has another convention than the other cameras: its colours correlate {:.2} \
+                         with the points' as loaded, {fits:.2} with {}",
+                        scores[i], convention.words
+                    ),
+                    "write its pose as the others' are written",
+                ));
             }
-            let other = &pictures[other].name;
-            let text = match both {
-                true => format!("the poses of {name} and {other} are interchanged"),
-                false => format!("{name} shows what the pose of {other} sees"),
-            };
-            let mend = "put the poses into the order of the cameras' names";
-            findings.push(Finding::error("poses", text, mend));
-        } else {
-            unexplained.push(format!("{name} ({:.2})", scores[i]));
+            (_, Some((fits, other))) => {
+                let both = pose_of(other).is_some_and(|back| back.1 == i);
+                if both && other < i && suspects.contains(&other) {
+                    continue;
+                }
+                let other = &pictures[other].name;
+                let text = match both {
+                    true => format!("the poses of {name} and {other} are interchanged"),
+                    false => format!("{name} shows what the pose of {other} sees"),
+                };
+                findings.push(Finding::error(
+                    "poses",
+                    format!(
+                        "{text}: colours of {name} correlate {:.2} with the points' as loaded, {fits:.2} \
+                         with the other pose",
+                        scores[i]
+                    ),
+                    "put the poses into the order of the cameras' names",
+                ));
+            }
+            _ => unexplained.push(format!("{name} ({:.2})", scores[i])),
         }
     }
     if !unexplained.is_empty() {
         findings.push(Finding::warning(
             "poses",
             format!(
-                "points miss their colours in {}, where the middle camera's agreement is {middle:.2}",
+                "points miss their colours in {} (correlation; {middle:.2} in the middle camera)",
                 listed(&unexplained)
             ),
             "check pose, focal length and picture of these cameras, or leave them out",
