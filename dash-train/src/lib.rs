@@ -5,6 +5,7 @@
 //! - `prepare`: datasets from recordings of a rig.
 //! - `synth`: ray-traced scenes with exact truth.
 //! - `train`: configuration, stages, losses, density control, checkpoints, runs on disk.
+//! - `doctor`: what is wrong with a dataset, and how to mend it.
 //! - `device`: devices by name; `evaluate`: `results.json`; `render`: pictures of a scene.
 //! - `metrics`: picture quality; `video`: pictures and videos on disk.
 //!
@@ -13,6 +14,7 @@
 pub mod cameras;
 pub mod dataset;
 pub mod device;
+pub mod doctor;
 mod error;
 pub mod evaluate;
 pub mod metrics;

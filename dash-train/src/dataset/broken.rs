@@ -1,18 +1,21 @@
 //! Images that cannot be read: an error, or left out where the user asked for that.
 
 use std::path::Path;
+use std::sync::{Mutex, PoisonError};
 
 use super::DatasetError;
 use super::image::dimensions;
 use super::view::Context;
 
-/// What could be read, in order; with `skip_broken`, without what could not, each named in a warning.
+/// What could be read, in order; with `skip_broken`, without what could not: each is noted in `broken`, or
+/// named in a warning where there is no such list.
 ///
 /// # Errors
 /// The first reason, when something could not be read and is not to be skipped, or nothing is left.
 pub(super) fn keep_readable<T>(
     results: Vec<(String, Result<T, DatasetError>)>,
     skip_broken: bool,
+    broken: Option<&Mutex<Vec<DatasetError>>>,
 ) -> Result<Vec<Option<T>>, DatasetError> {
     let mut first_error = None;
     let mut n_kept = 0;
@@ -25,8 +28,13 @@ pub(super) fn keep_readable<T>(
             }
             Err(error) if !skip_broken => return Err(error),
             Err(error) => {
-                tracing::warn!("left out the view {name}: {error}");
-                first_error.get_or_insert(error);
+                if let Some(broken) = broken {
+                    let mut broken = broken.lock().unwrap_or_else(PoisonError::into_inner);
+                    broken.push(error);
+                } else {
+                    tracing::warn!("left out the view {name}: {error}");
+                    first_error.get_or_insert(error);
+                }
                 None
             }
         });

@@ -15,6 +15,7 @@
 //! | `sources.rs`, `times.rs`, `points.rs`, `broken.rs` | frames of synchronised cameras, times, initial points, damaged images |
 //! | `known_poses.rs`, `colmap_tracks.rs`, `shrink.rs` | what `prepare` makes a dataset from |
 //! | `view.rs`, `image.rs`, `distortion.rs`, `pose.rs`, `files.rs`, `error.rs` | what they share |
+//! | `poses.rs` | the cameras of a folder whose pictures can't be loaded |
 
 mod blender;
 mod broken;
@@ -35,6 +36,7 @@ mod nerfies_camera;
 mod npy;
 mod points;
 mod pose;
+mod poses;
 mod rig;
 pub(crate) mod shrink;
 mod sources;
@@ -50,13 +52,17 @@ mod view;
 use std::fmt;
 use std::path::{Path, PathBuf};
 use std::str::FromStr;
+use std::sync::{Mutex, PoisonError};
 
 use clap::ValueEnum;
 use serde::{Deserialize, Serialize};
 
 pub(crate) use colmap_tracks::{TrackedPoint, read_tracked_points};
 pub use error::DatasetError;
+pub(crate) use files::frame_number;
 pub use frames::FrameStatistics;
+pub(crate) use points::known_point_file;
+pub(crate) use poses::poses_alone;
 pub use view::{Split, View};
 
 use crate::ply::PointCloud;
@@ -349,19 +355,46 @@ struct Parts {
 /// Names the file at fault: missing, damaged or inconsistent poses, images, videos or points, or
 /// an option that does not fit.
 pub fn load(path: &Path, options: &LoadOptions) -> Result<Dataset, DatasetError> {
+    load_in(&Context::new(path, options))
+}
+
+/// [`load`], but with views left out whose images can't be decoded; and for each of them why.
+pub(crate) fn load_decodable(
+    path: &Path,
+    options: &LoadOptions,
+) -> Result<(Dataset, Vec<DatasetError>), DatasetError> {
+    let options = LoadOptions {
+        skip_broken: true,
+        ..options.clone()
+    };
+    let mut context = Context::new(path, &options);
+    context.broken = Some(Mutex::default());
+    let loaded = load_in(&context);
+    let broken = context.broken.take().unwrap_or_default();
+    let mut broken = broken.into_inner().unwrap_or_else(PoisonError::into_inner);
+    // Threads decode in any order.
+    broken.sort_by_key(ToString::to_string);
+    match loaded {
+        Ok(dataset) => Ok((dataset, broken)),
+        // Without any view to train on, why there is none says more.
+        Err(error) => Err(broken.into_iter().next().unwrap_or(error)),
+    }
+}
+
+fn load_in(context: &Context) -> Result<Dataset, DatasetError> {
+    let (path, options) = (context.root, context.options);
     options.validate()?;
     let layout = match options.layout {
         Some(layout) => layout,
         None => Layout::detect(path)?,
     };
-    let context = Context::new(path, options);
     let read = || match layout {
-        Layout::N3dv => n3dv::read(&context),
-        Layout::Blender => blender::read(&context),
-        Layout::Colmap => colmap::read(&context),
-        Layout::Technicolor => technicolor::read(&context),
-        Layout::Nerfies => nerfies::read(&context),
-        Layout::Rig => rig::read(&context),
+        Layout::N3dv => n3dv::read(context),
+        Layout::Blender => blender::read(context),
+        Layout::Colmap => colmap::read(context),
+        Layout::Technicolor => technicolor::read(context),
+        Layout::Nerfies => nerfies::read(context),
+        Layout::Rig => rig::read(context),
     };
     let parts = match options.threads {
         None => read()?,

@@ -42,14 +42,19 @@ pub(super) enum Models {
     Rig,
 }
 
+/// The first of [`POINT_FILES`] that a folder has.
+pub(crate) fn known_point_file(root: &Path) -> Option<PathBuf> {
+    let mut paths = POINT_FILES.iter().map(|name| root.join(name));
+    paths.find(|path| path.is_file())
+}
+
 /// The initial points of a dataset: the file its poses name, one of [`POINT_FILES`], or COLMAP's.
 pub(super) fn find_points(
     root: &Path,
     named: Option<&Path>,
     models: Models,
 ) -> Result<Option<PointCloud>, DatasetError> {
-    let is_file = |name: &&&str| root.join(name).is_file();
-    let known = || POINT_FILES.iter().find(is_file).map(|name| root.join(name));
+    let known = || known_point_file(root);
     if let Some(file) = named.map(Path::to_path_buf).or_else(known) {
         return Ok(Some(read_points(&file)?).filter(|points| !points.is_empty()));
     }
@@ -67,6 +72,7 @@ pub(super) fn find_points(
             return Ok(Some(points));
         }
     }
+    let is_file = |name: &&&str| root.join(name).is_file();
     match DENSE_CLOUDS.iter().find(is_file) {
         Some(name) if models == Models::Rig => {
             let points = read_points(&root.join(name))?;

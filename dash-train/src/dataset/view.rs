@@ -3,7 +3,7 @@
 use std::fmt;
 use std::ops::Range;
 use std::path::{Path, PathBuf};
-use std::sync::Arc;
+use std::sync::{Arc, Mutex};
 
 use dash_kernels::Camera;
 use rayon::prelude::*;
@@ -243,11 +243,17 @@ impl Lens {
 pub(super) struct Context<'a> {
     pub(super) root: &'a Path,
     pub(super) options: &'a LoadOptions,
+    /// Where views whose images can't be decoded are noted and left out.
+    pub(super) broken: Option<Mutex<Vec<DatasetError>>>,
 }
 
 impl<'a> Context<'a> {
     pub(super) fn new(root: &'a Path, options: &'a LoadOptions) -> Self {
-        Self { root, options }
+        Self {
+            root,
+            options,
+            broken: None,
+        }
     }
 
     /// The views of a plan, in its order: with their images where all of them fit the memory that
@@ -258,7 +264,7 @@ impl<'a> Context<'a> {
             .par_iter()
             .map(|view| (view.name.clone(), self.recipe(view)))
             .collect();
-        let recipes = keep_readable(recipes, skip_broken)?;
+        let recipes = keep_readable(recipes, skip_broken, self.broken.as_ref())?;
         let (mut planned, mut recipes): (Vec<_>, Vec<_>) = planned
             .into_iter()
             .zip(recipes)
@@ -281,7 +287,7 @@ impl<'a> Context<'a> {
                 // What is broken must be known before it is drawn: all is decoded once.
                 let names: Vec<String> = named(&planned);
                 let checked = names.into_iter().zip(make_all(&recipes, |_| ())).collect();
-                let sound = keep_readable(checked, true)?;
+                let sound = keep_readable(checked, true, self.broken.as_ref())?;
                 let mut is_sound = sound.iter().map(Option::is_some);
                 planned.retain(|_| is_sound.next().unwrap_or(false));
                 let mut is_sound = sound.iter().map(Option::is_some);
@@ -301,7 +307,8 @@ impl<'a> Context<'a> {
         }
         let names: Vec<String> = named(&planned);
         let made = make_all(&recipes, |image| Pixels::Ready(Arc::new(image)));
-        let made = keep_readable(names.into_iter().zip(made).collect(), skip_broken)?;
+        let made = names.into_iter().zip(made).collect();
+        let made = keep_readable(made, skip_broken, self.broken.as_ref())?;
         planned
             .into_iter()
             .zip(&recipes)

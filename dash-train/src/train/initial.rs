@@ -78,7 +78,7 @@ pub(crate) fn initial_points(
 }
 
 /// The views of the first part of the clip, where it has one; else some of all times.
-fn views_at_start<'a>(
+pub(crate) fn views_at_start<'a>(
     dataset: &'a Dataset,
     train_views: &[usize],
     first_part: Option<f32>,

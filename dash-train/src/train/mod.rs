@@ -1,10 +1,10 @@
 //! Training: configuration, losses, density control, stages, checkpoints.
 
 mod checkpoint;
-mod coarse;
+pub(crate) mod coarse;
 pub mod config;
 mod density;
-mod initial;
+pub(crate) mod initial;
 mod loss;
 mod optimizer;
 mod presets;
@@ -13,10 +13,10 @@ mod run;
 mod sampler;
 mod split;
 mod statistics;
-mod sweep;
+pub(crate) mod sweep;
 mod trainer;
 mod update;
-mod validation;
+pub(crate) mod validation;
 
 pub use checkpoint::{checkpoint_config, latest_checkpoint, load_checkpoint, save_checkpoint};
 pub use config::{Preset, TrainConfig};

@@ -5,6 +5,7 @@
 //! lays out what is printed, `failure` is how a command fails.
 
 mod configuration;
+mod doctor;
 mod eval;
 mod export;
 mod failure;
@@ -68,6 +69,7 @@ struct Shared {
 enum Command {
     Synth(synth::SynthArgs),
     Prepare(prepare::PrepareArgs),
+    Doctor(doctor::DoctorArgs),
     Train(train::TrainArgs),
     Eval(eval::EvalArgs),
     Render(render::RenderArgs),
@@ -138,6 +140,7 @@ fn run(cli: &Cli) -> Result<String, Failure> {
     match &cli.command {
         Command::Synth(args) => synth::run(args),
         Command::Prepare(args) => prepare::run(args),
+        Command::Doctor(args) => doctor::run(args),
         Command::Train(args) => train::run(args, shared),
         Command::Eval(args) => eval::run(args, shared),
         Command::Render(args) => render::run(args, shared),

@@ -1,0 +1,80 @@
+//! `dash doctor`: what is wrong with a dataset, and how to mend it.
+
+use std::io::Write;
+use std::path::PathBuf;
+
+use clap::Args;
+use dash_train::TrainError;
+use dash_train::dataset::{Layout, LoadOptions};
+use dash_train::doctor::{Diagnosis, Severity, examine};
+
+use crate::failure::Failure;
+use crate::values::{self, CameraList};
+
+/// Check a dataset: say what is wrong with it and how to mend it
+#[derive(Args)]
+#[command(after_help = "Examples:
+  dash doctor out/room
+  dash doctor flame_steak --downscale 2 --picture flame_steak.png
+  dash doctor flame_steak --json
+
+One line per finding: ok, note, warning or error, what was looked at, what was found, and after -> how to
+mend it. The exit code is 1 with an error among them, else 0.")]
+pub struct DoctorArgs {
+    /// The dataset's folder (n3dv, blender or colmap layout)
+    dataset: PathBuf,
+    /// Write JSON: an object with dataset, worst and findings, each with check, severity, text and mend
+    #[arg(long)]
+    json: bool,
+    /// Draw cameras (blue, held out orange, doubtful red), points and training box (green) from above and
+    /// from the side [default file: doctor.png]
+    #[arg(long, value_name = "FILE.png", num_args = 0..=1, default_missing_value = "doctor.png")]
+    picture: Option<PathBuf>,
+    /// Force the dataset's layout instead of recognising it by its files
+    #[arg(long, value_enum)]
+    layout: Option<Layout>,
+    /// Indices of the cameras to hold out, such as 0,7, or none; the layout's own choice when left out
+    #[arg(long, value_name = "LIST")]
+    test_cameras: Option<CameraList>,
+    /// Make images smaller by this factor [default: 1]
+    #[arg(long, value_name = "K", value_parser = values::downscale)]
+    downscale: Option<f64>,
+    /// Memory that the dataset's images may take in training, such as 2GiB
+    #[arg(long, value_name = "BYTES", value_parser = values::bytes)]
+    memory: Option<u64>,
+}
+
+pub fn run(args: &DoctorArgs) -> Result<String, Failure> {
+    let options = LoadOptions {
+        layout: args.layout,
+        downscale: args.downscale.unwrap_or(1.0),
+        test_cameras: args.test_cameras.as_ref().map(|list| list.0.clone()),
+        ..LoadOptions::default()
+    };
+    let diagnosis = examine(&args.dataset, &options, args.memory);
+    if let Some(path) = &args.picture {
+        diagnosis.write_picture(path).map_err(TrainError::from)?;
+    }
+    let text = if args.json {
+        serde_json::to_string_pretty(&diagnosis)
+            .map_err(|e| Failure::new(format!("the findings cannot be written as JSON: {e}")))?
+    } else {
+        lines(&diagnosis)
+    };
+    let errors = diagnosis.count(Severity::Error);
+    if errors == 0 {
+        return Ok(text);
+    }
+    // The findings are the result and belong on stdout even where the exit code tells of errors.
+    let _ = writeln!(std::io::stdout(), "{text}");
+    let plural = if errors == 1 { "" } else { "s" };
+    Err(Failure::new(format!(
+        "{}: {errors} error{plural} in the dataset, named above",
+        args.dataset.display()
+    )))
+}
+
+fn lines(diagnosis: &Diagnosis) -> String {
+    let lines: Vec<String> = diagnosis.findings.iter().map(ToString::to_string).collect();
+    lines.join("\n")
+}

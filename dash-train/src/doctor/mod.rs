@@ -1,0 +1,209 @@
+//! What is wrong with a dataset, and how to mend it.
+//!
+//! [`examine`] loads a dataset as training would and looks at it from every side; each check is a file
+//! and gives [`Finding`]s. All checks are deterministic, and look at samples where there is much.
+//!
+//! # Map
+//! - `finding`: a finding; `contents`: layout, counts, sizes, times; `memory`.
+//! - `cloud`: the points and the training box; `agreement`: points against the pictures' colours.
+//! - `poses`: poses by colours and by axes; `conventions`, `misplaced`: mistakes that would explain them.
+//! - `tracks`: one pass over all pictures, for `brightness`, `sync` and `motion`.
+//! - `picture`, `raster`: the cameras, points and box seen from above and from the side.
+
+mod agreement;
+mod brightness;
+mod cloud;
+mod contents;
+mod conventions;
+mod finding;
+mod memory;
+mod misplaced;
+mod motion;
+mod picture;
+mod poses;
+mod raster;
+mod sync;
+#[cfg(test)]
+mod tests;
+mod tracks;
+
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+
+use dash_kernels::Camera;
+use serde::Serialize;
+
+pub use finding::{Finding, Severity};
+
+use crate::dataset::{
+    Dataset, DatasetError, Layout, LoadOptions, Split, View, load_decodable, poses_alone,
+};
+use crate::video::{VideoError, write_png};
+use cloud::Cloud;
+use picture::{DrawnCamera, Sketch};
+
+/// What was found in a dataset.
+#[derive(Debug, Clone, Serialize)]
+pub struct Diagnosis {
+    /// The dataset's folder.
+    pub dataset: PathBuf,
+    /// The worst of the findings.
+    pub worst: Severity,
+    /// One by one, in the order of the checks.
+    pub findings: Vec<Finding>,
+    #[serde(skip)]
+    sketch: Sketch,
+}
+
+impl Diagnosis {
+    /// Cameras, points and training box from above (left) and from the side (right): points in their
+    /// colours, the box green, cameras blue, held out orange, with doubtful poses red.
+    pub fn picture(&self) -> image::RgbImage {
+        self.sketch.draw()
+    }
+
+    /// Writes [`picture`](Self::picture) as a PNG, whole or not at all.
+    ///
+    /// # Errors
+    /// The system's, naming the file.
+    pub fn write_picture(&self, path: &Path) -> Result<(), VideoError> {
+        let picture = self.picture();
+        let (width, height) = (picture.width() as usize, picture.height() as usize);
+        write_png(path, width, height, picture.as_raw())
+    }
+
+    /// How many findings are this bad.
+    pub fn count(&self, severity: Severity) -> usize {
+        let of = self.findings.iter().filter(|f| f.severity == severity);
+        of.count()
+    }
+}
+
+/// Loads the dataset in the folder `root` as training would, and examines it. What can't be loaded is a
+/// finding, and what is left is examined all the same. `memory`: what the pictures may take.
+pub fn examine(root: &Path, options: &LoadOptions, memory: Option<u64>) -> Diagnosis {
+    let mut findings = Vec::new();
+    let mut sketch = Sketch::default();
+    let layout = match options.layout {
+        Some(layout) => Ok(layout),
+        None => Layout::detect(root),
+    };
+    match layout {
+        Err(error) => findings.push(Finding::refused("layout", &error)),
+        Ok(layout) => {
+            findings.push(contents::layout(root, layout, options.layout.is_some()));
+            match load_decodable(root, options) {
+                Ok((dataset, broken)) => {
+                    sketch = all_checks(&dataset, &broken, memory, &mut findings);
+                }
+                Err(error) => {
+                    findings.push(Finding::refused("load", &error));
+                    sketch.cameras = poses_only(root, layout, &mut findings);
+                }
+            }
+        }
+    }
+    let worst = findings.iter().map(|finding| finding.severity).max();
+    Diagnosis {
+        dataset: root.to_path_buf(),
+        worst: worst.unwrap_or(Severity::Ok),
+        findings,
+        sketch,
+    }
+}
+
+/// What poses alone tell, where pictures can't be loaded.
+fn poses_only(root: &Path, layout: Layout, findings: &mut Vec<Finding>) -> Vec<DrawnCamera> {
+    let cameras = match poses_alone(root, layout) {
+        Ok(cameras) => cameras.unwrap_or_default(),
+        // Already reported: the same file refused loading.
+        Err(_) => Vec::new(),
+    };
+    if !cameras.is_empty() {
+        let names: Vec<String> = (0..cameras.len()).map(|i| format!("camera {i}")).collect();
+        findings.push(poses::by_axes(&cameras, &names, None, false));
+    }
+    let drawn = cameras.into_iter().map(|camera| DrawnCamera {
+        camera,
+        held_out: false,
+        doubtful: false,
+    });
+    drawn.collect()
+}
+
+fn all_checks(
+    dataset: &Dataset,
+    broken: &[DatasetError],
+    memory: Option<u64>,
+    findings: &mut Vec<Finding>,
+) -> Sketch {
+    let looked = tracks::look(dataset);
+    for error in broken.iter().chain(&looked.broken) {
+        findings.push(Finding::refused("frames", error));
+    }
+    let whole = broken.is_empty() && looked.broken.is_empty();
+    findings.extend(contents::contents(dataset, whole));
+    if looked.left_out > 0 {
+        let text = format!(
+            "the last {} frames of each camera were not looked at",
+            looked.left_out
+        );
+        findings.push(Finding::note("frames", text));
+    }
+    let mut cameras: BTreeMap<usize, &View> = BTreeMap::new();
+    for view in &dataset.views {
+        cameras.entry(view.camera_index).or_insert(view);
+    }
+    let names: Vec<String> = cameras
+        .values()
+        .map(|view| view.camera_name.clone())
+        .collect();
+    let poses: Vec<Camera> = cameras.values().map(|view| view.camera.clone()).collect();
+
+    let cloud = dataset.points.as_ref().map(Cloud::of);
+    let pictures = agreement::first_pictures(dataset).unwrap_or_default();
+    let verdict = poses::by_colors(cloud.as_ref(), &pictures);
+    findings.push(poses::by_axes(
+        &poses,
+        &names,
+        verdict.sound,
+        verdict.explained,
+    ));
+    findings.extend(cloud::numbers(dataset, cloud.as_ref()));
+    findings.extend(
+        cloud
+            .as_ref()
+            .and_then(|cloud| cloud::inside(cloud, &poses)),
+    );
+    findings.extend(verdict.findings);
+    let space = match cloud::training_box(dataset) {
+        Ok((space, used)) => {
+            findings.extend(cloud.as_ref().and_then(|c| cloud::outside(c, &space, used)));
+            Some(space)
+        }
+        // A picture that can't be read is among the findings already.
+        Err(_) => None,
+    };
+    findings.extend(match verdict.gains.as_slice() {
+        [] => brightness::of_whole_pictures(&looked),
+        gains => brightness::between_cameras(gains),
+    });
+    findings.extend(brightness::along_time(&looked));
+    findings.extend(sync::check(&looked));
+    findings.extend(motion::check(&looked));
+    findings.push(memory::check(dataset, memory));
+    let drawn = cameras.iter().map(|(index, view)| DrawnCamera {
+        camera: view.camera.clone(),
+        held_out: view.split == Split::Test,
+        doubtful: verdict.doubtful.contains(index),
+    });
+    Sketch {
+        cameras: drawn.collect(),
+        focus: conventions::Meeting::of(&poses).map(|meeting| meeting.point),
+        positions: cloud
+            .as_ref()
+            .map_or_else(Vec::new, |c| c.positions.clone()),
+        colors: cloud.map_or_else(Vec::new, |c| c.colors),
+        space,
+    }
+}

@@ -1,0 +1,234 @@
+//! Poses: by where the cameras' axes meet, and by the colours of the points where they project.
+
+use dash_kernels::Camera;
+
+use super::agreement::{Agreement, Picture, TOLERANCE};
+use super::cloud::{Cloud, Kind};
+use super::conventions::{CONVENTIONS, Meeting, meeting_in_front};
+use super::finding::{Finding, Severity, listed, median};
+use super::misplaced;
+
+/// Fewer points than this tell nothing of the poses.
+const MIN_POINTS: usize = 100;
+/// Correlation of colours from which on poses and points belong together: captures that do have 0.45 and
+/// more in the middle camera, those that do not stay near 0.1.
+const SOUND: f64 = 0.25;
+/// A camera's score below this part of the cameras' middle one is suspicious.
+const SUSPICIOUS: f64 = 0.4;
+/// A pose explains a picture that scores this part of the middle one with it.
+const EXPLAINS: f64 = 0.6;
+/// Share of the cameras that must have the meeting point in front.
+const MOST: f64 = 0.75;
+/// A camera whose share of points in sight is below this part of the middle one sees too few.
+const HARDLY_ANY: f64 = 0.1;
+
+/// What the colours say of the poses.
+pub(super) struct Verdict {
+    pub(super) findings: Vec<Finding>,
+    /// Whether points and poses belong together; `None` when points can't tell.
+    pub(super) sound: Option<bool>,
+    /// Whether a mistake was found that explains why they don't.
+    pub(super) explained: bool,
+    /// Cameras whose poses are in doubt.
+    pub(super) doubtful: Vec<usize>,
+    /// The exposure of every picture whose pose is sound.
+    pub(super) gains: Vec<(String, f64)>,
+}
+
+/// Compares the points' colours with the pictures'.
+pub(super) fn by_colors(cloud: Option<&Cloud>, pictures: &[Picture]) -> Verdict {
+    let mut verdict = Verdict {
+        findings: Vec::new(),
+        sound: None,
+        explained: false,
+        doubtful: Vec::new(),
+        gains: Vec::new(),
+    };
+    let telling =
+        |cloud: &&Cloud| cloud.kind == Kind::Measured && cloud.positions.len() >= MIN_POINTS;
+    let Some(cloud) = cloud.filter(telling) else {
+        return verdict;
+    };
+    let found: Vec<Agreement> = pictures
+        .iter()
+        .map(|p| Agreement::of(p, &p.camera, cloud, 1, |x| x))
+        .collect();
+    let scores: Vec<f64> = found.iter().map(Agreement::score).collect();
+    let middle = median(scores.clone()).unwrap_or(0.0);
+    let seen = median(found.iter().map(|a| a.seen as f64).collect()).unwrap_or(0.0);
+    let total = found.iter().map(|a| a.seen).sum::<usize>().max(1) as f64;
+    let pooled = |of: fn(&Agreement) -> f64| {
+        100.0 * found.iter().map(|a| of(a) * a.seen as f64).sum::<f64>() / total
+    };
+    let text = format!(
+        "{:.0} % of the points lie on pixels of their own colour (within {TOLERANCE} per channel, exposure \
+         undone), {:.0} % if the points' colours are interchanged; correlation {middle:.2} in the middle camera",
+        pooled(|a| a.own),
+        pooled(|a| a.chance)
+    );
+    verdict.sound = Some(middle >= SOUND);
+    let chance = median(found.iter().map(|a| a.chance).collect()).unwrap_or(0.0);
+    if middle < SOUND {
+        let finding = misplaced::explain(cloud, pictures, (middle, chance), &text);
+        verdict.explained = finding.severity == Severity::Error;
+        verdict.findings.push(finding);
+        return verdict;
+    }
+    verdict.findings.push(Finding::ok("colours", text));
+    let suspects: Vec<usize> = (0..pictures.len())
+        .filter(|&i| scores[i] < SUSPICIOUS * middle || (found[i].seen as f64) < HARDLY_ANY * seen)
+        .collect();
+    verdict.doubtful = suspects.iter().map(|&i| pictures[i].camera_index).collect();
+    verdict.gains = (0..pictures.len())
+        .filter(|i| !suspects.contains(i))
+        .filter_map(|i| Some((pictures[i].name.clone(), found[i].gain?)))
+        .collect();
+    verdict
+        .findings
+        .extend(single(cloud, pictures, &suspects, (&scores, middle)));
+    verdict
+}
+
+/// What is wrong with single cameras' poses.
+fn single(
+    cloud: &Cloud,
+    pictures: &[Picture],
+    suspects: &[usize],
+    (scores, middle): (&[f64], f64),
+) -> Vec<Finding> {
+    let score = |i: usize, camera: &Camera| {
+        let camera = pictures[i].at_pose_of(camera);
+        Agreement::of(&pictures[i], &camera, cloud, 1, |x| x).score()
+    };
+    let explains = |s: f64| s >= EXPLAINS * middle;
+    let pose_of = |i: usize| {
+        (0..pictures.len())
+            .filter(|&other| other != i)
+            .map(|other| (score(i, &pictures[other].camera), other))
+            .max_by(|a, b| a.0.total_cmp(&b.0))
+            .filter(|best| explains(best.0))
+    };
+    let mut findings = Vec::new();
+    let mut unexplained = Vec::new();
+    for &i in suspects {
+        let name = &pictures[i].name;
+        let convention = CONVENTIONS
+            .iter()
+            .map(|c| (score(i, &c.apply(&pictures[i].camera)), c))
+            .max_by(|a, b| a.0.total_cmp(&b.0))
+            .filter(|best| explains(best.0));
+        match (convention, pose_of(i)) {
+            (Some((fits, convention)), other) if other.is_none_or(|other| other.0 < fits) => {
+                findings.push(Finding::error(
+                    "poses",
+                    format!(
+                        "{name} has another convention than the other cameras: its colours correlate {:.2} \
+                         with the points' as loaded, {fits:.2} with {}",
+                        scores[i], convention.words
+                    ),
+                    "write its pose as the others' are written",
+                ));
+            }
+            (_, Some((fits, other))) => {
+                let both = pose_of(other).is_some_and(|back| back.1 == i);
+                if both && other < i && suspects.contains(&other) {
+                    continue;
+                }
+                let other = &pictures[other].name;
+                let text = match both {
+                    true => format!("the poses of {name} and {other} are interchanged"),
+                    false => format!("{name} shows what the pose of {other} sees"),
+                };
+                findings.push(Finding::error(
+                    "poses",
+                    format!(
+                        "{text}: colours of {name} correlate {:.2} with the points' as loaded, {fits:.2} \
+                         with the other pose",
+                        scores[i]
+                    ),
+                    "put the poses into the order of the cameras' names",
+                ));
+            }
+            _ => unexplained.push(format!("{name} ({:.2})", scores[i])),
+        }
+    }
+    if !unexplained.is_empty() {
+        findings.push(Finding::warning(
+            "poses",
+            format!(
+                "points miss their colours in {} (correlation; {middle:.2} in the middle camera)",
+                listed(&unexplained)
+            ),
+            "check pose, focal length and picture of these cameras, or leave them out",
+        ));
+    }
+    findings
+}
+
+/// Where the cameras look. `sound`: what the colours said, and `explained` whether they named a mistake.
+pub(super) fn by_axes(
+    cameras: &[Camera],
+    names: &[String],
+    sound: Option<bool>,
+    explained: bool,
+) -> Finding {
+    let Some(meeting) = Meeting::of(cameras) else {
+        let text = match cameras.len() {
+            0..=2 => "too few cameras for a point where axes meet",
+            _ => "the cameras look in one direction (parallel axes), as before a stage",
+        };
+        return Finding::note("poses", text);
+    };
+    let share = meeting.share();
+    let point: Vec<String> = meeting
+        .point
+        .to_array()
+        .iter()
+        .map(|v| format!("{v:.3}"))
+        .collect();
+    let text = format!(
+        "axes meet at ({}), in front of {} of {} cameras, {:.0} % of their distance off",
+        point.join(", "),
+        meeting.in_front.iter().filter(|&&front| front).count(),
+        cameras.len(),
+        100.0 * meeting.off,
+    );
+    if share == 1.0 || sound == Some(true) && share >= MOST {
+        return Finding::ok("poses", text);
+    }
+    if share >= MOST && !explained {
+        let behind: Vec<&String> = names
+            .iter()
+            .zip(&meeting.in_front)
+            .filter(|n| !n.1)
+            .map(|n| n.0)
+            .collect();
+        return Finding::warning(
+            "poses",
+            format!("{text}, but behind {}", listed(&behind)),
+            "check whether their poses are in another convention: y and z axes negated turn a camera around",
+        );
+    }
+    if sound == Some(true) {
+        return Finding::note("poses", format!("{text}: cameras look outwards"));
+    }
+    if explained {
+        return Finding::note("poses", text);
+    }
+    match meeting_in_front(cameras) {
+        Some((convention, other)) => Finding::warning(
+            "poses",
+            format!(
+                "{text}; in front of {:.0} % and {:.0} % off with {}",
+                100.0 * other.share(),
+                100.0 * other.off,
+                convention.words
+            ),
+            "unless the cameras look outwards from the middle of the scene, convert the poses that way",
+        ),
+        None => Finding::note(
+            "poses",
+            format!("{text}: cameras look in different directions"),
+        ),
+    }
+}
