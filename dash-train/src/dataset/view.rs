@@ -75,6 +75,15 @@ pub struct View {
     pub(crate) motion_mask: Option<MotionMask>,
 }
 
+/// A view made smaller.
+pub(crate) struct SmallView {
+    pub(crate) camera: Camera,
+    /// `[H * W * 3]` in [0, 1].
+    pub(crate) rgb: Vec<f32>,
+    /// `[H * W]` in [0, 1].
+    pub(crate) alpha: Option<Vec<f32>>,
+}
+
 /// A mask of what truly moves.
 #[derive(Debug, Clone)]
 pub(crate) enum MotionMask {
@@ -140,22 +149,29 @@ impl View {
         Ok(self.pixels.get()?.alpha())
     }
 
-    /// Camera, colours and alpha at a size of which no side is longer than `max_side`.
+    /// Camera and image at a size of which no side is longer than `max_side`.
     pub(crate) fn at_most(
         &self,
         max_side: usize,
         background: [f32; 3],
-    ) -> Result<(Camera, Vec<f32>, Option<Vec<f32>>), DatasetError> {
+    ) -> Result<SmallView, DatasetError> {
         let image = self.pixels.get()?;
         let (width, height) = (self.camera.width, self.camera.height);
         let longer = width.max(height);
         if longer <= max_side {
-            return Ok((self.camera.clone(), image.rgb(background), image.alpha()));
+            return Ok(SmallView {
+                camera: self.camera.clone(),
+                rgb: image.rgb(background),
+                alpha: image.alpha(),
+            });
         }
         let shrink = |side: usize| (side * max_side / longer).max(1);
         let small = ImageData::clone(&image).resized(shrink(width), shrink(height));
-        let camera = self.camera.resized(small.width, small.height);
-        Ok((camera, small.rgb(background), small.alpha()))
+        Ok(SmallView {
+            camera: self.camera.resized(small.width, small.height),
+            rgb: small.rgb(background),
+            alpha: small.alpha(),
+        })
     }
 
     /// Which pixels count, `[H * W]` of 1 and 0; `None` where all do.

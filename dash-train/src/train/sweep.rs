@@ -67,11 +67,11 @@ impl Sweep {
             .par_iter()
             .enumerate()
             .map(|(index, view)| {
-                let (camera, rgb, alpha) = view.at_most(MAX_SIDE, background)?;
+                let small = view.at_most(MAX_SIDE, background)?;
                 Ok(Picture {
-                    colors: smoothed(&rgb, &camera),
-                    camera,
-                    alpha,
+                    colors: smoothed(&small.rgb, &small.camera),
+                    camera: small.camera,
+                    alpha: small.alpha,
                     witnesses: witnesses(&cameras, index),
                 })
             })
