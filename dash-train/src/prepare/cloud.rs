@@ -27,7 +27,7 @@ const MIN_DEVIATION: f64 = 0.1;
 const SIZE_STEPS: usize = 40;
 
 /// How many points were there, and why some are not any more.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct CloudCounts {
     /// Triangulated.
     pub found: usize,
@@ -39,6 +39,8 @@ pub struct CloudCounts {
     pub merged: usize,
     /// Kept.
     pub kept: usize,
+    /// Mean reprojection error of all that were triangulated, in pixels of the recorded size.
+    pub mean_error_px: f64,
 }
 
 /// The points worth starting from, at most `max_points`.
@@ -52,6 +54,8 @@ pub(super) fn clean(points: &[TrackedPoint], max_points: usize) -> (PointCloud, 
         outliers: trusted.len() - without_outliers.len(),
         merged: without_outliers.len() - thinned.len(),
         kept: thinned.len(),
+        mean_error_px: points.iter().map(|point| point.error).sum::<f64>()
+            / points.len().max(1) as f64,
     };
     (thinned, counts)
 }

@@ -85,8 +85,14 @@ impl fmt::Display for PrepareSummary {
         match self.cloud {
             Some(counts) => writeln!(
                 f,
-                "{} points: of {} triangulated, {} were doubtful, {} stood alone, {} were merged",
-                counts.kept, counts.found, counts.doubtful, counts.outliers, counts.merged
+                "{} points: of {} triangulated ({:.2} px off on average), {} were doubtful, {} stood alone, {} were \
+                 merged",
+                counts.kept,
+                counts.found,
+                counts.mean_error_px,
+                counts.doubtful,
+                counts.outliers,
+                counts.merged
             )?,
             None => writeln!(f, "{} random points where the cameras look", self.n_points)?,
         }
@@ -165,12 +171,13 @@ fn prepare_with(
         &names,
     )?;
 
+    check_lenses(input, &names, &found.cameras, config)?;
     tracing::info!(
         "writing {} frames of {} cameras",
         schedule.n_frames,
         names.len()
     );
-    let written = frames::write_all(
+    let (written, shortest) = frames::write_all(
         &sources,
         &timelines,
         &schedule,
@@ -182,8 +189,9 @@ fn prepare_with(
     let mut remarks = std::mem::take(&mut schedule.remarks);
     if n_frames < schedule.n_frames {
         remarks.push(format!(
-            "the last {} frames are left out: one of the videos could not be decoded so far",
-            schedule.n_frames - n_frames
+            "the last {} frames are left out: {} could not be decoded so far",
+            schedule.n_frames - n_frames,
+            names[shortest]
         ));
     }
     let cameras: Vec<KnownCamera> = found
@@ -282,9 +290,6 @@ fn find_cameras_and_points(
                 config.camera_model,
                 config.lens,
             )?;
-            for (known, image) in found.cameras.iter().zip(first_frames) {
-                known.check_lens(image)?;
-            }
             let origin = format!("by COLMAP with {}", found.remark);
             (found.cameras, origin, found.points)
         }
@@ -362,6 +367,32 @@ fn read_offsets(path: &Path, names: &[String]) -> Result<Vec<f64>, PrepareError>
         .iter()
         .map(|name| offsets.get(name).copied().unwrap_or(0.0))
         .collect())
+}
+
+/// Refuses lenses whose distortion can't be undone when the dataset is loaded.
+fn check_lenses(
+    input: &Path,
+    names: &[String],
+    cameras: &[KnownCamera],
+    config: &PrepareConfig,
+) -> Result<(), PrepareError> {
+    let remedy = match config.poses {
+        Some(_) => "undistort the pictures first and give poses without distortion",
+        None => "the lens was not found well: try --camera-model simple-radial, or --lens shared",
+    };
+    let folds = |(_, known): &(&String, &KnownCamera)| !known.lens_can_be_undone();
+    match names.iter().zip(cameras).find(folds) {
+        None => Ok(()),
+        Some((name, known)) => Err(PrepareError::invalid(
+            input,
+            "lens distortion that can be undone over the whole picture",
+            format!(
+                "coefficients k {:?}, p {:?} of {name}",
+                known.distortion.k, known.distortion.p
+            ),
+            remedy,
+        )),
+    }
 }
 
 /// Loads the first frame of every camera as training will, so that what can't be read is an error now.
