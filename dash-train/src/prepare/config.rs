@@ -1,6 +1,8 @@
 //! What is asked for.
 
-use std::path::PathBuf;
+use std::collections::BTreeMap;
+use std::fs;
+use std::path::{Path, PathBuf};
 
 use clap::ValueEnum;
 
@@ -155,4 +157,51 @@ impl PrepareConfig {
         }
         Ok(())
     }
+}
+
+/// For each of `n` cameras whether it is held out.
+pub(super) fn held_out(indices: &[usize], n: usize) -> Result<Vec<bool>, PrepareError> {
+    let mut held_out = vec![false; n];
+    for &index in indices {
+        match held_out.get_mut(index) {
+            Some(held_out) => *held_out = true,
+            None => {
+                let expected = format!("camera indices from 0 to {}", n.saturating_sub(1));
+                return Err(PrepareError::setting("--test-cameras", expected, index));
+            }
+        }
+    }
+    if held_out.iter().all(|&held_out| held_out) {
+        let expected = "at least one camera to train on";
+        return Err(PrepareError::setting(
+            "--test-cameras",
+            expected,
+            format!("all {n} held out"),
+        ));
+    }
+    Ok(held_out)
+}
+
+/// The seconds of each camera, zero where the file has none.
+pub(super) fn read_offsets(path: &Path, names: &[String]) -> Result<Vec<f64>, PrepareError> {
+    let bytes = fs::read(path).map_err(PrepareError::io(path))?;
+    let malformed = |found: String| {
+        PrepareError::invalid(
+            path,
+            "JSON with seconds by camera, such as {\"cam01\": 0.033}",
+            found,
+            format!("mend the file; the cameras are {}", names.join(", ")),
+        )
+    };
+    let offsets: BTreeMap<String, f64> =
+        serde_json::from_slice(&bytes).map_err(|e| malformed(e.to_string()))?;
+    if let Some(unknown) = offsets.keys().find(|name| !names.contains(name)) {
+        return Err(malformed(format!(
+            "`{unknown}`, which is no camera of the input"
+        )));
+    }
+    Ok(names
+        .iter()
+        .map(|name| offsets.get(name).copied().unwrap_or(0.0))
+        .collect())
 }

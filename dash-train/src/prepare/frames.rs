@@ -112,7 +112,8 @@ pub(super) fn first_frames(
 }
 
 /// Writes every camera's frames to `dataset/NAME/images/0000.png` and so on, and returns them by camera:
-/// as many for each, which can be fewer than planned where a video ends early.
+/// as many for each, which can be fewer than planned where a video ends early; and the index of the
+/// camera that had the fewest.
 pub(super) fn write_all(
     sources: &[Source],
     timelines: &[Timeline],
@@ -120,7 +121,7 @@ pub(super) fn write_all(
     sizes: &[[usize; 2]],
     recorded_sizes: &[[usize; 2]],
     dataset: &Path,
-) -> Result<Vec<Vec<PathBuf>>, PrepareError> {
+) -> Result<(Vec<Vec<PathBuf>>, usize), PrepareError> {
     let mut cameras = (0..sources.len())
         .into_par_iter()
         .map(|index| {
@@ -142,13 +143,14 @@ pub(super) fn write_all(
             }
         })
         .collect::<Result<Vec<Vec<PathBuf>>, PrepareError>>()?;
-    let shortest = cameras.iter().map(Vec::len).min().unwrap_or(0);
+    let lengths = cameras.iter().map(Vec::len).enumerate();
+    let (shortest, n_frames) = lengths.min_by_key(|(_, n)| *n).unwrap_or((0, 0));
     for frames in &mut cameras {
-        for extra in frames.drain(shortest..) {
+        for extra in frames.drain(n_frames..) {
             fs::remove_file(&extra).map_err(PrepareError::io(&extra))?;
         }
     }
-    Ok(cameras)
+    Ok((cameras, shortest))
 }
 
 fn copy_images(

@@ -3,7 +3,7 @@
 //!
 //! | file | what |
 //! | --- | --- |
-//! | `config.rs`, `error.rs` | what is asked for, what can go wrong |
+//! | `config.rs`, `summary.rs`, `error.rs` | what is asked for, what was done, what can go wrong |
 //! | `sources.rs`, `schedule.rs` | the cameras of a folder; which times they have in common |
 //! | `ffmpeg.rs`, `frames.rs` | frames of videos and of folders of images |
 //! | `colmap.rs`, `reconstruct.rs` | poses and points by the program `colmap` |
@@ -21,14 +21,12 @@ mod random;
 mod reconstruct;
 mod schedule;
 mod sources;
+mod summary;
 #[cfg(test)]
 mod tests;
 mod write;
 
-use std::collections::BTreeMap;
 use std::ffi::OsString;
-use std::fmt;
-use std::fs;
 use std::path::{Path, PathBuf};
 
 pub use cloud::CloudCounts;
@@ -36,69 +34,19 @@ pub use colmap::{COLMAP, COLMAP_VARIABLE};
 pub use config::{CameraModel, LensChoice, PrepareConfig};
 pub use error::PrepareError;
 pub use frames::FrameSize;
+pub use summary::PrepareSummary;
 
 use crate::dataset::known_poses::{self, KnownCamera};
 use crate::dataset::{DatasetError, LoadOptions, load};
 use crate::ply::PointCloud;
 use colmap::Colmap;
+use config::{held_out, read_offsets};
 use output::Output;
 use schedule::{Wanted, schedule};
 use write::WrittenCamera;
 
 /// With fewer points than this, the user is told what may be wrong.
 const FEW_POINTS: usize = 100;
-
-/// What was prepared, for the user.
-#[derive(Debug, Clone, PartialEq)]
-pub struct PrepareSummary {
-    /// The dataset's folder.
-    pub path: PathBuf,
-    /// Number of cameras.
-    pub n_cameras: usize,
-    /// Frames of each camera.
-    pub n_frames: usize,
-    /// Frames a second.
-    pub fps: f64,
-    /// Where the poses come from.
-    pub poses: String,
-    /// What became of the triangulated points; `None` for random ones.
-    pub cloud: Option<CloudCounts>,
-    /// Number of points that were written.
-    pub n_points: usize,
-    /// Names of the cameras that are held out.
-    pub held_out: Vec<String>,
-    /// What was cut off or assumed.
-    pub remarks: Vec<String>,
-}
-
-impl fmt::Display for PrepareSummary {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        writeln!(
-            f,
-            "{}: {} cameras x {} frames at {:.2} frames a second, poses {}",
-            self.path.display(),
-            self.n_cameras,
-            self.n_frames,
-            self.fps,
-            self.poses
-        )?;
-        match self.cloud {
-            Some(counts) => writeln!(
-                f,
-                "{} points: of {} triangulated, {} were doubtful, {} stood alone, {} were merged",
-                counts.kept, counts.found, counts.doubtful, counts.outliers, counts.merged
-            )?,
-            None => writeln!(f, "{} random points where the cameras look", self.n_points)?,
-        }
-        match &self.held_out[..] {
-            [] => write!(f, "no camera is held out for testing")?,
-            names => write!(f, "held out for testing: {}", names.join(", "))?,
-        }
-        self.remarks
-            .iter()
-            .try_for_each(|remark| write!(f, "\n{remark}"))
-    }
-}
 
 /// Makes a dataset in the folder `out` of the recordings in the folder `input`.
 ///
@@ -165,12 +113,13 @@ fn prepare_with(
         &names,
     )?;
 
+    check_lenses(input, &names, &found.cameras, config)?;
     tracing::info!(
         "writing {} frames of {} cameras",
         schedule.n_frames,
         names.len()
     );
-    let written = frames::write_all(
+    let (written, shortest) = frames::write_all(
         &sources,
         &timelines,
         &schedule,
@@ -182,8 +131,9 @@ fn prepare_with(
     let mut remarks = std::mem::take(&mut schedule.remarks);
     if n_frames < schedule.n_frames {
         remarks.push(format!(
-            "the last {} frames are left out: one of the videos could not be decoded so far",
-            schedule.n_frames - n_frames
+            "the last {} frames are left out: {} could not be decoded so far",
+            schedule.n_frames - n_frames,
+            names[shortest]
         ));
     }
     let cameras: Vec<KnownCamera> = found
@@ -282,9 +232,6 @@ fn find_cameras_and_points(
                 config.camera_model,
                 config.lens,
             )?;
-            for (known, image) in found.cameras.iter().zip(first_frames) {
-                known.check_lens(image)?;
-            }
             let origin = format!("by COLMAP with {}", found.remark);
             (found.cameras, origin, found.points)
         }
@@ -318,50 +265,30 @@ fn find_colmap(
     }
 }
 
-fn held_out(indices: &[usize], n: usize) -> Result<Vec<bool>, PrepareError> {
-    let mut held_out = vec![false; n];
-    for &index in indices {
-        match held_out.get_mut(index) {
-            Some(held_out) => *held_out = true,
-            None => {
-                let expected = format!("camera indices from 0 to {}", n.saturating_sub(1));
-                return Err(PrepareError::setting("--test-cameras", expected, index));
-            }
-        }
-    }
-    if held_out.iter().all(|&held_out| held_out) {
-        let expected = "at least one camera to train on";
-        return Err(PrepareError::setting(
-            "--test-cameras",
-            expected,
-            format!("all {n} held out"),
-        ));
-    }
-    Ok(held_out)
-}
-
-/// The seconds of each camera, zero where the file has none.
-fn read_offsets(path: &Path, names: &[String]) -> Result<Vec<f64>, PrepareError> {
-    let bytes = fs::read(path).map_err(PrepareError::io(path))?;
-    let malformed = |found: String| {
-        PrepareError::invalid(
-            path,
-            "JSON with seconds by camera, such as {\"cam01\": 0.033}",
-            found,
-            format!("mend the file; the cameras are {}", names.join(", ")),
-        )
+/// Refuses lenses whose distortion can't be undone when the dataset is loaded.
+fn check_lenses(
+    input: &Path,
+    names: &[String],
+    cameras: &[KnownCamera],
+    config: &PrepareConfig,
+) -> Result<(), PrepareError> {
+    let remedy = match config.poses {
+        Some(_) => "undistort the pictures first and give poses without distortion",
+        None => "the lens was not found well: try --camera-model simple-radial, or --lens shared",
     };
-    let offsets: BTreeMap<String, f64> =
-        serde_json::from_slice(&bytes).map_err(|e| malformed(e.to_string()))?;
-    if let Some(unknown) = offsets.keys().find(|name| !names.contains(name)) {
-        return Err(malformed(format!(
-            "`{unknown}`, which is no camera of the input"
-        )));
+    let folds = |(_, known): &(&String, &KnownCamera)| !known.lens_can_be_undone();
+    match names.iter().zip(cameras).find(folds) {
+        None => Ok(()),
+        Some((name, known)) => Err(PrepareError::invalid(
+            input,
+            "lens distortion that can be undone over the whole picture",
+            format!(
+                "coefficients k {:?}, p {:?} of {name}",
+                known.distortion.k, known.distortion.p
+            ),
+            remedy,
+        )),
     }
-    Ok(names
-        .iter()
-        .map(|name| offsets.get(name).copied().unwrap_or(0.0))
-        .collect())
 }
 
 /// Loads the first frame of every camera as training will, so that what can't be read is an error now.

@@ -13,8 +13,9 @@ use crate::ply::PointCloud;
 const REACH_SHARE: f64 = 0.7;
 /// Cameras that must see a point.
 const MIN_CAMERAS: usize = 2;
-/// Draws per wanted point before fewer points are accepted.
-const MAX_DRAWS_PER_POINT: usize = 200;
+/// Draws before fewer points are accepted: at the beginning, and more for each point that was found.
+const FIRST_DRAWS: usize = 100_000;
+const DRAWS_PER_POINT: usize = 200;
 /// Smallest reach that is drawn from, in world units, where all cameras stand in one place.
 const MIN_REACH: f64 = 1e-3;
 
@@ -29,10 +30,9 @@ pub(super) fn random_points(cameras: &[Camera], n: usize, seed: u64) -> PointClo
     let reach = reach.max(MIN_REACH);
     let mut rng = Pcg64::seed_from_u64(seed);
     let mut points = PointCloud::default();
-    for _ in 0..n.saturating_mul(MAX_DRAWS_PER_POINT) {
-        if points.len() == n {
-            break;
-        }
+    let mut n_draws = 0;
+    while points.len() < n && n_draws < FIRST_DRAWS + DRAWS_PER_POINT * points.len() {
+        n_draws += 1;
         let mut draw = || reach * rng.random_range(-1.0..1.0);
         let point = (focus + DVec3::new(draw(), draw(), draw())).to_array();
         let seen_by = cameras

@@ -337,6 +337,18 @@ fn a_broken_video_and_options_that_do_not_fit() {
     ] {
         bench.refuses(&change, &[word]);
     }
+    let mut folding = known(0);
+    folding.distortion.k[0] = -30.0;
+    let frames = [super::frame(0, &folding), super::frame(1, &known(1))];
+    let poses = bench.write(
+        "folding.json",
+        serde_json::json!({ "frames": frames }).to_string(),
+    );
+    let folding = PrepareConfig {
+        poses: Some(poses),
+        ..base.clone()
+    };
+    bench.refuses(&folding, &["input", "-30", "cam0", "undistort"]);
     bench.write("out/made/precious.txt", "mine");
     let error = bench.prepare(&base).expect_err("not empty").to_string();
     assert!(
