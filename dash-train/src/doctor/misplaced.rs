@@ -3,7 +3,7 @@
 use dash_kernels::Camera;
 use glam::{DMat3, DVec3};
 
-use super::agreement::{Picture, middle_score};
+use super::agreement::{Agreement, Picture, middle_score};
 use super::cloud::Cloud;
 use super::conventions::CONVENTIONS;
 use super::finding::Finding;
@@ -15,6 +15,12 @@ const PICTURES: usize = 12;
 /// A hypothesis explains what is seen from this score on, and if it is better than the data as they are
 /// by half as much.
 const EXPLAINS: f64 = 0.3;
+/// Cameras whose order is looked into; every picture is tried with every pose.
+const MAX_REORDERED: usize = 48;
+/// Score from which on a picture fits another's pose.
+const ORDER_FITS: f64 = 0.45;
+/// Score from which on points without an explanation fit loosely, not at all below.
+const LOOSE: f64 = 0.25;
 /// Share of strangers' colours that agree from which on colours say little.
 const ALIKE: f64 = 0.6;
 /// Factors of the points' coordinates that are tried, and from one to the next.
@@ -86,11 +92,26 @@ pub(super) fn explain(
             "scale the points, or the cameras' positions, to one unit",
         );
     }
+    let displaced = displaced(cloud, pictures, stride);
+    if 2 * displaced >= pictures.len() && best.as_ref().is_none_or(|best| best.0 < ORDER_FITS) {
+        return Finding::error(
+            "poses",
+            format!(
+                "{text}; {displaced} of {} pictures fit the pose of another camera",
+                pictures.len()
+            ),
+            "put the poses into the order of the cameras' names",
+        );
+    }
     match best {
         Some((found, words, mend)) => Finding::error(
             "poses",
             format!("{text}; it would be {found:.2} {words}"),
             mend,
+        ),
+        None if score > LOOSE => Finding::note(
+            "colours",
+            format!("{text}: points fit the pictures loosely, and no usual mistake explains it"),
         ),
         None if chance > ALIKE => Finding::note(
             "colours",
@@ -104,6 +125,22 @@ pub(super) fn explain(
             "check the order of the cameras, and that points and poses are of one reconstruction",
         ),
     }
+}
+
+/// Pictures that show what another camera's pose sees.
+fn displaced(cloud: &Cloud, pictures: &[Picture], stride: usize) -> usize {
+    if pictures.len() > MAX_REORDERED {
+        return 0;
+    }
+    let fits = |picture: &Picture, other: &Picture| {
+        let camera = picture.at_pose_of(&other.camera);
+        Agreement::of(picture, &camera, cloud, stride, |x| x).score() >= ORDER_FITS
+    };
+    let shows_another = |i: &usize| {
+        let (picture, rest) = (&pictures[*i], (0..pictures.len()).filter(|k| k != i));
+        !fits(picture, picture) && rest.into_iter().any(|k| fits(picture, &pictures[k]))
+    };
+    (0..pictures.len()).filter(shows_another).count()
 }
 
 /// The turns that interchange axes, and what they make of (x, y, z).

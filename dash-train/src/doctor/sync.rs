@@ -202,7 +202,7 @@ mod tests {
         // Periodic motion fits at several offsets.
         for track in &mut tracks {
             for (i, step) in track.steps.iter_mut().enumerate() {
-                step.energy = 1.0 + f64::from(i as u32 % 4 == 0);
+                step.energy = 1.0 + f64::from((i as u32).is_multiple_of(4));
             }
         }
         for (i, step) in tracks[2].steps.iter_mut().enumerate() {

@@ -1,0 +1,84 @@
+//! `dash doctor` from outside: what it prints, writes and exits with.
+
+mod common;
+
+use common::{Bench, text};
+use serde_json::Value;
+
+#[test]
+fn a_clean_dataset_is_one_line_per_finding_and_exit_0() {
+    let bench = Bench::with_room("n3dv");
+    let lines = bench.ok(&["doctor", "room"]);
+    for line in lines.lines() {
+        let severity = line.split_whitespace().next();
+        assert!(severity == Some("ok") || severity == Some("note"), "{line}");
+    }
+    assert!(lines.contains("4 cameras x 3 frames"), "{lines}");
+    assert!(!bench.path("doctor.png").exists(), "only when asked");
+
+    bench.ok(&["doctor", "room", "--picture"]);
+    assert_eq!(
+        image::image_dimensions(bench.path("doctor.png")).expect("a picture"),
+        (1600, 800)
+    );
+    bench.ok(&["doctor", "room", "--picture", "room.png"]);
+    assert_eq!(bench.read("doctor.png"), bench.read("room.png"));
+}
+
+#[test]
+fn an_error_among_the_findings_is_exit_1_with_the_findings_on_stdout() {
+    let bench = Bench::with_room("n3dv");
+    bench.truncate("room/cam01/images/0001.png", 0.5);
+    let output = bench
+        .command(&["doctor", "room", "--json"])
+        .output()
+        .expect("starts");
+    assert_eq!(output.status.code(), Some(1));
+    let stderr = text(&output.stderr);
+    assert_eq!(
+        stderr.trim_end(),
+        "error: room: 1 error in the dataset, named above"
+    );
+    let found: Value = serde_json::from_slice(&output.stdout).expect("JSON");
+    assert_eq!(found["worst"], "error");
+    let findings = found["findings"].as_array().expect("a list");
+    let errors: Vec<&Value> = findings
+        .iter()
+        .filter(|f| f["severity"] == "error")
+        .collect();
+    assert_eq!(errors.len(), 1, "{found}");
+    let named = errors[0]["text"].as_str().expect("text");
+    assert!(named.contains("cam01/images/0001.png"), "{named}");
+    assert!(errors[0]["mend"].is_string(), "{found}");
+}
+
+#[test]
+fn options_are_those_of_training() {
+    let bench = Bench::with_room("n3dv");
+    let lines = bench.ok(&[
+        "doctor",
+        "room",
+        "--downscale",
+        "2",
+        "--test-cameras",
+        "2",
+        "--memory",
+        "1kB",
+    ]);
+    for part in [
+        "16x12",
+        "3 to test (cam02)",
+        "warning  memory",
+        "--downscale",
+    ] {
+        assert!(lines.contains(part), "{part} in {lines}");
+    }
+    bench.is_wrong_usage(&["doctor"]);
+    bench.is_wrong_usage(&["doctor", "room", "--downscale", "0"]);
+    let output = bench
+        .command(&["doctor", "room", "--layout", "colmap"])
+        .output()
+        .expect("starts");
+    assert_eq!(output.status.code(), Some(1));
+    assert!(text(&output.stdout).contains("as --layout says"));
+}
