@@ -68,7 +68,7 @@ fn options_are_those_of_training() {
     for part in [
         "16x12",
         "3 to test (cam02)",
-        "warning  memory",
+        "note     memory",
         "--downscale",
     ] {
         assert!(lines.contains(part), "{part} in {lines}");

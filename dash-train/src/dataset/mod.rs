@@ -61,6 +61,7 @@ pub(crate) use colmap_tracks::{TrackedPoint, read_tracked_points};
 pub use error::DatasetError;
 pub(crate) use files::frame_number;
 pub use frames::FrameStatistics;
+pub(crate) use frames::default_budget;
 pub(crate) use points::known_point_file;
 pub(crate) use poses::poses_alone;
 pub use view::{Split, View};

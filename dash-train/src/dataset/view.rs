@@ -299,7 +299,8 @@ impl<'a> Context<'a> {
                     bytes_in_words(budget)
                 );
             }
-            if skip_broken {
+            // `broken` is noted by those who look at every image anyway.
+            if skip_broken && self.broken.is_none() {
                 // What is broken must be known before it is drawn: all is decoded once.
                 let names: Vec<String> = named(&planned);
                 let checked = names.into_iter().zip(make_all(&recipes, |_| ())).collect();

@@ -7,7 +7,7 @@ use super::finding::{Finding, listed};
 use crate::dataset::{Dataset, Layout, Split, View, frame_number};
 
 /// Files by which layouts are known.
-const MARKS: [(Layout, &str); 8] = [
+const MARKS: [(Layout, &str); 13] = [
     (Layout::N3dv, "poses_bounds.npy"),
     (Layout::Blender, "transforms_train.json"),
     (Layout::Blender, "transforms.json"),
@@ -15,7 +15,12 @@ const MARKS: [(Layout, &str); 8] = [
     (Layout::Colmap, "sparse/0/cameras.txt"),
     (Layout::Colmap, "sparse/cameras.bin"),
     (Layout::Colmap, "sparse/cameras.txt"),
-    (Layout::Colmap, "images"),
+    (Layout::Technicolor, "cameras_parameters.txt"),
+    (Layout::Technicolor, "colmap/dense/workspace/sparse"),
+    (Layout::Nerfies, "dataset.json"),
+    (Layout::Rig, "videos"),
+    (Layout::Rig, "transforms.json"),
+    (Layout::Rig, "sparse"),
 ];
 /// A step in time that is this many times the usual one is a gap.
 const GAP: f64 = 3.5;

@@ -56,6 +56,10 @@ impl Finding {
         Self::new(check, Severity::Note, text, None)
     }
 
+    pub(super) fn note_with_mend(check: &'static str, text: impl Into<String>, mend: &str) -> Self {
+        Self::new(check, Severity::Note, text, Some(mend.into()))
+    }
+
     pub(super) fn warning(check: &'static str, text: impl Into<String>, mend: &str) -> Self {
         Self::new(check, Severity::Warning, text, Some(mend.into()))
     }

@@ -1,39 +1,28 @@
 //! What the pictures need in memory.
 
 use super::finding::Finding;
-use crate::dataset::Dataset;
+use crate::dataset::{Dataset, default_budget};
 
-/// The pictures' bytes against a budget.
+/// The pictures' bytes against a budget, half of the memory that is free unless said.
 pub(super) fn check(dataset: &Dataset, budget: Option<u64>) -> Finding {
-    let bytes: u64 = dataset
-        .views
-        .iter()
-        .map(|view| {
-            let channels = if view.has_alpha() { 4 } else { 3 };
-            (view.camera.width * view.camera.height * channels) as u64
-        })
-        .sum();
+    let bytes = dataset.image_bytes();
+    let budget = budget.unwrap_or_else(default_budget);
     let text = format!(
-        "{} pictures take {} in memory",
+        "{} pictures take {} of the {} that they may",
         dataset.views.len(),
-        amount(bytes)
+        amount(bytes),
+        amount(budget)
     );
-    match budget {
-        Some(budget) if bytes > budget => {
-            let factor = (bytes as f64 / budget as f64).sqrt();
-            let mend = format!(
-                "--downscale {:.1} makes them fit",
-                (10.0 * factor).ceil() / 10.0
-            );
-            let text = format!("{text}, more than the {} of --memory", amount(budget));
-            Finding::warning("memory", text, &mend)
-        }
-        Some(budget) => Finding::ok(
-            "memory",
-            format!("{text}, of {} of --memory", amount(budget)),
-        ),
-        None => Finding::ok("memory", text),
+    if bytes <= budget {
+        return Finding::ok("memory", text);
     }
+    let factor = (bytes as f64 / budget as f64).sqrt();
+    let mend = format!(
+        "a larger --memory, or --downscale {:.1}, holds them all",
+        (10.0 * factor).ceil() / 10.0
+    );
+    let text = format!("{text}: training decodes them when it needs them");
+    Finding::note_with_mend("memory", text, &mend)
 }
 
 fn amount(bytes: u64) -> String {

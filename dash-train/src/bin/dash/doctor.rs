@@ -21,7 +21,7 @@ use crate::values::{self, CameraList};
 One line per finding: ok, note, warning or error, what was looked at, what was found, and after -> how to
 mend it. The exit code is 1 with an error among them, else 0.")]
 pub struct DoctorArgs {
-    /// The dataset's folder (n3dv, blender or colmap layout)
+    /// The dataset's folder, of any layout
     dataset: PathBuf,
     /// Write JSON: an object with dataset, worst and findings, each with check, severity, text and mend
     #[arg(long)]
