@@ -4,6 +4,7 @@ use burn::module::Module;
 use burn::nn::Linear;
 use burn::tensor::activation::relu;
 use burn::tensor::{Device, Tensor};
+use dash_kernels::hash_encode::HashGridLayout;
 use rand::Rng;
 use serde::{Deserialize, Serialize};
 
@@ -26,6 +27,26 @@ pub struct DeformationConfig {
     pub hidden: usize,
     /// Hidden layers between the encoding and the heads.
     pub layers: usize,
+}
+
+impl DeformationConfig {
+    /// How many values the parameters of a field of these sizes hold, saturating.
+    ///
+    /// # Errors
+    /// When the grid's configuration is out of range.
+    pub(crate) fn n_values(&self) -> Result<u128, ModelError> {
+        let grid = HashGridLayout::new(&self.encoder.grid())?;
+        let n_entries: u128 = grid.levels().iter().map(|l| u128::from(l.size)).sum();
+        let features = grid.n_features_per_level() as u128;
+        let linear = |from: u128, to: u128| from.saturating_mul(to).saturating_add(to);
+        let (hidden, layers) = (self.hidden as u128, self.layers as u128);
+        let trunk = linear(features * grid.n_levels() as u128, hidden)
+            .saturating_add(linear(hidden, hidden).saturating_mul(layers.saturating_sub(1)));
+        let heads = linear(hidden, 3) + linear(hidden, 4) + linear(hidden, 3);
+        Ok((n_entries * features)
+            .saturating_add(trunk)
+            .saturating_add(heads))
+    }
 }
 
 /// What the field adds to canonical Gaussians at one time.

@@ -19,6 +19,8 @@ use crate::{
 
 /// Version of the files that this code writes.
 const FORMAT_VERSION: u32 = 1;
+/// Most functions of time that trajectories may be made of.
+const MAX_BASIS_FUNCTIONS: usize = 4096;
 
 /// Everything about a scene that is not a tensor.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -76,10 +78,8 @@ impl DynamicScene {
         let parameters = read_tensors(&tensor_path)?;
         description.check(&parameters, &tensor_path)?;
         // Static Gaussians have trajectories only in checkpoints, before the split.
-        let static_width = parameters
-            .get("static_set.trajectories")
-            .and_then(|tensor| tensor.shape.get(1).copied())
-            .unwrap_or(0);
+        let static_width = description.trajectory_width(&parameters, "static_set", &tensor_path)?;
+        description.check_field(&parameters, &tensor_path)?;
         let skeleton = description.skeleton(static_width, device)?;
         with_parameters(skeleton, parameters).map_err(|found| {
             ModelError::format(&tensor_path, "the parameters of scene.json", found)
@@ -138,6 +138,63 @@ impl SceneDescription {
         })
     }
 
+    /// The field's sizes are those of the stored values: a description must not ask for more memory
+    /// than its tensors take.
+    fn check_field(
+        &self,
+        parameters: &BTreeMap<String, HostTensor>,
+        path: &Path,
+    ) -> Result<(), ModelError> {
+        let Some(field) = &self.field else {
+            return Ok(());
+        };
+        let stored: usize = parameters
+            .iter()
+            .filter(|(name, _)| name.starts_with("dynamic.field."))
+            .map(|(_, tensor)| tensor.values.len())
+            .sum();
+        let described = field.config.n_values()?;
+        if described != stored as u128 {
+            return Err(ModelError::format(
+                path,
+                format!("the {described} values of the field that scene.json describes"),
+                stored.to_string(),
+            ));
+        }
+        let width = self.trajectory_width(parameters, "dynamic.gaussians", path)?;
+        if width != field.trajectory_width {
+            return Err(ModelError::format(
+                path,
+                format!("trajectories of {} columns", field.trajectory_width),
+                width.to_string(),
+            ));
+        }
+        Ok(())
+    }
+
+    /// Columns of a set's trajectories, 0 where it has none: a set without rows could claim any
+    /// number of them.
+    fn trajectory_width(
+        &self,
+        parameters: &BTreeMap<String, HostTensor>,
+        set: &str,
+        path: &Path,
+    ) -> Result<usize, ModelError> {
+        let name = format!("{set}.trajectories");
+        let Some(tensor) = parameters.get(&name) else {
+            return Ok(0);
+        };
+        let functions = self.settings.trajectory_basis.len();
+        match tensor.shape[..] {
+            [_, width] if width > 0 && width == 3 * functions => Ok(width),
+            _ => Err(ModelError::format(
+                path,
+                format!("`{name}` with three columns for each of {functions} functions of time"),
+                format!("shape {:?}", tensor.shape),
+            )),
+        }
+    }
+
     /// Every per-Gaussian tensor has the number of rows that the description names.
     fn check(
         &self,
@@ -152,6 +209,14 @@ impl SceneDescription {
                     "{} stored, {} active",
                     self.sh_degree, self.settings.sh_degree
                 ),
+            ));
+        }
+        let functions = self.settings.trajectory_basis.len();
+        if functions > MAX_BASIS_FUNCTIONS {
+            return Err(ModelError::format(
+                path,
+                format!("trajectories of at most {MAX_BASIS_FUNCTIONS} functions of time"),
+                functions.to_string(),
             ));
         }
         for (name, tensor) in parameters {

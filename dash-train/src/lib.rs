@@ -17,6 +17,8 @@ pub mod device;
 pub mod doctor;
 mod error;
 pub mod evaluate;
+#[doc(hidden)]
+pub mod fuzzing;
 pub mod metrics;
 pub mod ply;
 pub mod prepare;

@@ -147,7 +147,8 @@ struct Vertex {
 #[derive(Deserialize)]
 struct Skipped {}
 
-fn parse(path: &Path, mut bytes: Vec<u8>) -> Result<(PointCloud, usize), DatasetError> {
+/// [`read_points_counting`] from a file's content.
+pub(crate) fn parse(path: &Path, mut bytes: Vec<u8>) -> Result<(PointCloud, usize), DatasetError> {
     let malformed = |found: String| {
         DatasetError::invalid(
             path,

@@ -2,7 +2,7 @@
 
 mod common;
 
-use common::{Bench, TINY};
+use common::{Bench, TINY, text};
 
 /// `dash train` on `room`, which must fail before `run` is made; short, should it not.
 const TRAIN: [&str; 6] = ["train", "room", "--out", "run", "--iterations", "1"];
@@ -309,6 +309,19 @@ fn damaged_runs() {
     bench.write("run/config.toml", whole);
 
     std::fs::remove_dir_all(bench.path("run/checkpoints/000030")).expect("removed");
+    let path = "run/checkpoints/000020/state.json";
+    let whole = bench.read(path);
+    for (list, claim, complaint) in [
+        ("\"left\":[", "4000000000", "view 4000000000"),
+        ("\"held_still\":[", "true", "marks of static Gaussians"),
+    ] {
+        let state = text(&whole);
+        let start = state.find(list).expect("a list") + list.len();
+        let end = start + state[start..].find(']').expect("its end");
+        bench.write(path, format!("{}{claim}{}", &state[..start], &state[end..]));
+        bench.fails(&["train", "room", "--out", "run", "--resume"], complaint);
+    }
+    bench.write(path, whole);
     bench.truncate("run/checkpoints/000020/optimizer.safetensors", 0.5);
     bench.fails(
         &["train", "room", "--out", "run", "--resume"],

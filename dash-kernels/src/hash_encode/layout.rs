@@ -19,6 +19,8 @@ pub const HASH_PRIMES: [u32; MAX_DIMS] = [1, 2_654_435_761, 805_459_861, 3_674_6
 /// Features per level that have a kernel.
 pub const SUPPORTED_FEATURES: [usize; 4] = [1, 2, 4, 8];
 
+/// Far above any use; keeps a damaged configuration from asking for a list of all memory.
+const MAX_LEVELS: usize = 64;
 const MAX_LOG2_HASHMAP_SIZE: u32 = 31;
 const MAX_RESOLUTION: u32 = 1 << 24;
 /// `N_min b^l` is taken for the integer next to it when it is this close, relatively: `exp` and
@@ -243,8 +245,11 @@ fn validate(config: &HashGridConfig) -> Result<(), String> {
             ));
         }
     }
-    if config.n_levels == 0 {
-        return Err("`n_levels` is 0, expected at least 1".into());
+    if !(1..=MAX_LEVELS).contains(&config.n_levels) {
+        return Err(format!(
+            "`n_levels` is {}, expected 1 to {MAX_LEVELS}",
+            config.n_levels
+        ));
     }
     if !SUPPORTED_FEATURES.contains(&config.n_features_per_level) {
         return Err(format!(

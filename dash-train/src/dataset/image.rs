@@ -9,6 +9,7 @@ use std::path::Path;
 use image::{DynamicImage, ImageDecoder, ImageFormat, ImageReader, Limits};
 
 use super::DatasetError;
+use super::image_size::can_hold_its_pixels;
 
 /// Largest side of an image that is read.
 pub(super) const MAX_IMAGE_SIDE: u32 = 16_384;
@@ -255,7 +256,17 @@ fn decode_any(path: &Path) -> Result<DynamicImage, DatasetError> {
     let mut reader = ImageReader::new(Cursor::new(&bytes))
         .with_guessed_format()
         .map_err(DatasetError::io(path))?;
-    if reader.format() == Some(ImageFormat::Jpeg) && !jpeg_is_complete(&bytes) {
+    // What the file holds decides, not its name; other decoders of the image crate stay out of reach.
+    let Some(format @ (ImageFormat::Png | ImageFormat::Jpeg)) = reader.format() else {
+        return Err(DatasetError::image(path, "it is neither PNG nor JPEG"));
+    };
+    if !can_hold_its_pixels(&bytes, format) {
+        return Err(DatasetError::image(
+            path,
+            "its header announces more pixels than a file of its size can hold",
+        ));
+    }
+    if format == ImageFormat::Jpeg && !jpeg_is_complete(&bytes) {
         return Err(DatasetError::image(
             path,
             "the file ends before the image does (truncated)",

@@ -15,7 +15,9 @@
 //! | `sources.rs`, `times.rs`, `points.rs`, `broken.rs` | frames of synchronised cameras, times, initial points, damaged images |
 //! | `known_poses.rs`, `colmap_tracks.rs`, `shrink.rs` | what `prepare` makes a dataset from |
 //! | `view.rs`, `image.rs`, `distortion.rs`, `pose.rs`, `files.rs`, `error.rs` | what they share |
+//! | `frames.rs`, `frames/`, `video.rs` | images in memory or made on demand |
 //! | `poses.rs` | the cameras of a folder whose pictures can't be loaded |
+//! | `image_size.rs`, `fuzzing.rs` | what a header may claim; the parsers by name, for tests |
 
 mod blender;
 mod broken;
@@ -28,7 +30,9 @@ pub(crate) mod distortion;
 mod error;
 pub(crate) mod files;
 mod frames;
+pub(crate) mod fuzzing;
 mod image;
+mod image_size;
 pub(crate) mod known_poses;
 mod n3dv;
 mod nerfies;

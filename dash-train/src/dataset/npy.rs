@@ -10,9 +10,11 @@ use super::DatasetError;
 pub(super) const POSE_COLUMNS: usize = 17;
 /// NumPy's own limit (`numpy.lib.format`).
 const MAX_HEADER_BYTES: usize = 10_000;
-/// Enough for `[n, 17]`; keeps the product of the shape below 2^64 and the parser's recursion flat.
+/// Enough for `[n, 17]`; keeps the product of the shape below 2^64.
 const MAX_HEADER_DIGITS: usize = 19;
-const MAX_HEADER_BRACKETS: usize = 16;
+/// Those of the dictionary and of the shape. The parser takes time and memory exponential in the depth
+/// of nested brackets.
+const MAX_HEADER_BRACKETS: usize = 2;
 
 /// Parses LLFF poses and bounds.
 pub(super) fn parse_poses(
@@ -190,6 +192,13 @@ pub(super) mod tests {
             let error = read(&bytes[..end]).expect_err("truncated").to_string();
             assert!(error.contains("poses_bounds.npy"), "{error}");
         }
+    }
+
+    #[test]
+    fn headers_with_more_brackets_than_a_table_needs_are_refused_unparsed() {
+        let header = "{'descr': '<f8', 'fortran_order': True, 'shape': (1, 17),{{{{{{{{";
+        let error = read(&npy(header, &[0; 8 * 17])).expect_err("malformed");
+        assert!(error.to_string().contains("found the header {"), "{error}");
     }
 
     #[test]

@@ -153,6 +153,13 @@ pub fn load_checkpoint(
         state.optimizer_steps,
         &trainer.device.clone().inner(),
     )
+    .and_then(|optimizer| {
+        optimizer.check_sizes("scene", &trainer.scene)?;
+        if let Some(motion) = &trainer.motion {
+            optimizer.check_sizes("motion", motion)?;
+        }
+        Ok(optimizer)
+    })
     .map_err(|found| damaged(&path, found))?;
     let path = checkpoint.join("statistics.safetensors");
     restore_statistics(&mut trainer, read_tensors(&path)?)
@@ -161,7 +168,46 @@ pub fn load_checkpoint(
     trainer.sampler = state.sampler;
     trainer.step = state.step;
     trainer.held_still = state.held_still;
+    check_counts(&trainer).map_err(|found| damaged(checkpoint, found))?;
     Ok((trainer, state.train_seconds))
+}
+
+/// What is kept per view and per Gaussian fits this dataset and this scene.
+fn check_counts(trainer: &Trainer) -> Result<(), String> {
+    let n_views = trainer.train_views.len();
+    if let Some(view) = trainer.sampler.largest().filter(|view| *view >= n_views) {
+        return Err(format!("view {view} drawn next, of {n_views} views"));
+    }
+    let (n_static, n_dynamic) = trainer.scene.counts();
+    let (static_gradient, static_seen) = trainer.density_static.parts();
+    let (dynamic_gradient, dynamic_seen) = trainer.density_dynamic.parts();
+    let (weighted, weights) = trainer.motion_statistics.parts();
+    for (what, found, expected, may_lack) in [
+        (
+            "gradients of static",
+            static_gradient.len(),
+            n_static,
+            false,
+        ),
+        ("views of static", static_seen.len(), n_static, false),
+        (
+            "gradients of dynamic",
+            dynamic_gradient.len(),
+            n_dynamic,
+            false,
+        ),
+        ("views of dynamic", dynamic_seen.len(), n_dynamic, false),
+        ("motions of static", weighted.len(), n_static, true),
+        ("weights of static", weights.len(), weighted.len(), false),
+        ("marks of static", trainer.held_still.len(), n_static, true),
+    ] {
+        if found != expected && !(may_lack && found == 0) {
+            return Err(format!(
+                "{found} {what} Gaussians, of which there are {expected}"
+            ));
+        }
+    }
+    Ok(())
 }
 
 fn statistics(trainer: &Trainer) -> BTreeMap<String, HostTensor> {

@@ -6,7 +6,7 @@ use burn::module::{Module, ModuleMapper, Param};
 use burn::tensor::{Device, Gradients, Tensor, TensorData};
 use dash_kernels::adam::{AdamStep, adam_step};
 use dash_model::gather_rows;
-use dash_model::parameters::{HostTensor, Path};
+use dash_model::parameters::{HostTensor, Path, named_parameters};
 
 const BETA1: f64 = 0.9;
 const BETA2: f64 = 0.999;
@@ -158,6 +158,28 @@ impl Optimizer {
             moments.first = moments.first.zeros_like();
             moments.second = moments.second.zeros_like();
         }
+    }
+
+    /// Whether the moments of a module's parameters, named below `prefix`, have the parameters' sizes.
+    ///
+    /// # Errors
+    /// The parameter whose moments do not.
+    pub(crate) fn check_sizes<M: Module>(&self, prefix: &str, module: &M) -> Result<(), String> {
+        for (name, parameter) in named_parameters(module) {
+            let name = format!("{prefix}.{name}");
+            let Some(moments) = self.moments.get(&name) else {
+                continue;
+            };
+            let expected = parameter.values.len();
+            for found in [moments.first.dims()[0], moments.second.dims()[0]] {
+                if found != expected {
+                    return Err(format!(
+                        "{found} moments of the {expected} values of `{name}`"
+                    ));
+                }
+            }
+        }
+        Ok(())
     }
 
     /// All state, for a checkpoint.

@@ -60,6 +60,11 @@ impl ViewSampler {
         is_new.then(|| self.left.iter().rev().map(|&view| view as usize))
     }
 
+    /// The largest index among the views left of the round.
+    pub(crate) fn largest(&self) -> Option<usize> {
+        self.left.iter().max().map(|&view| view as usize)
+    }
+
     /// Forgets what is left of the round.
     pub(crate) fn restart(&mut self) {
         self.left.clear();

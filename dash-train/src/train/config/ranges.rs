@@ -5,6 +5,13 @@ use dash_kernels::hash_encode::HashGridLayout;
 use super::TrainConfig;
 use crate::TrainError;
 
+/// Most units of a hidden layer.
+const MAX_UNITS: usize = 4096;
+/// Most hidden layers.
+const MAX_LAYERS: usize = 64;
+/// Most functions of time of the coarse trajectories; scene files have the same limit.
+const MAX_BASIS_FUNCTIONS: usize = 4096;
+
 impl TrainConfig {
     /// Checks every value against its range.
     ///
@@ -55,6 +62,21 @@ impl TrainConfig {
             self.background
                 .is_none_or(|b| b.iter().all(|v| (0.0..=1.0).contains(v))),
             "background must be three numbers in [0, 1]",
+        )?;
+        let decoder = &self.field.deformation;
+        check(
+            [self.decomposition.hidden, decoder.hidden]
+                .iter()
+                .all(|units| (1..=MAX_UNITS).contains(units))
+                && (1..=MAX_LAYERS).contains(&decoder.layers),
+            &format!(
+                "decomposition.hidden and field.deformation.hidden must be 1 to {MAX_UNITS}, \
+                 field.deformation.layers 1 to {MAX_LAYERS}"
+            ),
+        )?;
+        check(
+            self.decomposition.basis.len() <= MAX_BASIS_FUNCTIONS,
+            &format!("decomposition.basis may have up to {MAX_BASIS_FUNCTIONS} spans"),
         )?;
         let fitted = self.for_frames(2);
         for (name, encoder, dimensions) in [

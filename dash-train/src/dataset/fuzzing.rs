@@ -1,0 +1,140 @@
+//! Doors to the datasets' parsers; see [`crate::fuzzing`].
+
+use std::path::Path;
+
+use super::colmap_model::{ModelCamera, ModelImage, pinhole, place};
+use super::nerfies_camera::CameraFile;
+use super::view::Lens;
+use super::{
+    DatasetError, colmap_binary, colmap_text, files, image as images, npy as arrays,
+    technicolor_parameters,
+};
+use crate::fuzzing::placed;
+
+/// `poses_bounds.npy`.
+pub fn npy(_: &Path, bytes: &[u8]) -> bool {
+    arrays::parse_poses(Path::new("poses_bounds.npy"), bytes).is_ok()
+}
+
+/// `points.npy` of Nerfies captures.
+pub fn points_npy(_: &Path, bytes: &[u8]) -> bool {
+    arrays::parse_points(Path::new("points.npy"), bytes).is_ok()
+}
+
+/// `cameras_parameters.txt` and its cameras.
+pub fn technicolor(_: &Path, bytes: &[u8]) -> bool {
+    let path = Path::new("cameras_parameters.txt");
+    let parsed = std::str::from_utf8(bytes).map(|text| technicolor_parameters::parse(path, text));
+    parsed.is_ok_and(|rows| {
+        rows.is_ok_and(|rows| rows.iter().all(|row| row.camera(path, (64, 48)).is_ok()))
+    })
+}
+
+/// A camera of a Nerfies capture, and its lens.
+pub fn nerfies_camera(_: &Path, bytes: &[u8]) -> bool {
+    let path = Path::new("camera/000001.json");
+    serde_json::from_slice::<CameraFile>(bytes).is_ok_and(|file| {
+        file.camera(path, |position| position)
+            .and_then(|(camera, distortion)| Lens::new(distortion, &camera, path))
+            .is_ok()
+    })
+}
+
+/// `transforms.json`, its cameras, lenses and file names.
+pub fn transforms(scratch: &Path, bytes: &[u8]) -> bool {
+    placed(scratch, "transforms.json", bytes, |path| {
+        let Ok(transforms) = super::transforms::parse(path) else {
+            return false;
+        };
+        transforms.frames.iter().all(|frame| {
+            transforms
+                .camera(path, frame, || Ok((64, 48)))
+                .and_then(|(camera, distortion)| Lens::new(distortion, &camera, path))
+                .and_then(|_| confined(&frame.file_path, path))
+                .is_ok()
+        })
+    })
+}
+
+fn confined(name: &str, listed_in: &Path) -> Result<(), DatasetError> {
+    let root = Path::new("dataset");
+    let inside = files::confined(root, name, listed_in)?;
+    assert!(
+        inside.starts_with(root) && !inside.components().any(|part| part.as_os_str() == ".."),
+        "{name:?} leaves the folder as {}",
+        inside.display()
+    );
+    Ok(())
+}
+
+fn cameras(parsed: Result<Vec<ModelCamera>, DatasetError>) -> bool {
+    let path = Path::new("cameras");
+    parsed.is_ok_and(|cameras| {
+        cameras.iter().all(|camera| {
+            pinhole(camera, path)
+                .and_then(|(camera, distortion)| Lens::new(distortion, &camera, path))
+                .is_ok()
+        })
+    })
+}
+
+fn model_images(parsed: Result<Vec<ModelImage>, DatasetError>) -> bool {
+    let intrinsics = dash_kernels::Camera::new(1.0, 1.0, 0.5, 0.5, 1, 1);
+    parsed.is_ok_and(|images| {
+        images.iter().all(|image| {
+            place(&intrinsics, image).is_ok() && confined(&image.name, Path::new("images")).is_ok()
+        })
+    })
+}
+
+/// `cameras.bin` and its lenses.
+pub fn colmap_cameras_binary(_: &Path, bytes: &[u8]) -> bool {
+    cameras(colmap_binary::cameras(Path::new("cameras.bin"), bytes))
+}
+
+/// `images.bin`, its poses and file names.
+pub fn colmap_images_binary(_: &Path, bytes: &[u8]) -> bool {
+    model_images(colmap_binary::images(Path::new("images.bin"), bytes))
+}
+
+/// `points3D.bin`.
+pub fn colmap_points_binary(_: &Path, bytes: &[u8]) -> bool {
+    colmap_binary::points(Path::new("points3D.bin"), bytes).is_ok()
+}
+
+/// `cameras.txt` and its lenses.
+pub fn colmap_cameras_text(_: &Path, bytes: &[u8]) -> bool {
+    std::str::from_utf8(bytes)
+        .is_ok_and(|text| cameras(colmap_text::cameras(Path::new("cameras.txt"), text)))
+}
+
+/// `images.txt`, its poses and file names.
+pub fn colmap_images_text(_: &Path, bytes: &[u8]) -> bool {
+    std::str::from_utf8(bytes)
+        .is_ok_and(|text| model_images(colmap_text::images(Path::new("images.txt"), text)))
+}
+
+/// `points3D.txt`.
+pub fn colmap_points_text(_: &Path, bytes: &[u8]) -> bool {
+    std::str::from_utf8(bytes)
+        .is_ok_and(|text| colmap_text::points(Path::new("points3D.txt"), text).is_ok())
+}
+
+/// A point cloud's PLY.
+pub fn points_ply(_: &Path, bytes: &[u8]) -> bool {
+    crate::ply::parse(Path::new("points.ply"), bytes.to_vec()).is_ok()
+}
+
+/// An image's size. The name's ending is no help: what the file holds decides.
+pub fn image_header(scratch: &Path, bytes: &[u8]) -> bool {
+    placed(scratch, "header.png", bytes, |path| {
+        images::dimensions(path).is_ok()
+    })
+}
+
+/// A whole image.
+pub fn image(scratch: &Path, bytes: &[u8]) -> bool {
+    placed(scratch, "image.png", bytes, |path| {
+        images::decode(path).is_ok()
+    })
+}
