@@ -326,6 +326,8 @@ fn config_toml() -> Vec<u8> {
             layout: None,
             downscale: 1.0,
             test_cameras: Some(vec![0]),
+            invert_masks: false,
+            skip_broken: false,
             device: "flex".into(),
         },
         train: TrainConfig::preset(Preset::Quick),
