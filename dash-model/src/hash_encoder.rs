@@ -67,18 +67,22 @@ impl HashEncoderConfig {
     pub fn init(&self, rng: &mut impl Rng, device: &Device) -> Result<HashEncoder, ModelError> {
         let layout = HashGridLayout::new(&self.grid())?;
         let parts = layout.split(MAX_TABLE_VALUES);
-        let mut tables = Vec::with_capacity(parts.len());
-        for part in &parts {
+        let mut init = |part: &HashGridLayout| {
             let shape = [part.n_entries(), part.n_features_per_level()];
             let remedy = "lower the encoder's `log2_hashmap_size`";
             check_values("a level's hash table", shape[0] * shape[1], remedy, device)?;
             let values: Vec<f32> = (0..shape[0] * shape[1])
                 .map(|_| rng.random_range(-INITIAL_FEATURE..INITIAL_FEATURE))
                 .collect();
-            tables.push(Param::from_data(TensorData::new(values, shape), device));
-        }
+            let table = Param::from_data(TensorData::new(values, shape), device);
+            Ok::<_, ModelError>(table)
+        };
+        // A layout has at least one level.
+        let table = init(&parts[0])?;
+        let further_tables = parts[1..].iter().map(init).collect::<Result<_, _>>()?;
         Ok(HashEncoder {
-            tables,
+            table,
+            further_tables,
             layout,
             parts,
         })
@@ -91,9 +95,11 @@ impl HashEncoderConfig {
 /// DASH Eqs. 3 (3D) and 7-9 (4D); Müller et al. 2022.
 #[derive(Module, Debug)]
 pub struct HashEncoder {
-    /// Features of all levels `[T, F]`, in one tensor unless they take more than 128 MiB: then
-    /// consecutive levels share one as far as they fit.
-    pub tables: Vec<Param<Tensor<2>>>,
+    /// Features of all levels `[T, F]`, unless they take more than 128 MiB: then those of the first levels,
+    /// as far as they fit.
+    pub table: Param<Tensor<2>>,
+    /// Features of the other levels; consecutive ones share a tensor as far as they fit.
+    pub further_tables: Vec<Param<Tensor<2>>>,
     #[module(skip)]
     layout: HashGridLayout,
     /// The levels of each table.
@@ -110,8 +116,8 @@ impl HashEncoder {
     /// # Errors
     /// When `D` differs from the configuration.
     pub fn forward(&self, positions: Tensor<2>) -> Result<Tensor<2>, ModelError> {
-        let mut features = Vec::with_capacity(self.tables.len());
-        for (table, part) in self.tables.iter().zip(&self.parts) {
+        let mut features = Vec::with_capacity(self.parts.len());
+        for (table, part) in self.tables().zip(&self.parts) {
             features.push(hash_encode(positions.clone(), table.val(), part)?);
         }
         Ok(match features.len() {
@@ -122,9 +128,14 @@ impl HashEncoder {
 
     /// Whether a parameter of this name, among those of a whole model, is an encoder's table.
     pub fn is_table(parameter: &str) -> bool {
-        parameter
-            .rsplit_once('.')
-            .is_some_and(|(module, _)| module.ends_with(".tables") || module == "tables")
+        let mut names = parameter.rsplit('.');
+        let (last, before) = (names.next(), names.next());
+        last == Some("table") || before == Some("further_tables")
+    }
+
+    /// All tables, coarse to fine.
+    pub fn tables(&self) -> impl Iterator<Item = &Param<Tensor<2>>> {
+        std::iter::once(&self.table).chain(&self.further_tables)
     }
 
     /// The integers of the grid.
@@ -182,7 +193,7 @@ mod tests {
             let encoder = large()
                 .init(&mut Pcg64::seed_from_u64(2), &device)
                 .expect("a good configuration");
-            let sizes: Vec<usize> = encoder.tables.iter().map(|t| t.dims()[0]).collect();
+            let sizes: Vec<usize> = encoder.tables().map(|t| t.dims()[0]).collect();
             assert_eq!(sizes, [16 << 20, 4 << 20]);
             for name in named_parameters(&encoder).keys() {
                 assert!(HashEncoder::is_table(name), "{name}");
@@ -193,8 +204,7 @@ mod tests {
             let features = encoder.forward(tensor).expect("fits");
             let grads = features.clone().sum().backward();
             let table: Vec<f64> = encoder
-                .tables
-                .iter()
+                .tables()
                 .flat_map(|t| to_host(t.val()))
                 .map(f64::from)
                 .collect();
@@ -209,7 +219,7 @@ mod tests {
                 );
             }
             // Each point's weights on a level add up to 1, whichever table holds the level.
-            for (table, levels) in encoder.tables.iter().zip([16, 4]) {
+            for (table, levels) in encoder.tables().zip([16, 4]) {
                 let gradient = to_host(table.val().grad(&grads).expect("a table is trained"));
                 let sum: f64 = gradient.iter().map(|&v| f64::from(v)).sum();
                 let expected = (N * 2 * levels) as f64;
@@ -220,14 +230,14 @@ mod tests {
 
     #[test]
     fn tables_are_told_from_other_parameters() {
-        for name in ["tables.0", "field.encoder.tables.12"] {
+        for name in ["table", "field.encoder.table", "encoder.further_tables.12"] {
             assert!(HashEncoder::is_table(name), "{name}");
         }
         for name in [
             "field.trunk.layers.0.weight",
             "static.means",
-            "tables",
-            "stables.0",
+            "encoder.further_tables",
+            "stable",
         ] {
             assert!(!HashEncoder::is_table(name), "{name}");
         }
