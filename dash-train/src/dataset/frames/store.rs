@@ -268,7 +268,7 @@ impl Shared {
         self.has_room(state, index).then(|| self.group_of[index])
     }
 
-    /// Whether the frame fits beside those that are needed sooner.
+    /// Whether the frame fits beside those that are needed sooner, and those of them being made.
     fn has_room(&self, state: &State, index: usize) -> bool {
         let place = state.places[index];
         let sooner: u64 = state
@@ -277,7 +277,14 @@ impl Shared {
             .filter(|&&held| !state.can_go(held, place))
             .map(|&held| self.recipes[held].bytes())
             .sum();
-        sooner + self.recipes[index].bytes() <= self.capacity
+        let being_made: u64 = state
+            .at_work
+            .iter()
+            .flat_map(|&group| &self.groups[group])
+            .filter(|made| state.place(**made) <= place && !state.held.contains_key(made))
+            .map(|&made| self.recipes[made].bytes())
+            .sum();
+        sooner + being_made + self.recipes[index].bytes() <= self.capacity
     }
 
     /// Takes a frame in, if it is needed sooner than enough of those that would have to go.

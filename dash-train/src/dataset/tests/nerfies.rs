@@ -282,5 +282,5 @@ fn a_published_camera_is_read() {
     assert!((distortion.k[0] - 0.100_424_435_561_285_97).abs() < 1e-15);
     assert!((distortion.k[1] + 0.209_085_083_965_117_07).abs() < 1e-15);
     assert!((distortion.p[0] - 0.001_109_850_269_091_041).abs() < 1e-15);
-    assert!((distortion.p[1] + 2.573_327_877_978_195e-5).abs() < 1e-15);
+    assert!((distortion.p[1] + 2.573_327_879_777_951_6e-5).abs() < 1e-15);
 }
