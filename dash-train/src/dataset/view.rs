@@ -291,14 +291,6 @@ impl<'a> Context<'a> {
         let on_demand = self.options.on_demand || total > budget;
         let named = |planned: &[PlannedView]| planned.iter().map(|v| v.name.clone()).collect();
         if on_demand {
-            if total > budget {
-                tracing::info!(
-                    "{}: the images take {}, more than the {} for them: they are decoded on demand",
-                    self.root.display(),
-                    bytes_in_words(total),
-                    bytes_in_words(budget)
-                );
-            }
             // `broken` is noted by those who look at every image anyway.
             if skip_broken && self.broken.is_none() {
                 // What is broken must be known before it is drawn: all is decoded once.
@@ -312,6 +304,14 @@ impl<'a> Context<'a> {
             }
             let threads = rayon::current_num_threads().min(MAX_FRAME_THREADS);
             let store = Arc::new(FrameStore::new(recipes.clone(), budget, threads)?);
+            if total > budget {
+                tracing::info!(
+                    "{}: the images take {}, more than the {} for them: they are decoded on demand",
+                    self.root.display(),
+                    bytes_in_words(total),
+                    bytes_in_words(budget)
+                );
+            }
             return planned
                 .into_iter()
                 .zip(&recipes)

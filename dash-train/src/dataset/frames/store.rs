@@ -6,6 +6,7 @@
 //! frames that there is room for.
 
 use std::collections::{HashMap, HashSet};
+use std::panic::{self, AssertUnwindSafe};
 use std::sync::{Arc, Condvar, Mutex, MutexGuard};
 use std::thread::{self, JoinHandle};
 use std::time::{Duration, Instant};
@@ -232,10 +233,16 @@ impl Shared {
             };
             state.at_work.insert(group);
             drop(state);
-            let outcome = make_group(&self.recipes, &self.groups[group], |index, image| {
-                self.keep(index, image);
-                Ok(())
-            });
+            let members = &self.groups[group];
+            // A decoder that panics must not leave others waiting for ever.
+            let made = panic::catch_unwind(AssertUnwindSafe(|| {
+                make_group(&self.recipes, members, |index, image| {
+                    self.keep(index, image);
+                    Ok(())
+                })
+            }));
+            let outcome =
+                made.unwrap_or_else(|_| Err(self.recipes[members[0]].source.is_missing()));
             state = self.lock();
             state.at_work.remove(&group);
             match outcome {
