@@ -6,12 +6,13 @@ use std::path::{Path, PathBuf};
 use dash_kernels::Camera;
 
 use super::broken::check_any;
+use super::decode::dimensions;
 use super::distortion::Distortion;
 use super::frames::Source;
-use super::image::dimensions;
+use super::plan::{Context, Lens, PlannedView};
 use super::points::{Models, find_points};
 use super::transforms::{Transforms, find_image, parse};
-use super::view::{Context, Lens, PlannedView, Split};
+use super::view::Split;
 use super::{DatasetError, Parts, every_eighth, files, pose, times};
 
 const SINGLE: &str = "transforms.json";

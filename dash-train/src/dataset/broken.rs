@@ -4,8 +4,8 @@ use std::path::Path;
 use std::sync::{Mutex, PoisonError};
 
 use super::DatasetError;
-use super::image::dimensions;
-use super::view::Context;
+use super::decode::dimensions;
+use super::plan::Context;
 
 /// What could be read, in order; with `skip_broken`, without what could not: each is noted in `broken`, or
 /// named in a warning where there is no such list.

@@ -4,8 +4,9 @@ use std::collections::HashMap;
 
 use super::colmap_model::{MODEL_FOLDERS, Registered, model_folder, read_model};
 use super::frames::Source;
+use super::plan::{Context, Lens, PlannedView};
 use super::points::{Models, find_points};
-use super::view::{Context, Lens, PlannedView, Split};
+use super::view::Split;
 use super::{DatasetError, Parts, every_eighth, files};
 
 const IMAGE_FOLDER: &str = "images";

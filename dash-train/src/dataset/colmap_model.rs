@@ -6,8 +6,8 @@ use std::path::{Path, PathBuf};
 
 use dash_kernels::Camera;
 
+use super::decode::MAX_IMAGE_SIDE;
 use super::distortion::Distortion;
-use super::image::MAX_IMAGE_SIDE;
 use super::{DatasetError, colmap_binary as binary, colmap_text as text, pose};
 use crate::ply::PointCloud;
 

@@ -16,13 +16,13 @@ use std::sync::Arc;
 use dash_kernels::Camera;
 
 use super::DatasetError;
+use super::decode::{decode, decode_mask};
 use super::distortion::undistort;
-use super::image::{ImageData, decode, decode_mask};
+use super::image::ImageData;
+use super::plan::Lens;
 use super::video::{VideoIndex, decode_frames};
-use super::view::Lens;
 
-pub(super) use memory::bytes_in_words;
-pub(crate) use memory::default_budget;
+pub(crate) use memory::{bytes_in_words, default_budget};
 pub use store::FrameStatistics;
 pub(super) use store::FrameStore;
 
@@ -149,6 +149,14 @@ pub(crate) enum Pixels {
 }
 
 impl Pixels {
+    /// The place in the store, where they are in one.
+    pub(super) fn place(&self) -> Option<usize> {
+        match self {
+            Self::Ready(_) => None,
+            Self::Stored { index, .. } => Some(*index),
+        }
+    }
+
     pub(super) fn get(&self) -> Result<Arc<ImageData>, DatasetError> {
         match self {
             Self::Ready(image) => Ok(image.clone()),

@@ -4,9 +4,9 @@ use std::path::Path;
 
 use super::colmap_model::{ModelCamera, ModelImage, pinhole, place};
 use super::nerfies_camera::CameraFile;
-use super::view::Lens;
+use super::plan::Lens;
 use super::{
-    DatasetError, colmap_binary, colmap_text, files, image as images, npy as arrays,
+    DatasetError, colmap_binary, colmap_text, decode as images, files, npy as arrays,
     technicolor_parameters,
 };
 use crate::fuzzing::placed;

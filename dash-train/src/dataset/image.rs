@@ -1,20 +1,10 @@
-//! Images in memory: decoding, resizing by area, compositing.
+//! Images in memory: resizing by area, compositing. `decode.rs` reads them.
 
 use std::fmt;
-use std::fs;
-use std::io::Cursor;
 use std::ops::Range;
-use std::path::Path;
 
-use image::{DynamicImage, ImageDecoder, ImageFormat, ImageReader, Limits};
-
-use super::DatasetError;
-use super::image_size::can_hold_its_pixels;
-
-/// Largest side of an image that is read.
-pub(super) const MAX_IMAGE_SIDE: u32 = 16_384;
-const RGB: usize = 3;
-const RGBA: usize = 4;
+pub(super) const RGB: usize = 3;
+pub(super) const RGBA: usize = 4;
 
 /// An 8-bit image, RGB or RGBA with straight (not premultiplied) alpha, row by row.
 #[derive(Clone, PartialEq, Eq)]
@@ -188,140 +178,9 @@ fn coverage(from: usize, to: usize) -> Vec<Vec<(usize, f32)>> {
     (0..to).map(part).collect()
 }
 
-/// An image's width and height from its header.
-pub(crate) fn dimensions(path: &Path) -> Result<(usize, usize), DatasetError> {
-    let (width, height, _) = header(path)?;
-    Ok((width, height))
-}
-
-/// An image's width, height and whether it has alpha, from its header.
-pub(super) fn header(path: &Path) -> Result<(usize, usize, bool), DatasetError> {
-    let mut reader = ImageReader::open(path)
-        .and_then(ImageReader::with_guessed_format)
-        .map_err(DatasetError::io(path))?;
-    reader.limits(limits());
-    let decoder = reader
-        .into_decoder()
-        .map_err(|e| DatasetError::image(path, e))?;
-    let (width, height) = decoder.dimensions();
-    let has_alpha = decoder.color_type().has_alpha();
-    Ok((width as usize, height as usize, has_alpha))
-}
-
-fn limits() -> Limits {
-    let mut limits = Limits::default();
-    limits.max_image_width = Some(MAX_IMAGE_SIDE);
-    limits.max_image_height = Some(MAX_IMAGE_SIDE);
-    limits
-}
-
-/// Decodes an image file completely.
-pub(super) fn decode(path: &Path) -> Result<ImageData, DatasetError> {
-    let decoded = decode_any(path)?;
-    let (width, height) = (decoded.width() as usize, decoded.height() as usize);
-    Ok(if decoded.color().has_alpha() {
-        let pixels = decoded.into_rgba8().into_raw();
-        ImageData {
-            width,
-            height,
-            channels: RGBA,
-            pixels,
-            counted: None,
-        }
-    } else {
-        ImageData::from_rgb(width, height, decoded.into_rgb8().into_raw())
-    })
-}
-
-/// Decodes a mask of an image of the given size.
-pub(super) fn decode_mask(
-    path: &Path,
-    full_size: (usize, usize),
-) -> Result<ImageData, DatasetError> {
-    let decoded = decode_any(path)?.into_rgb8();
-    let found = (decoded.width() as usize, decoded.height() as usize);
-    if found != full_size {
-        return Err(DatasetError::invalid(
-            path,
-            format!("a mask of the image's size {}x{}", full_size.0, full_size.1),
-            format!("{}x{}", found.0, found.1),
-            "write the mask again or remove it",
-        ));
-    }
-    Ok(ImageData::from_rgb(found.0, found.1, decoded.into_raw()))
-}
-
-fn decode_any(path: &Path) -> Result<DynamicImage, DatasetError> {
-    let bytes = fs::read(path).map_err(DatasetError::io(path))?;
-    let mut reader = ImageReader::new(Cursor::new(&bytes))
-        .with_guessed_format()
-        .map_err(DatasetError::io(path))?;
-    // What the file holds decides, not its name; other decoders of the image crate stay out of reach.
-    let Some(format @ (ImageFormat::Png | ImageFormat::Jpeg)) = reader.format() else {
-        return Err(DatasetError::image(path, "it is neither PNG nor JPEG"));
-    };
-    if !can_hold_its_pixels(&bytes, format) {
-        return Err(DatasetError::image(
-            path,
-            "its header announces more pixels than a file of its size can hold",
-        ));
-    }
-    if format == ImageFormat::Jpeg && !jpeg_is_complete(&bytes) {
-        return Err(DatasetError::image(
-            path,
-            "the file ends before the image does (truncated)",
-        ));
-    }
-    reader.limits(limits());
-    reader.decode().map_err(|e| DatasetError::image(path, e))
-}
-
-/// Whether a JPEG's segments reach the end-of-image marker. The decoder fills what is missing of a
-/// truncated file with gray and says nothing, which would train the scene towards gray.
-fn jpeg_is_complete(bytes: &[u8]) -> bool {
-    const END_OF_IMAGE: u8 = 0xD9;
-    let mut at = 2;
-    loop {
-        let Some(marker) = next_marker(bytes, at) else {
-            return false;
-        };
-        let code = bytes[marker + 1];
-        at = marker + 2;
-        // Restart markers, TEM and a repeated start of image carry no length.
-        if code == END_OF_IMAGE {
-            return true;
-        } else if !matches!(code, 0x01 | 0xD0..=0xD8) {
-            let Some(&[high, low]) = bytes.get(at..at + 2) else {
-                return false;
-            };
-            at += usize::from(u16::from_be_bytes([high, low]));
-        }
-    }
-}
-
-/// The position of the next 0xFF that is followed by a marker code.
-fn next_marker(bytes: &[u8], from: usize) -> Option<usize> {
-    let rest = bytes.get(from..)?;
-    let found = rest
-        .windows(2)
-        .position(|w| w[0] == 0xFF && !matches!(w[1], 0x00 | 0xFF))?;
-    Some(from + found)
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    fn encoded(format: ImageFormat) -> Vec<u8> {
-        let image = image::RgbImage::from_fn(40, 24, |x, y| {
-            image::Rgb([(x * 6) as u8, (y * 10) as u8, (x * y % 251) as u8])
-        });
-        let mut bytes = Vec::new();
-        image
-            .write_to(&mut Cursor::new(&mut bytes), format)
-            .expect("encodes");
-        bytes
-    }
 
     #[test]
     fn halving_averages_four_pixels() {
@@ -365,57 +224,5 @@ mod tests {
         let half = image.resized(1, 1);
         assert_eq!(half.pixels, [200, 100, 50, 128]);
         assert_eq!(half.alpha().expect("alpha"), [128.0 / 255.0]);
-    }
-
-    #[test]
-    fn truncated_images_are_errors_that_name_the_file() {
-        let folder = tempfile::tempdir().expect("temporary folder");
-        for (format, name) in [(ImageFormat::Png, "a.png"), (ImageFormat::Jpeg, "a.jpg")] {
-            let path = folder.path().join(name);
-            let bytes = encoded(format);
-            fs::write(&path, &bytes).expect("writes");
-            assert_eq!(decode(&path).expect("whole").width, 40);
-            // The PNG's last 12 bytes are its empty end chunk.
-            let end_of_pixels = if format == ImageFormat::Png {
-                bytes.len() - 12
-            } else {
-                bytes.len()
-            };
-            for end in 0..end_of_pixels {
-                fs::write(&path, &bytes[..end]).expect("writes");
-                let error = decode(&path).expect_err("truncated").to_string();
-                assert!(error.contains(name), "{error}");
-            }
-        }
-    }
-
-    #[test]
-    fn a_header_that_claims_a_huge_image_is_refused() {
-        let folder = tempfile::tempdir().expect("temporary folder");
-        let path = folder.path().join("bomb.png");
-        let mut bytes = encoded(ImageFormat::Png);
-        // IHDR: width and height at 16..24, then the checksum over the chunk.
-        bytes[16..24].copy_from_slice(&[0x7f, 0xff, 0xff, 0xff, 0x7f, 0xff, 0xff, 0xff]);
-        fs::write(&path, &bytes).expect("writes");
-        assert!(decode(&path).is_err());
-    }
-
-    #[test]
-    fn masks_are_thresholded_at_half_coverage_and_checked_for_size() {
-        let folder = tempfile::tempdir().expect("temporary folder");
-        let path = folder.path().join("m.png");
-        let mask = image::GrayImage::from_fn(4, 2, |x, _| {
-            image::Luma([if x == 0 || x > 1 { 255 } else { 0 }])
-        });
-        mask.save(&path).expect("writes");
-        let mask = |width, height, inverted| {
-            let whole = decode_mask(&path, (4, 2)).expect("reads");
-            whole.resized(width, height).thresholded(inverted)
-        };
-        assert_eq!(mask(4, 2, false)[..4], [255, 0, 255, 255]);
-        assert_eq!(mask(4, 2, true)[..4], [0, 255, 0, 0]);
-        assert_eq!(mask(2, 1, false), [255, 255]);
-        assert_eq!(mask(1, 1, false), [255]);
-        assert!(decode_mask(&path, (8, 4)).is_err());
     }
 }

@@ -8,11 +8,9 @@ use dash_kernels::Camera;
 use super::colmap_model::{MODEL_FOLDERS, model_folder, read_model as read_registered};
 use super::distortion::Distortion;
 use super::npy::parse_poses;
-use super::view::Lens;
+use super::plan::Lens;
+use super::sources::has_shape_of;
 use super::{DatasetError, files, n3dv, pose, transforms};
-
-/// The aspect ratio of poses and images may differ by this much and one pixel.
-const ASPECT_TOLERANCE: f64 = 0.01;
 
 /// A camera and its lens.
 #[derive(Debug, Clone, PartialEq)]
@@ -218,8 +216,7 @@ fn fit(
     listed_in: &Path,
 ) -> Result<KnownCamera, DatasetError> {
     let camera = &known.camera;
-    let expected = width as f64 * camera.height as f64 / camera.width as f64;
-    if (height as f64 - expected).abs() > 1.0 + ASPECT_TOLERANCE * expected {
+    if !has_shape_of(camera, (width, height)) {
         return Err(DatasetError::invalid(
             listed_in,
             format!("poses for pictures shaped like the {width}x{height} of {name}"),

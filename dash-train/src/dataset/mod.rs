@@ -14,7 +14,8 @@
 //! | [`Layout::Rig`]: `rig.rs` | `videos/` or `images/CAMERA/`, and poses by camera |
 //! | `sources.rs`, `times.rs`, `points.rs`, `broken.rs` | frames of synchronised cameras, times, initial points, damaged images |
 //! | `known_poses.rs`, `colmap_tracks.rs`, `shrink.rs` | what `prepare` makes a dataset from |
-//! | `view.rs`, `image.rs`, `distortion.rs`, `pose.rs`, `files.rs`, `error.rs` | what they share |
+//! | `layout.rs`, `options.rs`, `plan.rs` | which reader, what of it, and from its list to views |
+//! | `view.rs`, `image.rs`, `decode.rs`, `distortion.rs`, `pose.rs`, `files.rs`, `error.rs` | what they share |
 //! | `frames.rs`, `frames/`, `video.rs` | images in memory or made on demand |
 //! | `poses.rs` | the cameras of a folder whose pictures can't be loaded |
 //! | `image_size.rs`, `fuzzing.rs` | what a header may claim; the parsers by name, for tests |
@@ -26,6 +27,7 @@ mod colmap_binary;
 mod colmap_model;
 mod colmap_text;
 mod colmap_tracks;
+mod decode;
 pub(crate) mod distortion;
 mod error;
 pub(crate) mod files;
@@ -34,10 +36,13 @@ pub(crate) mod fuzzing;
 mod image;
 mod image_size;
 pub(crate) mod known_poses;
+mod layout;
 mod n3dv;
 mod nerfies;
 mod nerfies_camera;
 mod npy;
+mod options;
+mod plan;
 mod points;
 mod pose;
 mod poses;
@@ -53,26 +58,23 @@ mod transforms;
 mod video;
 mod view;
 
-use std::fmt;
 use std::path::{Path, PathBuf};
-use std::str::FromStr;
 use std::sync::{Mutex, PoisonError};
-
-use clap::ValueEnum;
-use serde::{Deserialize, Serialize};
 
 pub(crate) use colmap_tracks::{TrackedPoint, read_tracked_points};
 pub use error::DatasetError;
 pub(crate) use files::frame_number;
 pub use frames::FrameStatistics;
-pub(crate) use frames::default_budget;
+pub(crate) use frames::{bytes_in_words, default_budget};
+pub use layout::Layout;
+pub use options::LoadOptions;
 pub(crate) use points::known_point_file;
 pub(crate) use poses::poses_alone;
 pub use view::{Split, View};
 
 use crate::ply::PointCloud;
 use frames::{FrameStore, Pixels};
-use view::Context;
+use plan::Context;
 
 /// Without a stated split, one view of this many is held out (3DGS convention).
 const HOLD_OUT_EVERY: usize = 8;
@@ -110,32 +112,12 @@ impl Dataset {
         self.n_frames == 1
     }
 
-    /// Says in which order views (by index) will be asked for next, so that images that are made on
+    /// Says in which order views of this dataset will be asked for next, so that images that are made on
     /// demand can be made ahead of that.
-    pub fn announce(&self, order: impl Iterator<Item = usize>) {
-        let Some(store) = self.frame_store() else {
-            return;
-        };
-        let index = |view: usize| match &self.views.get(view)?.pixels {
-            Pixels::Ready(_) => None,
-            Pixels::Stored { index, .. } => Some(*index),
-        };
-        store.announce(order.filter_map(index).collect());
-    }
-
-    /// [`announce`](Self::announce)s some views of this dataset, in their order, `times` times over.
-    pub(crate) fn announce_again(&self, views: &[&View], times: usize) {
-        let Some(store) = self.frame_store() else {
-            return;
-        };
-        let once: Vec<usize> = views
-            .iter()
-            .filter_map(|view| match &view.pixels {
-                Pixels::Ready(_) => None,
-                Pixels::Stored { index, .. } => Some(*index),
-            })
-            .collect();
-        store.announce(once.repeat(times));
+    pub fn announce<'a>(&self, order: impl Iterator<Item = &'a View>) {
+        if let Some(store) = self.frame_store() {
+            store.announce(order.filter_map(|view| view.pixels.place()).collect());
+        }
     }
 
     /// How images on demand have kept up; `None` where all are in memory.
@@ -153,196 +135,6 @@ impl Dataset {
     /// Memory that the images take together.
     pub fn image_bytes(&self) -> u64 {
         self.views.iter().map(View::image_bytes).sum()
-    }
-}
-
-/// How a dataset's folder is organised.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize, ValueEnum)]
-#[serde(rename_all = "lowercase")]
-pub enum Layout {
-    /// Neural 3D Video: `poses_bounds.npy` (LLFF) and one folder or video per camera.
-    N3dv,
-    /// D-NeRF, Blender, nerfstudio: `transforms*.json`.
-    Blender,
-    /// COLMAP: `images/` and a sparse model; static.
-    Colmap,
-    /// Technicolor: `cameras_parameters.txt`, or `images/camNN/` and a COLMAP model of one frame.
-    Technicolor,
-    /// Nerfies, HyperNeRF: `dataset.json`, `metadata.json`, `camera/` and `rgb/`.
-    Nerfies,
-    /// A rig: `videos/` or `images/CAMERA/`, and poses by the cameras' names.
-    Rig,
-}
-
-impl fmt::Display for Layout {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str(match self {
-            Self::N3dv => "n3dv",
-            Self::Blender => "blender",
-            Self::Colmap => "colmap",
-            Self::Technicolor => "technicolor",
-            Self::Nerfies => "nerfies",
-            Self::Rig => "rig",
-        })
-    }
-}
-
-impl FromStr for Layout {
-    type Err = DatasetError;
-
-    fn from_str(name: &str) -> Result<Self, DatasetError> {
-        <Self as ValueEnum>::from_str(name, true).map_err(|_| DatasetError::Option {
-            option: "--layout",
-            expected: "n3dv, blender, colmap, technicolor, nerfies or rig".into(),
-            found: format!("`{name}`"),
-        })
-    }
-}
-
-impl Layout {
-    /// Recognises the layout of a folder by its files.
-    ///
-    /// # Errors
-    /// When the folder cannot be listed or has none of the known files.
-    pub fn detect(root: &Path) -> Result<Self, DatasetError> {
-        let names = files::list(root)?;
-        let has = |wanted: &str| names.iter().any(|name| name == wanted);
-        if has(technicolor::PARAMETERS_FILE) {
-            Ok(Self::Technicolor)
-        } else if has(n3dv::POSES_FILE)
-            && (n3dv::has_cameras(root)? || !technicolor::is_prepared(root))
-        {
-            Ok(Self::N3dv)
-        } else if technicolor::is_prepared(root) {
-            Ok(Self::Technicolor)
-        } else if rig::is_rig(root) {
-            Ok(Self::Rig)
-        } else if blender::FILES.iter().any(|name| has(name)) {
-            Ok(Self::Blender)
-        } else if [
-            nerfies::DATASET_FILE,
-            nerfies::METADATA_FILE,
-            nerfies::CAMERA_FOLDER,
-        ]
-        .into_iter()
-        .all(has)
-        {
-            Ok(Self::Nerfies)
-        } else if colmap_model::model_folder(root, &colmap_model::MODEL_FOLDERS).is_some() {
-            Ok(Self::Colmap)
-        } else {
-            let found = match names.as_slice() {
-                [] => "an empty folder".into(),
-                [first @ .., _] if first.len() >= 8 => format!("{}, ..", names[..8].join(", ")),
-                _ => names.join(", "),
-            };
-            Err(DatasetError::invalid(
-                root,
-                "poses_bounds.npy (n3dv), transforms_train.json or transforms.json (blender, rig), \
-                 sparse/0/cameras.bin (colmap, rig), dataset.json and camera/ (nerfies) or \
-                 cameras_parameters.txt (technicolor)",
-                found,
-                "check the path, or choose the layout with --layout",
-            ))
-        }
-    }
-}
-
-/// What to load of a dataset, and how.
-#[derive(Debug, Clone, PartialEq)]
-pub struct LoadOptions {
-    /// The layout; recognised by the files when `None`.
-    pub layout: Option<Layout>,
-    /// Images are loaded at `round(size / downscale)`; at least 1.
-    pub downscale: f64,
-    /// Indices of the cameras to hold out, instead of the layout's own split.
-    pub test_cameras: Option<Vec<usize>>,
-    /// At most this many frames (distinct times), after `frame_stride`.
-    pub max_frames: Option<usize>,
-    /// Every n-th frame only; at least 1.
-    pub frame_stride: usize,
-    /// Decoding threads; all of rayon's when `None`.
-    pub threads: Option<usize>,
-    /// Memory that images may take, bytes; half of what is free when `None`. What does not fit is
-    /// decoded when it is needed.
-    pub memory: Option<u64>,
-    /// Whether images are decoded when they are needed even where all of them would fit.
-    pub on_demand: bool,
-    /// Whether white in the pictures of `masks/` marks what does not count, instead of what does.
-    pub invert_masks: bool,
-    /// Leave out views whose image cannot be read, with a warning, instead of stopping.
-    pub skip_broken: bool,
-}
-
-impl Default for LoadOptions {
-    fn default() -> Self {
-        Self {
-            layout: None,
-            downscale: 1.0,
-            test_cameras: None,
-            max_frames: None,
-            frame_stride: 1,
-            threads: None,
-            memory: None,
-            on_demand: false,
-            invert_masks: false,
-            skip_broken: false,
-        }
-    }
-}
-
-impl LoadOptions {
-    fn validate(&self) -> Result<(), DatasetError> {
-        let refuse = |option, expected: &str, found: String| {
-            Err(DatasetError::Option {
-                option,
-                expected: expected.into(),
-                found,
-            })
-        };
-        if !(self.downscale >= 1.0 && self.downscale.is_finite()) {
-            return refuse(
-                "--downscale",
-                "a number of at least 1",
-                self.downscale.to_string(),
-            );
-        }
-        if self.frame_stride == 0 {
-            return refuse("frame stride", "at least 1", "0".into());
-        }
-        if self.max_frames == Some(0) {
-            return refuse("maximum of frames", "at least 1", "0".into());
-        }
-        if self.threads == Some(0) {
-            return refuse("--threads", "at least 1", "0".into());
-        }
-        Ok(())
-    }
-
-    /// Whether the `index`-th frame of the capture is wanted.
-    fn keeps_frame(&self, index: usize) -> bool {
-        index.is_multiple_of(self.frame_stride)
-            && self
-                .max_frames
-                .is_none_or(|max| index / self.frame_stride < max)
-    }
-
-    /// For each camera whether it is held out: those asked for, else those the layout suggests.
-    fn held_out(&self, suggested: Vec<bool>) -> Result<Vec<bool>, DatasetError> {
-        let Some(test_cameras) = &self.test_cameras else {
-            return Ok(suggested);
-        };
-        let mut held_out = vec![false; suggested.len()];
-        for &camera in test_cameras {
-            *held_out
-                .get_mut(camera)
-                .ok_or_else(|| DatasetError::Option {
-                    option: "--test-cameras",
-                    expected: format!("camera indices from 0 to {}", suggested.len() - 1),
-                    found: camera.to_string(),
-                })? = true;
-        }
-        Ok(held_out)
     }
 }
 

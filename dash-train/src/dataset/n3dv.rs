@@ -6,12 +6,13 @@ use std::path::Path;
 
 use dash_kernels::Camera;
 
+use super::decode::{MAX_IMAGE_SIDE, dimensions};
 use super::distortion::Distortion;
-use super::image::{MAX_IMAGE_SIDE, dimensions};
 use super::npy::{POSE_COLUMNS, parse_poses};
+use super::plan::{Context, PlannedView};
 use super::points::{Models, find_points};
 use super::sources::{self, FrameFile, Frames, RigCamera, Source, VIDEO_EXTENSIONS};
-use super::view::{Context, PlannedView, Split};
+use super::view::Split;
 use super::{DatasetError, Parts, every_eighth, files, frames, pose, rig};
 
 pub(super) const POSES_FILE: &str = "poses_bounds.npy";

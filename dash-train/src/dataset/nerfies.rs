@@ -10,12 +10,13 @@ use serde::Deserialize;
 use serde::de::DeserializeOwned;
 
 use super::broken::check_any;
-use super::image::dimensions;
+use super::decode::dimensions;
 use super::nerfies_camera::CameraFile;
 use super::npy::parse_points;
+use super::plan::{Context, Lens, PlannedView};
 use super::points::{Models, colored, find_points};
 use super::transforms::find_image;
-use super::view::{Context, Lens, PlannedView, Split};
+use super::view::Split;
 use super::{DatasetError, Parts, every_eighth, files, frames, pose, sources, times};
 
 pub(super) const DATASET_FILE: &str = "dataset.json";

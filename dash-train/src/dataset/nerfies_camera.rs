@@ -5,8 +5,8 @@ use std::path::Path;
 use dash_kernels::Camera;
 use serde::Deserialize;
 
+use super::decode::MAX_IMAGE_SIDE;
 use super::distortion::Distortion;
-use super::image::MAX_IMAGE_SIDE;
 use super::{DatasetError, pose};
 
 /// A smaller skew moves no pixel that matters.

@@ -6,7 +6,7 @@ use std::path::Path;
 use dash_kernels::Camera;
 
 use super::colmap_model::{MODEL_FOLDERS, model_folder, read_model};
-use super::image::dimensions;
+use super::decode::dimensions;
 use super::{DatasetError, Layout, blender, n3dv, transforms};
 
 /// Taken where neither the poses nor a picture say how large pictures are.

@@ -5,10 +5,10 @@ use std::path::Path;
 
 use super::broken::first_size;
 use super::colmap_model::{Model, model_folder, read_model};
+use super::plan::Context;
 use super::points::{Models, find_points};
 use super::sources::{self, FrameFile, Frames, RigCamera, Source, VIDEO_EXTENSIONS};
 use super::transforms::{self, Transforms};
-use super::view::Context;
 use super::{DatasetError, Parts, files, video};
 
 const VIDEO_FOLDER: &str = "videos";

@@ -5,9 +5,9 @@ use std::path::Path;
 use ::image::{ExtendedColorType, save_buffer};
 
 use super::DatasetError;
-use super::image::decode;
+use super::decode::decode;
 
-pub(crate) use super::image::dimensions;
+pub(crate) use super::decode::dimensions;
 
 /// Writes the image `from` at a smaller size to the PNG file `to`; each pixel is the mean of the area
 /// it covers.

@@ -8,8 +8,9 @@ use rayon::prelude::*;
 
 use super::broken::first_size;
 use super::distortion::Distortion;
+use super::plan::{Context, Lens, PlannedView};
 use super::video::VideoIndex;
-use super::view::{Context, Lens, PlannedView, Split, View};
+use super::view::{Split, View};
 use super::{DatasetError, files, frame_time, frames};
 
 /// Frames may differ from the poses' aspect ratio by this much and one pixel.
@@ -205,6 +206,12 @@ fn at_size(
     Ok((camera, lens))
 }
 
+/// Whether pictures of this size are shaped like the camera's.
+pub(super) fn has_shape_of(camera: &Camera, (width, height): (usize, usize)) -> bool {
+    let expected_height = width as f64 * camera.height as f64 / camera.width as f64;
+    (height as f64 - expected_height).abs() <= 1.0 + ASPECT_TOLERANCE * expected_height
+}
+
 /// The camera at another size of the same shape; errors name the image `path` and the poses' file.
 pub(super) fn resized(
     camera: &Camera,
@@ -212,8 +219,7 @@ pub(super) fn resized(
     path: &Path,
     posed_by: &Path,
 ) -> Result<Camera, DatasetError> {
-    let expected_height = width as f64 * camera.height as f64 / camera.width as f64;
-    if (height as f64 - expected_height).abs() > 1.0 + ASPECT_TOLERANCE * expected_height {
+    if !has_shape_of(camera, (width, height)) {
         let posed_by = posed_by.file_name().unwrap_or(posed_by.as_os_str());
         return Err(DatasetError::invalid(
             path,

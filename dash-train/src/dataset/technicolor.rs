@@ -8,10 +8,10 @@ use std::path::Path;
 use super::broken::first_size;
 use super::colmap_model::{model_folder, read_model};
 use super::distortion::Distortion;
+use super::plan::Context;
 use super::points::{Models, find_points};
 use super::sources::{self, FrameFile, Frames, RigCamera, Source};
 use super::technicolor_parameters::parse;
-use super::view::Context;
 use super::{DatasetError, Parts, files, rig};
 
 pub(super) const PARAMETERS_FILE: &str = "cameras_parameters.txt";

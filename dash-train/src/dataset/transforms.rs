@@ -6,8 +6,8 @@ use std::path::{Path, PathBuf};
 use dash_kernels::Camera;
 use serde::Deserialize;
 
+use super::decode::MAX_IMAGE_SIDE;
 use super::distortion::Distortion;
-use super::image::MAX_IMAGE_SIDE;
 use super::{DatasetError, pose};
 
 /// One file.

@@ -10,7 +10,8 @@ use std::process::{Child, ChildStdout, Command, Stdio};
 use std::thread;
 
 use super::DatasetError;
-use super::image::{ImageData, MAX_IMAGE_SIDE};
+use super::decode::MAX_IMAGE_SIDE;
+use super::image::ImageData;
 use crate::video::ffmpeg_program;
 
 pub(super) use index::VideoIndex;

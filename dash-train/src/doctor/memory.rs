@@ -1,7 +1,7 @@
 //! What the pictures need in memory.
 
 use super::finding::Finding;
-use crate::dataset::{Dataset, default_budget};
+use crate::dataset::{Dataset, bytes_in_words, default_budget};
 
 /// The pictures' bytes against a budget, half of the memory that is free unless said.
 pub(super) fn check(dataset: &Dataset, budget: Option<u64>) -> Finding {
@@ -10,8 +10,8 @@ pub(super) fn check(dataset: &Dataset, budget: Option<u64>) -> Finding {
     let text = format!(
         "{} pictures take {} of the {} that they may",
         dataset.views.len(),
-        amount(bytes),
-        amount(budget)
+        bytes_in_words(bytes),
+        bytes_in_words(budget)
     );
     if bytes <= budget {
         return Finding::ok("memory", text);
@@ -23,12 +23,4 @@ pub(super) fn check(dataset: &Dataset, budget: Option<u64>) -> Finding {
     );
     let text = format!("{text}: training decodes them when it needs them");
     Finding::note_with_mend("memory", text, &mend)
-}
-
-fn amount(bytes: u64) -> String {
-    let mebibytes = bytes as f64 / f64::from(1 << 20);
-    match mebibytes {
-        m if m >= 1024.0 => format!("{:.1} GiB", m / 1024.0),
-        m => format!("{m:.1} MiB"),
-    }
 }

@@ -180,11 +180,10 @@ fn score(
     background: [f32; 3],
 ) -> Result<ViewScores, TrainError> {
     let (width, height) = (view.camera.width, view.camera.height);
-    let mut truth = view.rgb(background)?;
+    let (mut truth, counted) = view.rgb_and_counted(background)?;
     let mut image: Vec<f32> = picture.rgb.iter().copied().map(as_saved).collect();
-    let counted: Option<Vec<bool>> = view
-        .counted()?
-        .map(|counted| counted.iter().map(|&c| c > 0.0).collect());
+    let counted: Option<Vec<bool>> =
+        counted.map(|counted| counted.iter().map(|&c| c > 0.0).collect());
     let mut moving = moving.to_vec();
     if let Some(counted) = &counted {
         for picture in [&mut image, &mut truth] {
@@ -245,7 +244,8 @@ fn camera_moving_pixels(
     }
     // Frames on demand are asked for again for every band of rows.
     let size = [camera.width, camera.height];
-    dataset.announce_again(&video, n_bands(video.len(), size));
+    let bands = n_bands(video.len(), size);
+    dataset.announce((0..bands).flat_map(|_| video.iter().copied()));
     let moving = moving_pixels_by_bands(video.len(), size, |frame, rows| {
         video[frame].rgb_rows(background, rows)
     })?;

@@ -274,8 +274,9 @@ impl Trainer {
     fn announce_views(&mut self, view: usize) {
         let train_views = &self.train_views;
         if let Some(upcoming) = self.sampler.tell_new_round() {
-            let upcoming = upcoming.map(|i| train_views[i]);
-            self.dataset.announce(std::iter::once(view).chain(upcoming));
+            let upcoming = std::iter::once(view).chain(upcoming.map(|i| train_views[i]));
+            let views = upcoming.map(|index| &self.dataset.views[index]);
+            self.dataset.announce(views);
         }
     }
 
@@ -307,14 +308,10 @@ impl Trainer {
         };
         let rendering = self.scene.rasterize(splats, camera)?;
         let image = rendering.rgb();
-        let target = Tensor::<3>::from_data(
-            TensorData::new(
-                view.rgb(self.scene.settings.background)?,
-                [camera.height, camera.width, 3],
-            ),
-            &self.device,
-        );
-        let (image, target) = match view.counted()? {
+        let (target, counted) = view.rgb_and_counted(self.scene.settings.background)?;
+        let target = TensorData::new(target, [camera.height, camera.width, 3]);
+        let target = Tensor::<3>::from_data(target, &self.device);
+        let (image, target) = match counted {
             None => (image, target),
             Some(counted) => where_counted(image, target, counted),
         };

@@ -20,7 +20,7 @@ fn available_bytes() -> Option<u64> {
 }
 
 /// A number of bytes as people write it.
-pub(in super::super) fn bytes_in_words(bytes: u64) -> String {
+pub(crate) fn bytes_in_words(bytes: u64) -> String {
     const UNITS: [&str; 4] = ["KiB", "MiB", "GiB", "TiB"];
     if bytes < 1024 {
         return format!("{bytes} bytes");

@@ -350,7 +350,7 @@ fn damaged_bytes_never_panic() {
             match name.rsplit('.').next() {
                 Some("ply") => drop(crate::ply::read_points_counting(&path)),
                 Some("npy") => drop(super::npy::parse_poses(&path, &bytes)),
-                _ => drop(super::image::decode(&path)),
+                _ => drop(super::decode::decode(&path)),
             }
         }
     }

@@ -1,0 +1,101 @@
+//! What to load of a dataset, and how.
+
+use super::{DatasetError, Layout};
+
+/// What to load of a dataset, and how.
+#[derive(Debug, Clone, PartialEq)]
+pub struct LoadOptions {
+    /// The layout; recognised by the files when `None`.
+    pub layout: Option<Layout>,
+    /// Images are loaded at `round(size / downscale)`; at least 1.
+    pub downscale: f64,
+    /// Indices of the cameras to hold out, instead of the layout's own split.
+    pub test_cameras: Option<Vec<usize>>,
+    /// At most this many frames (distinct times), after `frame_stride`.
+    pub max_frames: Option<usize>,
+    /// Every n-th frame only; at least 1.
+    pub frame_stride: usize,
+    /// Decoding threads; all of rayon's when `None`.
+    pub threads: Option<usize>,
+    /// Memory that images may take, bytes; half of what is free when `None`. What does not fit is
+    /// decoded when it is needed.
+    pub memory: Option<u64>,
+    /// Whether images are decoded when they are needed even where all of them would fit.
+    pub on_demand: bool,
+    /// Whether white in the pictures of `masks/` marks what does not count, instead of what does.
+    pub invert_masks: bool,
+    /// Leave out views whose image cannot be read, with a warning, instead of stopping.
+    pub skip_broken: bool,
+}
+
+impl Default for LoadOptions {
+    fn default() -> Self {
+        Self {
+            layout: None,
+            downscale: 1.0,
+            test_cameras: None,
+            max_frames: None,
+            frame_stride: 1,
+            threads: None,
+            memory: None,
+            on_demand: false,
+            invert_masks: false,
+            skip_broken: false,
+        }
+    }
+}
+
+impl LoadOptions {
+    pub(super) fn validate(&self) -> Result<(), DatasetError> {
+        let refuse = |option, expected: &str, found: String| {
+            Err(DatasetError::Option {
+                option,
+                expected: expected.into(),
+                found,
+            })
+        };
+        if !(self.downscale >= 1.0 && self.downscale.is_finite()) {
+            return refuse(
+                "--downscale",
+                "a number of at least 1",
+                self.downscale.to_string(),
+            );
+        }
+        if self.frame_stride == 0 {
+            return refuse("frame stride", "at least 1", "0".into());
+        }
+        if self.max_frames == Some(0) {
+            return refuse("maximum of frames", "at least 1", "0".into());
+        }
+        if self.threads == Some(0) {
+            return refuse("--threads", "at least 1", "0".into());
+        }
+        Ok(())
+    }
+
+    /// Whether the `index`-th frame of the capture is wanted.
+    pub(super) fn keeps_frame(&self, index: usize) -> bool {
+        index.is_multiple_of(self.frame_stride)
+            && self
+                .max_frames
+                .is_none_or(|max| index / self.frame_stride < max)
+    }
+
+    /// For each camera whether it is held out: those asked for, else those the layout suggests.
+    pub(super) fn held_out(&self, suggested: Vec<bool>) -> Result<Vec<bool>, DatasetError> {
+        let Some(test_cameras) = &self.test_cameras else {
+            return Ok(suggested);
+        };
+        let mut held_out = vec![false; suggested.len()];
+        for &camera in test_cameras {
+            *held_out
+                .get_mut(camera)
+                .ok_or_else(|| DatasetError::Option {
+                    option: "--test-cameras",
+                    expected: format!("camera indices from 0 to {}", suggested.len() - 1),
+                    found: camera.to_string(),
+                })? = true;
+        }
+        Ok(held_out)
+    }
+}
