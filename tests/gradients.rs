@@ -20,7 +20,8 @@ use dash_kernels::ssim::{self, ssim};
 use dash_model::parameters::{Path, named_parameters, with_parameters};
 use dash_model::{
     Camera, DeformationConfig, DeformationField, DynamicPart, DynamicScene, GaussianRows,
-    Gaussians, HashEncoderConfig, OffsetPlacement, SceneSettings, SpaceBox, TrajectoryBasis,
+    Gaussians, HashEncoderConfig, Heads, OffsetPlacement, Representation, SceneSettings, SpaceBox,
+    TrajectoryBasis,
 };
 use rand::{Rng, SeedableRng};
 use rand_pcg::Pcg64;
@@ -79,6 +80,8 @@ fn scene((offsets, smoothstep): (OffsetPlacement, bool), device: &Device) -> Dyn
     };
     let (still, moving) = (rows(10, 0), rows(8, 3 * BASIS.len()));
     let config = DeformationConfig {
+        representation: Representation::Hash,
+        heads: Heads::default(),
         encoder: HashEncoderConfig {
             n_levels: 2,
             n_features_per_level: 2,
@@ -180,7 +183,10 @@ impl Reference<'_> {
             })
             .collect();
         let table = &parameters["dynamic.field.encoder.table"];
-        let layout = field.encoder().layout();
+        let SpaceTimeEncoder::Hash(encoder) = field.encoder() else {
+            panic!("the field is a hash grid");
+        };
+        let layout = encoder.layout();
         let mut hidden = hash_encode::reference::hash_encode(&unit, table, layout);
         let layer = |input: &[f64], name: &str| linear(input, parameters, name);
         for index in 0..field.config().layers {
@@ -319,11 +325,11 @@ fn gradients(form: (OffsetPlacement, bool), dssim: f32, device: &Device) -> (Par
         found: Parameters,
     }
     impl ModuleVisitor for Collector<'_> {
-        fn enter_module(&mut self, name: &str, _container_type: &str) {
-            self.path.push(name);
+        fn enter_module(&mut self, name: &str, container_type: &str) {
+            self.path.enter(name, container_type);
         }
-        fn exit_module(&mut self, _name: &str, _container_type: &str) {
-            self.path.pop();
+        fn exit_module(&mut self, _name: &str, container_type: &str) {
+            self.path.exit(container_type);
         }
         fn visit_float<const D: usize>(&mut self, param: &Param<Tensor<D>>) {
             let name = self.path.name();

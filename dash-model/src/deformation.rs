@@ -1,4 +1,4 @@
-//! The 4D hash field with its multi-head decoder.
+//! The field over space and time with its multi-head decoder.
 
 use burn::module::Module;
 use burn::nn::Linear;
@@ -8,8 +8,9 @@ use dash_kernels::hash_encode::HashGridLayout;
 use rand::Rng;
 use serde::{Deserialize, Serialize};
 
+use crate::encoders::{Representation, SpaceTimeEncoder, TimeEmbedding};
 use crate::mlp::{Mlp, linear};
-use crate::{HashEncoder, HashEncoderConfig, ModelError, SpaceBox};
+use crate::{HashEncoderConfig, ModelError, SpaceBox};
 
 /// World units per unit of the position head, as a share of the diagonal (see `motion.rs`).
 const OUTPUT_SCALE: f32 = 0.1;
@@ -17,61 +18,140 @@ const OUTPUT_SCALE: f32 = 0.1;
 /// Start of the heads' weights: nothing is deformed at first.
 const INITIAL_HEAD: f32 = 1e-3;
 
+/// Outputs of the heads.
+const MEAN: u128 = 3;
+const QUAT: u128 = 4;
+const SCALE: u128 = 3;
+/// Opacity, then colour.
+const APPEARANCE: u128 = 4;
+
+/// What a field changes beside positions.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Heads {
+    /// Rotations.
+    pub rotation: bool,
+    /// Scales.
+    pub scale: bool,
+    /// Opacities and constant colours. Not in DASH; E-D3DGS has it.
+    pub appearance: bool,
+}
+
+impl Default for Heads {
+    /// Those of DASH.
+    fn default() -> Self {
+        Self {
+            rotation: true,
+            scale: true,
+            appearance: false,
+        }
+    }
+}
+
 /// Sizes of a [`DeformationField`].
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct DeformationConfig {
-    /// The 4D encoder (x, y, z, t).
-    pub encoder: HashEncoderConfig,
+    /// How features over space and time are stored.
+    #[serde(default)]
+    pub representation: Representation,
     /// Units of every hidden layer of the decoder.
     pub hidden: usize,
     /// Hidden layers between the encoding and the heads.
     pub layers: usize,
+    /// The four-dimensional grid (x, y, z, t). [`Representation::Hash`] holds it as it is;
+    /// [`Representation::HexPlane`] and [`Representation::Grid4d`] the grids over some of its axes at the same
+    /// resolutions; [`Representation::Embedding`] its time axis at the base and the finest resolution, and as
+    /// many features for each Gaussian as all levels have.
+    pub encoder: HashEncoderConfig,
+    /// What the decoder has heads for beside positions.
+    #[serde(default)]
+    pub heads: Heads,
 }
 
 impl DeformationConfig {
+    /// Features that every Gaussian has to have of its own, see [`Gaussians::embeddings`].
+    ///
+    /// [`Gaussians::embeddings`]: crate::Gaussians::embeddings
+    pub fn embedding_width(&self) -> usize {
+        match self.representation {
+            Representation::Embedding => TimeEmbedding::embedding_width(&self.encoder),
+            _ => 0,
+        }
+    }
+
+    /// Checks the grid.
+    ///
+    /// # Errors
+    /// When it is out of range or not four-dimensional.
+    pub fn validate(&self) -> Result<(), ModelError> {
+        let grid = &self.encoder;
+        if grid.base_resolution.len() != 4 || grid.finest_resolution.len() != 4 {
+            return Err(ModelError::Config(format!(
+                "expected 4 resolutions (x, y, z, t) in encoder.base_resolution and in \
+                 encoder.finest_resolution, found {} and {}",
+                grid.base_resolution.len(),
+                grid.finest_resolution.len()
+            )));
+        }
+        HashGridLayout::new(&grid.grid())?;
+        self.n_values().map(drop)
+    }
+
     /// How many values the parameters of a field of these sizes hold, saturating.
     ///
     /// # Errors
     /// When the grid's configuration is out of range.
     pub(crate) fn n_values(&self) -> Result<u128, ModelError> {
-        let grid = HashGridLayout::new(&self.encoder.grid())?;
-        let n_entries: u128 = grid.levels().iter().map(|l| u128::from(l.size)).sum();
-        let features = grid.n_features_per_level() as u128;
         let linear = |from: u128, to: u128| from.saturating_mul(to).saturating_add(to);
         let (hidden, layers) = (self.hidden as u128, self.layers as u128);
-        let trunk = linear(features * grid.n_levels() as u128, hidden)
+        let features = SpaceTimeEncoder::n_output_features_of(self) as u128;
+        let trunk = linear(features, hidden)
             .saturating_add(linear(hidden, hidden).saturating_mul(layers.saturating_sub(1)));
-        let heads = linear(hidden, 3) + linear(hidden, 4) + linear(hidden, 3);
-        Ok((n_entries * features)
+        let mut heads = linear(hidden, MEAN);
+        for (present, width) in [
+            (self.heads.rotation, QUAT),
+            (self.heads.scale, SCALE),
+            (self.heads.appearance, APPEARANCE),
+        ] {
+            if present {
+                heads = heads.saturating_add(linear(hidden, width));
+            }
+        }
+        Ok(SpaceTimeEncoder::n_values(self)?
             .saturating_add(trunk)
             .saturating_add(heads))
     }
 }
 
-/// What the field adds to canonical Gaussians at one time.
+/// What the field adds to canonical Gaussians at one time; `None` where it has no head for it.
 #[derive(Debug, Clone)]
 pub struct Offsets {
     /// To the means `[N, 3]`, world units.
     pub means: Tensor<2>,
     /// To the quaternions `[N, 4]`.
-    pub quats: Tensor<2>,
+    pub quats: Option<Tensor<2>>,
     /// To the (log) scales `[N, 3]`.
-    pub scales: Tensor<2>,
+    pub scales: Option<Tensor<2>>,
+    /// To the opacity logits `[N]`.
+    pub opacity_logits: Option<Tensor<1>>,
+    /// To the constant colour coefficients `[N, 1, 3]`.
+    pub sh_dc: Option<Tensor<3>>,
 }
 
-/// Deformation over space and time: 4D hash encoding, shared decoder, one head each for position,
-/// rotation and scale.
+/// Deformation over space and time: features, a shared decoder, one head each for position, rotation and
+/// scale.
 ///
 /// # Source
 /// DASH Eqs. 7-10.
 #[derive(Module, Debug)]
 pub struct DeformationField {
-    encoder: HashEncoder,
+    encoder: SpaceTimeEncoder,
     decoder: Mlp,
     head_means: Linear,
-    head_quats: Linear,
-    head_scales: Linear,
+    head_quats: Option<Linear>,
+    head_scales: Option<Linear>,
+    head_appearance: Option<Linear>,
     #[module(skip)]
     space: SpaceBox,
     #[module(skip)]
@@ -96,55 +176,80 @@ impl DeformationField {
                 config.layers
             )));
         }
-        let encoder = config.encoder.init(rng, device)?;
-        let mut widths = vec![encoder.n_output_features()];
+        let encoder = SpaceTimeEncoder::new(config, rng, device)?;
+        let mut widths = vec![SpaceTimeEncoder::n_output_features_of(config)];
         widths.extend(std::iter::repeat_n(hidden, config.layers));
+        let decoder = Mlp::new(&widths, rng, device);
+        let mut head = |present: bool, width: u128| {
+            present.then(|| linear(hidden, width as usize, INITIAL_HEAD, rng, device))
+        };
+        let head_means = head(true, MEAN).expect("positions always have a head");
         Ok(Self {
             encoder,
-            decoder: Mlp::new(&widths, rng, device),
-            head_means: linear(hidden, 3, INITIAL_HEAD, rng, device),
-            head_quats: linear(hidden, 4, INITIAL_HEAD, rng, device),
-            head_scales: linear(hidden, 3, INITIAL_HEAD, rng, device),
+            decoder,
+            head_means,
+            head_quats: head(config.heads.rotation, QUAT),
+            head_scales: head(config.heads.scale, SCALE),
+            head_appearance: head(config.heads.appearance, APPEARANCE),
             space,
             config: config.clone(),
         })
     }
 
-    /// The 4D features `G_4D(P, t)`.
+    /// The features `G_4D(P, t)`.
     ///
     /// # Shapes
-    /// `means [N, 3]` in world units -> `[N, L * F]`
+    /// `means [N, 3]` in world units, `embeddings [N, E]` where the configuration asks for them ->
+    /// `[N, features]`
     ///
     /// # Errors
     /// When a shape does not fit.
-    pub fn features(&self, means: Tensor<2>, time: f32) -> Result<Tensor<2>, ModelError> {
+    pub fn features(
+        &self,
+        means: Tensor<2>,
+        embeddings: Option<Tensor<2>>,
+        time: f32,
+    ) -> Result<Tensor<2>, ModelError> {
         let n = means.dims()[0];
         let unit = self.space.normalize(means);
         let times = Tensor::full([n, 1], time, &unit.device());
-        self.encoder.forward(Tensor::cat(vec![unit, times], 1))
+        self.features_at(Tensor::cat(vec![unit, times], 1), embeddings)
     }
 
     /// The features at points of the 4D unit cube.
     ///
     /// # Shapes
-    /// `points [N, 4] -> [N, L * F]`
+    /// `points [N, 4]`, `embeddings [N, E]` where the configuration asks for them `-> [N, features]`
     ///
     /// # Errors
     /// When a shape does not fit.
-    pub fn features_at(&self, points: Tensor<2>) -> Result<Tensor<2>, ModelError> {
-        self.encoder.forward(points)
+    pub fn features_at(
+        &self,
+        points: Tensor<2>,
+        embeddings: Option<Tensor<2>>,
+    ) -> Result<Tensor<2>, ModelError> {
+        self.encoder.forward(points, embeddings)
     }
 
     /// Decodes features into offsets.
     ///
     /// # Shapes
-    /// `features [N, L * F]`
+    /// `features [N, features]`
     pub fn decode(&self, features: Tensor<2>) -> Offsets {
+        let n = features.dims()[0];
         let hidden = relu(self.decoder.forward(features));
+        let appearance = self
+            .head_appearance
+            .as_ref()
+            .map(|head| head.forward(hidden.clone()));
         Offsets {
             means: self.head_means.forward(hidden.clone()) * (OUTPUT_SCALE * self.space.diagonal()),
-            quats: self.head_quats.forward(hidden.clone()),
-            scales: self.head_scales.forward(hidden),
+            quats: self.head_quats.as_ref().map(|h| h.forward(hidden.clone())),
+            scales: self.head_scales.as_ref().map(|h| h.forward(hidden)),
+            opacity_logits: appearance
+                .as_ref()
+                .map(|columns| columns.clone().narrow(1, 0, 1).reshape([n])),
+            sh_dc: appearance.map(|columns| columns.narrow(1, 1, 3).reshape([n, 1, 3])),
         }
     }
 
@@ -158,8 +263,8 @@ impl DeformationField {
         &self.config
     }
 
-    /// The 4D encoder.
-    pub fn encoder(&self) -> &HashEncoder {
+    /// Its features.
+    pub fn encoder(&self) -> &SpaceTimeEncoder {
         &self.encoder
     }
 }

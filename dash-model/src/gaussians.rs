@@ -37,6 +37,9 @@ pub struct Gaussians {
     /// Coefficients of the coarse trajectory `[N, B * 3]` (see
     /// [`TrajectoryBasis`](crate::TrajectoryBasis)); absent in a static set.
     pub trajectories: Option<Param<Tensor<2>>>,
+    /// Features of every Gaussian's own `[N, E]`, for fields that take them (see
+    /// [`DeformationConfig::embedding_width`](crate::DeformationConfig::embedding_width)).
+    pub embeddings: Option<Param<Tensor<2>>>,
 }
 
 /// The rows of [`Gaussians`] in host memory, for edits that change their number.
@@ -60,6 +63,10 @@ pub struct GaussianRows {
     pub trajectories: Vec<f32>,
     /// `B * 3`, or 0 without trajectories.
     pub trajectory_width: usize,
+    /// Features of every Gaussian's own, `embedding_width` values a row.
+    pub embeddings: Vec<f32>,
+    /// `E`, or 0 without embeddings.
+    pub embedding_width: usize,
 }
 
 impl Gaussians {
@@ -85,19 +92,26 @@ impl Gaussians {
 
     /// Colour coefficients `[N, K, 3]`.
     pub fn sh_coeffs(&self) -> Tensor<3> {
+        self.sh_coeffs_with(self.sh_dc.val())
+    }
+
+    /// Colour coefficients `[N, K, 3]` with other constant ones `[N, 1, 3]`.
+    pub(crate) fn sh_coeffs_with(&self, sh_dc: Tensor<3>) -> Tensor<3> {
         if self.sh_rest.dims()[1] == 0 {
-            return self.sh_dc.val();
+            return sh_dc;
         }
-        Tensor::cat(vec![self.sh_dc.val(), self.sh_rest.val()], 1)
+        Tensor::cat(vec![sh_dc, self.sh_rest.val()], 1)
     }
 
     /// Copies every row to the host.
     pub fn to_rows(&self) -> GaussianRows {
         let sh_rest_width = self.sh_rest.dims()[1] * 3;
-        let (trajectories, trajectory_width) = match &self.trajectories {
+        let optional = |param: &Option<Param<Tensor<2>>>| match param {
             Some(param) => (to_host(param.val()), param.dims()[1]),
             None => (Vec::new(), 0),
         };
+        let (trajectories, trajectory_width) = optional(&self.trajectories);
+        let (embeddings, embedding_width) = optional(&self.embeddings);
         GaussianRows {
             means: cast(to_host(self.means.val())),
             quats: cast(to_host(self.quats.val())),
@@ -108,6 +122,8 @@ impl Gaussians {
             sh_rest_width,
             trajectories,
             trajectory_width,
+            embeddings,
+            embedding_width,
         }
     }
 
@@ -116,12 +132,9 @@ impl Gaussians {
         let n = rows.len();
         let data =
             |values: &[f32], shape: &[usize]| TensorData::new(values.to_vec(), shape.to_vec());
-        let trajectories = (rows.trajectory_width > 0).then(|| {
-            Param::from_data(
-                data(&rows.trajectories, &[n, rows.trajectory_width]),
-                device,
-            )
-        });
+        let optional = |values: &[f32], width: usize| {
+            (width > 0).then(|| Param::from_data(data(values, &[n, width]), device))
+        };
         Self {
             means: Param::from_data(data(rows.means.as_flattened(), &[n, 3]), device),
             quats: Param::from_data(data(rows.quats.as_flattened(), &[n, 4]), device),
@@ -129,7 +142,8 @@ impl Gaussians {
             opacity_logits: Param::from_data(data(&rows.opacity_logits, &[n]), device),
             sh_dc: Param::from_data(data(rows.sh_dc.as_flattened(), &[n, 1, 3]), device),
             sh_rest: Param::from_data(data(&rows.sh_rest, &[n, rows.sh_rest_width / 3, 3]), device),
-            trajectories,
+            trajectories: optional(&rows.trajectories, rows.trajectory_width),
+            embeddings: optional(&rows.embeddings, rows.embedding_width),
         }
     }
 }
@@ -174,6 +188,8 @@ impl GaussianRows {
             sh_rest_width,
             trajectories: Vec::new(),
             trajectory_width: 0,
+            embeddings: Vec::new(),
+            embedding_width: 0,
         }
     }
 
@@ -192,6 +208,8 @@ impl GaussianRows {
             sh_rest_width: self.sh_rest_width,
             trajectories: gather_rows(&self.trajectories, self.trajectory_width, sources),
             trajectory_width: self.trajectory_width,
+            embeddings: gather_rows(&self.embeddings, self.embedding_width, sources),
+            embedding_width: self.embedding_width,
         }
     }
 
@@ -205,6 +223,10 @@ impl GaussianRows {
             self.trajectory_width, other.trajectory_width,
             "trajectories differ"
         );
+        assert_eq!(
+            self.embedding_width, other.embedding_width,
+            "embeddings differ"
+        );
         self.means.extend(&other.means);
         self.quats.extend(&other.quats);
         self.log_scales.extend(&other.log_scales);
@@ -212,6 +234,7 @@ impl GaussianRows {
         self.sh_dc.extend(&other.sh_dc);
         self.sh_rest.extend(&other.sh_rest);
         self.trajectories.extend(&other.trajectories);
+        self.embeddings.extend(&other.embeddings);
     }
 }
 

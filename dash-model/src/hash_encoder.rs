@@ -60,11 +60,31 @@ impl HashEncoderConfig {
         }
     }
 
+    /// How many values the tables hold, saturating.
+    pub(crate) fn n_values(&self) -> Result<u128, ModelError> {
+        let grid = HashGridLayout::new(&self.grid())?;
+        let n_entries: u128 = grid.levels().iter().map(|l| u128::from(l.size)).sum();
+        Ok(n_entries.saturating_mul(grid.n_features_per_level() as u128))
+    }
+
     /// An encoder whose features start uniform in +-1e-4.
     ///
     /// # Errors
     /// When the configuration is out of range, or the table too large for the device.
     pub fn init(&self, rng: &mut impl Rng, device: &Device) -> Result<HashEncoder, ModelError> {
+        self.init_between(-INITIAL_FEATURE..INITIAL_FEATURE, rng, device)
+    }
+
+    /// An encoder whose features start uniform in a range.
+    ///
+    /// # Errors
+    /// As [`HashEncoderConfig::init`].
+    pub fn init_between(
+        &self,
+        range: std::ops::Range<f32>,
+        rng: &mut impl Rng,
+        device: &Device,
+    ) -> Result<HashEncoder, ModelError> {
         let layout = HashGridLayout::new(&self.grid())?;
         let parts = layout.split(MAX_TABLE_VALUES);
         let mut init = |part: &HashGridLayout| {
@@ -72,7 +92,7 @@ impl HashEncoderConfig {
             let remedy = "lower the encoder's `log2_hashmap_size`";
             check_values("a level's hash table", shape[0] * shape[1], remedy, device)?;
             let values: Vec<f32> = (0..shape[0] * shape[1])
-                .map(|_| rng.random_range(-INITIAL_FEATURE..INITIAL_FEATURE))
+                .map(|_| rng.random_range(range.clone()))
                 .collect();
             let table = Param::from_data(TensorData::new(values, shape), device);
             Ok::<_, ModelError>(table)
@@ -126,11 +146,12 @@ impl HashEncoder {
         })
     }
 
-    /// Whether a parameter of this name, among those of a whole model, is an encoder's table.
+    /// Whether a parameter of this name, among those of a whole model, is a table of features: this
+    /// encoder's, or a [`TimeEmbedding`](crate::TimeEmbedding)'s.
     pub fn is_table(parameter: &str) -> bool {
         let mut names = parameter.rsplit('.');
         let (last, before) = (names.next(), names.next());
-        last == Some("table") || before == Some("further_tables")
+        last == Some("table") || matches!(before, Some("further_tables" | "times"))
     }
 
     /// All tables, coarse to fine.

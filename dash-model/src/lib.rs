@@ -8,7 +8,7 @@
 //! - `hash_encoder`, `mlp`: the building blocks of fields.
 //! - `space`: the box that a field covers, the basis of coarse trajectories.
 //! - `motion`, `decomposition`: what moves (DASH Eqs. 3-5).
-//! - `deformation`: how it moves (Eqs. 7-11).
+//! - `deformation`: how it moves (Eqs. 7-11); `encoders`: the features of that, in DASH's form and in others'.
 //! - `scene`, `scene_file`: rendering (Eqs. 1-2, 10), and the scene on disk.
 //! - `parameters`: parameters by name.
 //!
@@ -17,6 +17,7 @@
 
 pub mod decomposition;
 mod deformation;
+mod encoders;
 mod error;
 mod gaussians;
 mod hash_encoder;
@@ -29,7 +30,8 @@ mod space;
 mod splat_ply;
 
 pub use dash_kernels::Camera;
-pub use deformation::{DeformationConfig, DeformationField, Offsets};
+pub use deformation::{DeformationConfig, DeformationField, Heads, Offsets};
+pub use encoders::{Grid4d, HexPlanes, Representation, SpaceTimeEncoder, TimeEmbedding};
 pub use error::ModelError;
 pub use gaussians::{GaussianRows, Gaussians, SH_C0, gather_rows, logit};
 pub use hash_encoder::{HashEncoder, HashEncoderConfig};

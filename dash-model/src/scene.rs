@@ -111,6 +111,8 @@ pub struct Deformed {
     pub scales: Tensor<2>,
     /// `[N]`, logits or not as `activation` says.
     pub opacities: Tensor<1>,
+    /// Colour coefficients `[N, K, 3]`.
+    pub sh_coeffs: Tensor<3>,
     /// What projection applies to scales and opacities.
     pub activation: Activation,
 }
@@ -141,19 +143,32 @@ impl DynamicPart {
     /// # Errors
     /// When a shape does not fit.
     pub fn deform(&self, settings: &SceneSettings, time: f32) -> Result<Deformed, ModelError> {
-        let features = self.field.features(self.gaussians.means.val(), time)?;
+        let canonical = &self.gaussians;
+        let embeddings = canonical.embeddings.as_ref().map(Param::val);
+        let features = self
+            .field
+            .features(canonical.means.val(), embeddings, time)?;
         Ok(self.deform_with(settings, time, self.field.decode(features)))
     }
 
     fn deform_with(&self, settings: &SceneSettings, time: f32, offsets: Offsets) -> Deformed {
+        fn plus<const D: usize>(value: Tensor<D>, offset: Option<Tensor<D>>) -> Tensor<D> {
+            match offset {
+                Some(offset) => value + offset,
+                None => value,
+            }
+        }
         let canonical = &self.gaussians;
         let means = self.coarse_means(settings, time) + offsets.means;
+        let opacity_logits = plus(canonical.opacity_logits.val(), offsets.opacity_logits);
+        let sh_coeffs = canonical.sh_coeffs_with(plus(canonical.sh_dc.val(), offsets.sh_dc));
         match settings.offsets {
             OffsetPlacement::BeforeActivation => Deformed {
                 means,
-                quats: canonical.quats.val() + offsets.quats,
-                scales: canonical.log_scales.val() + offsets.scales,
-                opacities: canonical.opacity_logits.val(),
+                quats: plus(canonical.quats.val(), offsets.quats),
+                scales: plus(canonical.log_scales.val(), offsets.scales),
+                opacities: opacity_logits,
+                sh_coeffs,
                 activation: Activation::Exp,
             },
             OffsetPlacement::AfterActivation => {
@@ -161,9 +176,10 @@ impl DynamicPart {
                 let norm = (quats.clone().powi_scalar(2).sum_dim(1) + 1e-12).sqrt();
                 Deformed {
                     means,
-                    quats: quats / norm + offsets.quats,
-                    scales: canonical.log_scales.val().exp() + offsets.scales,
-                    opacities: sigmoid(canonical.opacity_logits.val()),
+                    quats: plus(quats / norm, offsets.quats),
+                    scales: plus(canonical.log_scales.val().exp(), offsets.scales),
+                    opacities: sigmoid(opacity_logits),
+                    sh_coeffs,
                     activation: Activation::Linear,
                 }
             }
@@ -224,7 +240,7 @@ impl DynamicScene {
             deformed.quats,
             deformed.scales,
             deformed.opacities,
-            dynamic.gaussians.sh_coeffs(),
+            deformed.sh_coeffs,
             camera,
             &ProjectOptions {
                 sh_degree: Some(self.settings.sh_degree),
@@ -299,11 +315,18 @@ impl DynamicScene {
             Activation::Exp => deformed.scales,
             Activation::Linear => deformed.scales.abs().clamp_min(1e-12).log(),
         };
+        let opacity_logits = match deformed.activation {
+            Activation::Exp => deformed.opacities,
+            Activation::Linear => dynamic.gaussians.opacity_logits.val(),
+        };
         let frozen = Gaussians {
             means: Param::from_tensor(deformed.means.detach()),
             quats: Param::from_tensor(deformed.quats.detach()),
             log_scales: Param::from_tensor(log_scales.detach()),
+            opacity_logits: Param::from_tensor(opacity_logits.detach()),
+            sh_dc: Param::from_tensor(deformed.sh_coeffs.narrow(1, 0, 1).detach()),
             trajectories: None,
+            embeddings: None,
             ..dynamic.gaussians.clone()
         };
         rows.append(&frozen.to_rows());

@@ -111,10 +111,11 @@ impl SceneDescription {
     /// A scene of the right structure without Gaussians.
     fn skeleton(&self, static_width: usize, device: &Device) -> Result<DynamicScene, ModelError> {
         let sh_rest_width = ((self.sh_degree + 1).pow(2) - 1) * 3;
-        let empty = |trajectory_width| {
+        let empty = |trajectory_width, embedding_width| {
             let rows = GaussianRows {
                 sh_rest_width,
                 trajectory_width,
+                embedding_width,
                 ..Default::default()
             };
             Gaussians::from_rows(&rows, device)
@@ -122,7 +123,7 @@ impl SceneDescription {
         let dynamic = match &self.field {
             None => None,
             Some(field) => Some(DynamicPart {
-                gaussians: empty(field.trajectory_width),
+                gaussians: empty(field.trajectory_width, field.config.embedding_width()),
                 field: DeformationField::new(
                     &field.config,
                     field.space,
@@ -132,7 +133,7 @@ impl SceneDescription {
             }),
         };
         Ok(DynamicScene {
-            static_set: empty(static_width),
+            static_set: empty(static_width, 0),
             dynamic,
             settings: self.settings.clone(),
         })
@@ -153,6 +154,7 @@ impl SceneDescription {
             .filter(|(name, _)| name.starts_with("dynamic.field."))
             .map(|(_, tensor)| tensor.values.len())
             .sum();
+        field.config.validate()?;
         let described = field.config.n_values()?;
         if described != stored as u128 {
             return Err(ModelError::format(

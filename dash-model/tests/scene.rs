@@ -11,8 +11,8 @@
 use burn::tensor::Device;
 use dash_model::{
     Camera, DeformationConfig, DeformationField, DynamicPart, DynamicScene, GaussianRows,
-    Gaussians, HashEncoderConfig, Layer, ModelError, OffsetPlacement, SceneSettings, SpaceBox,
-    TrajectoryBasis, read_splat_ply, write_splat_ply,
+    Gaussians, HashEncoderConfig, Heads, Layer, ModelError, OffsetPlacement, Representation,
+    SceneSettings, SpaceBox, TrajectoryBasis, read_splat_ply, write_splat_ply,
 };
 use rand::{Rng, SeedableRng};
 use rand_pcg::Pcg64;
@@ -55,6 +55,8 @@ fn rows(n: usize, seed: u64, sh_degree: usize) -> GaussianRows {
 
 fn field_config() -> DeformationConfig {
     DeformationConfig {
+        representation: Representation::Hash,
+        heads: Heads::default(),
         encoder: HashEncoderConfig {
             n_levels: 3,
             n_features_per_level: 2,

@@ -6,12 +6,14 @@
 //! - `synth`: ray-traced scenes with exact truth.
 //! - `train`: configuration, stages, losses, density control, checkpoints, runs on disk.
 //! - `doctor`: what is wrong with a dataset, and how to mend it.
+//! - `compare`: other methods on the same data, at the same cost.
 //! - `device`: devices by name; `evaluate`: `results.json`; `render`: pictures of a scene.
 //! - `metrics`: picture quality; `video`: pictures and videos on disk.
 //!
 //! Conventions are those of [`dash_kernels`] and [`dash_model`].
 
 pub mod cameras;
+pub mod compare;
 pub mod dataset;
 pub mod device;
 pub mod doctor;

@@ -4,7 +4,7 @@
 use burn::tensor::Tensor;
 use dash_model::Gaussians;
 
-use super::config::TimeWindow;
+use super::config::{Selection, TimeWindow, TrainConfig};
 use super::optimizer::to_host;
 use super::split;
 use super::trainer::{STATIC, Trainer};
@@ -38,14 +38,23 @@ pub(crate) struct Stages {
 }
 
 impl Stages {
-    /// The stages of a run.
+    /// The stages of a trainer's run.
     pub(crate) fn of(trainer: &Trainer) -> Self {
-        let (config, stages) = (&trainer.config, &trainer.config.stages);
-        let settle = stages.warmup + stages.settle * (stages.decomposition - stages.warmup);
+        Self::of_config(&trainer.config)
+    }
+
+    /// The stages of a run.
+    fn of_config(config: &TrainConfig) -> Self {
+        let stages = &config.stages;
+        let end = match config.decomposition.select {
+            Selection::Moving => stages.decomposition,
+            Selection::All => stages.warmup,
+        };
+        let settle = stages.warmup + stages.settle * (end - stages.warmup);
         Self {
             warmup: config.step_at(stages.warmup),
             settle: config.step_at(settle),
-            end: config.step_at(stages.decomposition),
+            end: config.step_at(end),
         }
     }
 

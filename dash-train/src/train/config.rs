@@ -139,7 +139,10 @@ pub struct LearningRates {
     pub sh_rest: f32,
     /// Coarse trajectories, in units of the scene's extent.
     pub trajectories: f32,
-    /// Hash tables at the start.
+    /// Features of Gaussians' own, in fields that take them (E-D3DGS: 2.5e-3).
+    #[serde(default = "default_embedding_rate")]
+    pub embeddings: f32,
+    /// Hash tables and feature planes at the start.
     pub grid: f32,
     /// Decoders at the start.
     pub network: f32,
@@ -157,6 +160,10 @@ pub struct LearningRates {
     pub extent: Option<f32>,
 }
 
+fn default_embedding_rate() -> f32 {
+    2.5e-3
+}
+
 /// How motion is measured for the split.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
@@ -170,12 +177,26 @@ pub enum MotionMeasure {
     Screen,
 }
 
+/// Which Gaussians become dynamic.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Selection {
+    /// Those that the coarse motion field found to move.
+    #[default]
+    Moving,
+    /// All of them, right after the warm-up, as in methods without a decomposition.
+    All,
+}
+
 /// The coarse motion field and the split.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct DecompositionConfig {
     /// Whether anything may move. If not, the run is static 3DGS.
     pub enabled: bool,
+    /// Which Gaussians become dynamic.
+    #[serde(default)]
+    pub select: Selection,
     /// How motion is measured.
     pub measure: MotionMeasure,
     /// Share of the Gaussians that stays static whatever they do (released code: 0.8).
@@ -213,7 +234,7 @@ pub enum SpaceRule {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct FieldConfig {
-    /// Encoder and decoder. A time resolution of 0 in the encoder is replaced by one that follows
+    /// Features and decoder. A time resolution of 0 in the encoder is replaced by one that follows
     /// from the number of frames.
     pub deformation: DeformationConfig,
     /// The box of space that the fields cover.

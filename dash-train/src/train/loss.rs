@@ -1,11 +1,12 @@
 //! The losses of Eqs. 6, 11 and 12.
 
+use burn::module::Param;
 use burn::tensor::activation::sigmoid;
 use burn::tensor::{Tensor, TensorData};
 use dash_kernels::splats::{CONIC_A, CONIC_B, CONIC_C, DEPTH, N_COLUMNS, OPACITY, RADIUS_X};
 use dash_kernels::ssim::ssim;
 use dash_kernels::{Camera, KernelError};
-use dash_model::{DeformationField, Gaussians, ModelError, SpaceBox};
+use dash_model::{DynamicPart, Gaussians, ModelError, SpaceBox};
 use rand::Rng;
 
 use super::optimizer::to_host;
@@ -95,14 +96,15 @@ pub(crate) fn opacity(set: &Gaussians) -> Option<Tensor<1>> {
 /// Eq. 11: mean over Gaussians of the squared distance between the field's features at a point
 /// and at a small random step from it.
 pub(crate) fn smoothness(
-    field: &DeformationField,
-    means: Tensor<2>,
+    dynamic: &DynamicPart,
     time: f32,
     step: [f32; 2],
     rng: &mut impl Rng,
 ) -> Result<Tensor<1>, ModelError> {
-    let n = means.dims()[0];
-    let unit = field.space().normalize(means.detach());
+    let (field, gaussians) = (&dynamic.field, &dynamic.gaussians);
+    let n = gaussians.len();
+    let embeddings = || gaussians.embeddings.as_ref().map(Param::val);
+    let unit = field.space().normalize(gaussians.means.val().detach());
     let device = unit.device();
     let points = Tensor::cat(vec![unit, Tensor::full([n, 1], time, &device)], 1);
     let steps: Vec<f32> = (0..4 * n)
@@ -113,7 +115,8 @@ pub(crate) fn smoothness(
         .collect();
     let steps = Tensor::<2>::from_data(TensorData::new(steps, [n, 4]), &device);
     let nearby = (points.clone() + steps).clamp(0.0, 1.0);
-    let difference = field.features_at(points)? - field.features_at(nearby)?;
+    let difference =
+        field.features_at(points, embeddings())? - field.features_at(nearby, embeddings())?;
     Ok(difference.powi_scalar(2).sum() / n.max(1) as f32)
 }
 

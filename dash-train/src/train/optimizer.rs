@@ -71,7 +71,7 @@ impl Optimizer {
         pace: impl Fn(&str) -> Pace,
     ) -> M {
         let mut path = Path::default();
-        path.push(prefix);
+        path.enter(prefix, "");
         module.map(&mut Stepper {
             path,
             optimizer: self,
@@ -252,12 +252,12 @@ struct Stepper<'a, F> {
 }
 
 impl<F: Fn(&str) -> Pace> ModuleMapper for Stepper<'_, F> {
-    fn enter_module(&mut self, name: &str, _container_type: &str) {
-        self.path.push(name);
+    fn enter_module(&mut self, name: &str, container_type: &str) {
+        self.path.enter(name, container_type);
     }
 
-    fn exit_module(&mut self, _name: &str, _container_type: &str) {
-        self.path.pop();
+    fn exit_module(&mut self, _name: &str, container_type: &str) {
+        self.path.exit(container_type);
     }
 
     fn map_float<const D: usize>(&mut self, param: Param<Tensor<D>>) -> Param<Tensor<D>> {

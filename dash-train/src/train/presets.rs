@@ -1,11 +1,13 @@
 //! The values of the presets.
 
 use dash_kernels::splats::NEAR_PLANE;
-use dash_model::{DeformationConfig, HashEncoderConfig, OffsetPlacement, TrajectoryBasis};
+use dash_model::{
+    DeformationConfig, HashEncoderConfig, Heads, OffsetPlacement, Representation, TrajectoryBasis,
+};
 
 use super::config::{
     DecompositionConfig, DensityConfig, FieldConfig, LearningRates, LossConfig, MotionMeasure,
-    Preset, SpaceRule, StageConfig, TimeWindow, TrainConfig,
+    Preset, Selection, SpaceRule, StageConfig, TimeWindow, TrainConfig,
 };
 
 impl TrainConfig {
@@ -59,6 +61,7 @@ impl TrainConfig {
                 sh_dc: 2.5e-3,
                 sh_rest: 2.5e-3 / 20.0,
                 trajectories: 1.6e-4,
+                embeddings: 2.5e-3,
                 grid: 5e-3,
                 network: 1e-3,
                 motion_grid: 0.02,
@@ -69,6 +72,7 @@ impl TrainConfig {
             },
             decomposition: DecompositionConfig {
                 enabled: true,
+                select: Selection::Moving,
                 measure: MotionMeasure::Screen,
                 quantile: 0.0,
                 floor: 0.005,
@@ -89,6 +93,8 @@ impl TrainConfig {
             },
             field: FieldConfig {
                 deformation: DeformationConfig {
+                    representation: Representation::Hash,
+                    heads: Heads::default(),
                     encoder: HashEncoderConfig {
                         n_levels: 8,
                         n_features_per_level: 2,
@@ -171,6 +177,8 @@ impl TrainConfig {
             reference_sizing: false,
         };
         self.field.deformation = DeformationConfig {
+            representation: Representation::Hash,
+            heads: Heads::default(),
             encoder: HashEncoderConfig {
                 n_levels: 16,
                 n_features_per_level: 2,
@@ -214,6 +222,7 @@ impl TrainConfig {
             sh_dc: 2.5e-3,
             sh_rest: 2.5e-3 / 20.0,
             trajectories: 0.0,
+            embeddings: 2.5e-3,
             grid: 50.0 * 1.6e-4,
             network: 1.6e-4,
             motion_grid: 50.0 * 1.6e-4,
@@ -224,6 +233,7 @@ impl TrainConfig {
         };
         self.decomposition = DecompositionConfig {
             enabled: true,
+            select: Selection::Moving,
             measure: MotionMeasure::DistanceWeighted,
             quantile: 0.8,
             floor: 0.0,
@@ -244,6 +254,8 @@ impl TrainConfig {
         };
         self.field = FieldConfig {
             deformation: DeformationConfig {
+                representation: Representation::Hash,
+                heads: Heads::default(),
                 encoder: HashEncoderConfig {
                     n_levels: 32,
                     n_features_per_level: 2,

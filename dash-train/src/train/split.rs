@@ -4,7 +4,7 @@ use dash_model::decomposition::MotionStatistics;
 use dash_model::{DeformationField, DynamicPart, GaussianRows, Gaussians, MotionField, SpaceBox};
 
 use super::coarse;
-use super::config::SpaceRule;
+use super::config::{Selection, SpaceRule};
 use super::density::DensityStatistics;
 use super::optimizer::to_host;
 use super::statistics;
@@ -40,14 +40,14 @@ pub(crate) fn start_motion(trainer: &mut Trainer) -> Result<(), TrainError> {
     Ok(())
 }
 
-/// Ends it: the Gaussians that move become the dynamic part.
+/// Ends it: the Gaussians that move, or all, become the dynamic part.
 pub(crate) fn split(trainer: &mut Trainer) -> Result<(), TrainError> {
-    let Some(coefficients) = coarse::coefficients(trainer)? else {
-        return Ok(());
+    let coefficients = coarse::coefficients(trainer)?;
+    let mask = match (trainer.config.decomposition.select, &coefficients) {
+        (Selection::All, _) => vec![true; trainer.scene.static_set.len()],
+        (Selection::Moving, None) => return Ok(()),
+        (Selection::Moving, Some(_)) => statistics::moving(trainer)?,
     };
-    let mask = statistics::moving(trainer)?;
-    let width = coefficients.dims()[1];
-    let coefficients = to_host(coefficients);
     trainer.motion = None;
     trainer.motion_space = None;
     trainer.optimizer.forget("motion.");
@@ -61,10 +61,17 @@ pub(crate) fn split(trainer: &mut Trainer) -> Result<(), TrainError> {
         return Ok(());
     }
     let mut dynamic_rows = rows.gather(&moving);
-    if trainer.config.decomposition.keep_trajectories {
+    if let Some(coefficients) = coefficients
+        && trainer.config.decomposition.keep_trajectories
+    {
+        let width = coefficients.dims()[1];
+        let coefficients = to_host(coefficients);
         dynamic_rows.trajectory_width = width;
         dynamic_rows.trajectories = dash_model::gather_rows(&coefficients, width, &moving);
     }
+    let deformation = &trainer.config.field.deformation;
+    dynamic_rows.embedding_width = deformation.embedding_width();
+    dynamic_rows.embeddings = vec![0.0; moving.len() * dynamic_rows.embedding_width];
     trainer
         .optimizer
         .copy_rows(STATIC, DYNAMIC, &moving, rows.len());

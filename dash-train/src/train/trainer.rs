@@ -323,9 +323,8 @@ impl Trainer {
                 .as_ref()
                 .filter(|d| !d.gaussians.is_empty())
         {
-            let means = dynamic.gaussians.means.val();
             let step = self.config.loss.smoothness_step;
-            let term = smoothness(&dynamic.field, means, time, step, &mut self.rng)?;
+            let term = smoothness(dynamic, time, step, &mut self.rng)?;
             regularisers.push(term * self.config.loss.smoothness);
         }
         let weight = self.config.loss.static_opacity;

@@ -40,6 +40,7 @@ pub(crate) fn parameters(trainer: &mut Trainer, time: f32, gradients: &mut Gradi
         Some("sh_rest") => rates.sh_rest,
         Some("trajectories") if name.starts_with(STATIC) => trajectories * settling,
         Some("trajectories") => trajectories,
+        Some("embeddings") => rates.embeddings * field,
         _ if HashEncoder::is_table(name) => rates.grid * field,
         _ => rates.network * field,
     };
@@ -70,7 +71,7 @@ pub(crate) fn parameters(trainer: &mut Trainer, time: f32, gradients: &mut Gradi
 pub(crate) fn densities(trainer: &mut Trainer) {
     let config = trainer.config.clone();
     let step = trainer.step;
-    let (from_start, from_split) = (0, config.step_at(config.stages.decomposition));
+    let (from_start, from_split) = (0, Stages::of(trainer).end);
     let core = trainer.core.space;
     let measure = Measure {
         centre: std::array::from_fn(|axis| 0.5 * (core.min[axis] + core.max[axis])),

@@ -6,7 +6,8 @@ use std::io::Cursor;
 use burn::tensor::Device;
 use dash_model::{
     DeformationConfig, DeformationField, DynamicPart, DynamicScene, GaussianRows, Gaussians,
-    HashEncoderConfig, OffsetPlacement, SceneSettings, SpaceBox, TrajectoryBasis, write_splat_ply,
+    HashEncoderConfig, Heads, OffsetPlacement, Representation, SceneSettings, SpaceBox,
+    TrajectoryBasis, write_splat_ply,
 };
 use dash_train::cameras::{CameraEntry, write_cameras};
 use dash_train::ply::{PointCloud, write_points};
@@ -269,6 +270,8 @@ fn scene(dynamic: bool) -> Vec<u8> {
     let device = Device::flex();
     let basis = TrajectoryBasis::Polyline { spans: 2 };
     let config = DeformationConfig {
+        representation: Representation::Hash,
+        heads: Heads::default(),
         encoder: HashEncoderConfig {
             n_levels: 2,
             n_features_per_level: 1,

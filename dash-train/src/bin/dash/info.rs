@@ -8,6 +8,7 @@ use dash_model::{GaussianRows, read_splat_ply};
 use dash_train::dataset::{Dataset, Layout, LoadOptions, Split, load};
 use dash_train::evaluate::{read_results, storage_bytes};
 use dash_train::ply::{PointCloud, read_points};
+use dash_train::train::config::Selection;
 use dash_train::train::{RunFolder, TrainConfig};
 
 use crate::Shared;
@@ -99,17 +100,19 @@ fn finished_or_not(run: &RunFolder, device: &Device) -> Result<Table, Failure> {
 }
 
 fn settings(table: &mut Table, config: &TrainConfig) {
-    let (warmup, split) = (
+    let (warmup, split, end) = (
         config.step_at(config.stages.warmup),
         config.step_at(config.stages.decomposition),
+        config.iterations,
     );
-    let stages = if config.decomposition.enabled {
-        format!(
-            "warm-up to step {warmup}, decomposition to {split}, 4D to {}",
-            config.iterations
-        )
-    } else {
-        format!("static 3DGS to step {}", config.iterations)
+    let stages = match (config.decomposition.enabled, config.decomposition.select) {
+        (false, _) => format!("static 3DGS to step {end}"),
+        (true, Selection::Moving) => {
+            format!("warm-up to step {warmup}, decomposition to {split}, 4D to {end}")
+        }
+        (true, Selection::All) => {
+            format!("warm-up to step {warmup}, then everything in 4D to {end}")
+        }
     };
     table.row("seed", config.seed).row("stages", stages);
 }

@@ -79,21 +79,17 @@ impl TrainConfig {
             &format!("decomposition.basis may have up to {MAX_BASIS_FUNCTIONS} spans"),
         )?;
         let fitted = self.for_frames(2);
-        for (name, encoder, dimensions) in [
-            ("decomposition.encoder", &fitted.decomposition.encoder, 3),
-            (
-                "field.deformation.encoder",
-                &fitted.field.deformation.encoder,
-                4,
-            ),
-        ] {
-            let layout = HashGridLayout::new(&encoder.grid())
-                .map_err(|e| TrainError::Config(format!("{name}: {e}")))?;
-            check(
-                layout.dims() == dimensions,
-                &format!("{name} must have {dimensions} resolutions in base and in finest"),
-            )?;
-        }
+        let motion = HashGridLayout::new(&fitted.decomposition.encoder.grid())
+            .map_err(|e| TrainError::Config(format!("decomposition.encoder: {e}")))?;
+        check(
+            motion.dims() == 3,
+            "decomposition.encoder must have 3 resolutions in base and in finest",
+        )?;
+        fitted
+            .field
+            .deformation
+            .validate()
+            .map_err(|e| TrainError::Config(format!("field.deformation: {e}")))?;
         let loss = &self.loss;
         check(
             [
@@ -118,6 +114,7 @@ impl TrainConfig {
                 rates.sh_dc,
                 rates.sh_rest,
                 rates.trajectories,
+                rates.embeddings,
                 rates.grid,
                 rates.network,
                 rates.motion_grid,

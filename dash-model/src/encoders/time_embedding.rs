@@ -1,0 +1,99 @@
+//! Features of the time alone, beside those that every Gaussian has of its own.
+
+use burn::module::{Module, Param};
+use burn::tensor::activation::relu;
+use burn::tensor::{Device, Tensor, TensorData};
+use rand::Rng;
+
+use crate::{HashEncoderConfig, ModelError};
+
+const TIME: usize = 3;
+/// Half-width of the uniform distribution that features start from.
+const INITIAL: f32 = 0.1;
+/// Most vertices along time.
+const MAX_RESOLUTION: u32 = 1 << 16;
+
+/// Piecewise linear features of time, coarse and fine.
+///
+/// # Source
+/// Bae et al. 2024 (E-D3DGS): an embedding per Gaussian, temporal embeddings of two resolutions. There
+/// each resolution has a decoder of its own; here one decoder sees both.
+#[derive(Module, Debug)]
+pub struct TimeEmbedding {
+    /// Features at the vertices of the coarse grid `[R, W]`, then of the fine one.
+    pub times: Vec<Param<Tensor<2>>>,
+}
+
+impl TimeEmbedding {
+    /// Half the features of a grid, at its base resolution and at its finest.
+    fn shapes(grid: &HashEncoderConfig) -> Result<[[usize; 2]; 2], ModelError> {
+        let width = Self::embedding_width(grid).div_ceil(2).max(1);
+        let resolutions = [grid.base_resolution[TIME], grid.finest_resolution[TIME]];
+        if resolutions
+            .iter()
+            .any(|r| !(1..=MAX_RESOLUTION).contains(r))
+        {
+            return Err(ModelError::Config(format!(
+                "time resolutions must be 1 to {MAX_RESOLUTION}, found {resolutions:?}"
+            )));
+        }
+        Ok(resolutions.map(|cells| [cells as usize + 1, width]))
+    }
+
+    /// Features that every Gaussian has of its own.
+    pub(crate) fn embedding_width(grid: &HashEncoderConfig) -> usize {
+        grid.n_levels.saturating_mul(grid.n_features_per_level)
+    }
+
+    pub(super) fn new(
+        grid: &HashEncoderConfig,
+        rng: &mut impl Rng,
+        device: &Device,
+    ) -> Result<Self, ModelError> {
+        let times = Self::shapes(grid)?.map(|shape| {
+            let values: Vec<f32> = (0..shape[0] * shape[1])
+                .map(|_| rng.random_range(-INITIAL..INITIAL))
+                .collect();
+            Param::from_data(TensorData::new(values, shape), device)
+        });
+        Ok(Self {
+            times: times.into(),
+        })
+    }
+
+    pub(super) fn n_values(grid: &HashEncoderConfig) -> Result<u128, ModelError> {
+        Ok(Self::shapes(grid)?
+            .iter()
+            .map(|shape| shape[0] as u128 * shape[1] as u128)
+            .sum())
+    }
+
+    /// # Shapes
+    /// `points [N, 4]`, `embeddings [N, E] -> [N, E + 2 W]`
+    pub(super) fn forward(
+        &self,
+        points: Tensor<2>,
+        embeddings: Tensor<2>,
+    ) -> Result<Tensor<2>, ModelError> {
+        let time = points.narrow(1, TIME, 1);
+        let mut features = vec![embeddings];
+        for table in &self.times {
+            features.push(hats(time.clone(), table.dims()[0]).matmul(table.val()));
+        }
+        Ok(Tensor::cat(features, 1))
+    }
+
+    pub(super) fn n_output_features_of(grid: &HashEncoderConfig) -> usize {
+        let embedding = Self::embedding_width(grid);
+        embedding.saturating_add(2 * embedding.div_ceil(2).max(1))
+    }
+}
+
+/// Shares `[N, n]` that times `[N, 1]` have in `n` vertices spread over [0, 1].
+fn hats(time: Tensor<2>, n: usize) -> Tensor<2> {
+    let device = time.device();
+    let vertices: Vec<f32> = (0..n).map(|k| k as f32).collect();
+    let vertices = Tensor::<2>::from_data(TensorData::new(vertices, [1, n]), &device);
+    let away = (time.clamp(0.0, 1.0) * (n - 1) as f32 - vertices).abs();
+    relu(-away + 1.0)
+}

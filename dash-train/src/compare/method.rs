@@ -1,0 +1,213 @@
+//! The methods that can be compared, each as a change of a preset.
+
+use std::fmt;
+
+use dash_model::{Heads, Representation};
+use serde::{Deserialize, Serialize};
+
+use crate::train::TrainConfig;
+use crate::train::config::{Selection, TimeWindow};
+
+/// A base resolution of time above any finest: all levels get the same.
+const SAME_TIME: u32 = 1 << 16;
+
+/// A method for dynamic scenes: DASH, its ablations, and the Gaussian-based systems that the paper
+/// compares it with, all with this project's rasterizer, density control and learning rates.
+#[derive(
+    Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize, clap::ValueEnum,
+)]
+pub enum Method {
+    /// The preset as it is.
+    #[serde(rename = "dash")]
+    #[value(name = "dash")]
+    Dash,
+    /// Without the decomposition: the 4D field deforms every Gaussian.
+    #[serde(rename = "w/o-dec")]
+    #[value(name = "w/o-dec")]
+    WithoutDecomposition,
+    /// Without density control of the dynamic Gaussians.
+    #[serde(rename = "w/o-ctrl")]
+    #[value(name = "w/o-ctrl")]
+    WithoutControl,
+    /// Without the smoothness regulariser (Eq. 11).
+    #[serde(rename = "w/o-reg")]
+    #[value(name = "w/o-reg")]
+    WithoutRegulariser,
+    /// Six planes deform every Gaussian, as in 4DGaussians (Wu et al. 2024).
+    #[serde(rename = "hexplane")]
+    #[value(name = "hexplane")]
+    HexPlane,
+    /// One 3D and three temporal 3D hash grids deform every Gaussian, as in Grid4D (Xu et al. 2024).
+    #[serde(rename = "grid4d")]
+    #[value(name = "grid4d")]
+    Grid4d,
+    /// The same behind the decomposition: the paper's Grid4D+dec.
+    #[serde(rename = "grid4d+dec")]
+    #[value(name = "grid4d+dec")]
+    Grid4dDecomposed,
+    /// An embedding per Gaussian and a network of it and time, as in E-D3DGS (Bae et al. 2024).
+    #[serde(rename = "embedding")]
+    #[value(name = "embedding")]
+    Embedding,
+    /// 3DGS: nothing moves.
+    #[serde(rename = "static")]
+    #[value(name = "static")]
+    Static,
+}
+
+impl Method {
+    /// All of them, in the order of the tables.
+    pub const ALL: [Self; 9] = [
+        Self::Dash,
+        Self::WithoutDecomposition,
+        Self::WithoutControl,
+        Self::WithoutRegulariser,
+        Self::HexPlane,
+        Self::Grid4d,
+        Self::Grid4dDecomposed,
+        Self::Embedding,
+        Self::Static,
+    ];
+
+    /// The name on the command line and in tables.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Dash => "dash",
+            Self::WithoutDecomposition => "w/o-dec",
+            Self::WithoutControl => "w/o-ctrl",
+            Self::WithoutRegulariser => "w/o-reg",
+            Self::HexPlane => "hexplane",
+            Self::Grid4d => "grid4d",
+            Self::Grid4dDecomposed => "grid4d+dec",
+            Self::Embedding => "embedding",
+            Self::Static => "static",
+        }
+    }
+
+    /// The name of its folder.
+    pub fn folder(self) -> String {
+        self.name().replace('/', "")
+    }
+
+    /// A preset changed into this method.
+    pub fn of(self, preset: &TrainConfig) -> TrainConfig {
+        let mut config = preset.clone();
+        match self {
+            Self::Dash => {}
+            Self::WithoutDecomposition => everything_moves(&mut config),
+            Self::WithoutControl => config.density_dynamic.until = 0.0,
+            Self::WithoutRegulariser => config.loss.smoothness = 0.0,
+            Self::HexPlane => {
+                everything_moves(&mut config);
+                config.stages.window = TimeWindow::All;
+                let field = &mut config.field.deformation;
+                field.representation = Representation::HexPlane;
+                let grid = &mut field.encoder;
+                (grid.n_levels, grid.n_features_per_level) = (4, 8);
+                set_resolution(&mut grid.base_resolution, 32, SAME_TIME);
+                set_resolution(&mut grid.finest_resolution, 128, 0);
+            }
+            Self::Grid4d => {
+                everything_moves(&mut config);
+                config.stages.window = TimeWindow::All;
+                config.field.deformation.representation = Representation::Grid4d;
+            }
+            Self::Grid4dDecomposed => {
+                config.field.deformation.representation = Representation::Grid4d;
+            }
+            Self::Embedding => {
+                everything_moves(&mut config);
+                config.stages.window = TimeWindow::All;
+                let field = &mut config.field.deformation;
+                field.representation = Representation::Embedding;
+                field.heads = Heads {
+                    appearance: true,
+                    ..field.heads
+                };
+                let grid = &mut field.encoder;
+                (grid.n_levels, grid.n_features_per_level) = (16, 2);
+                set_resolution(&mut grid.finest_resolution, 64, 0);
+            }
+            Self::Static => {
+                config.decomposition.enabled = false;
+                config.density_static.max_gaussians += config.density_dynamic.max_gaussians;
+            }
+        }
+        config
+    }
+}
+
+impl fmt::Display for Method {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(self.name())
+    }
+}
+
+/// Every Gaussian becomes dynamic after the warm-up, and there may be as many as of both kinds
+/// otherwise.
+fn everything_moves(config: &mut TrainConfig) {
+    config.decomposition.select = Selection::All;
+    config.decomposition.review_interval = 0;
+    let most = config.density_static.max_gaussians + config.density_dynamic.max_gaussians;
+    config.density_static.max_gaussians = most;
+    config.density_dynamic.max_gaussians = most;
+    config.density_dynamic.from = config.stages.warmup;
+}
+
+fn set_resolution(resolution: &mut Vec<u32>, space: u32, time: u32) {
+    *resolution = vec![space, space, space, time];
+}
+
+#[cfg(test)]
+mod tests {
+    use clap::ValueEnum;
+
+    use super::*;
+    use crate::train::Preset;
+
+    #[test]
+    fn every_method_is_a_valid_configuration_of_every_preset() {
+        for preset in [
+            Preset::Default,
+            Preset::Quick,
+            Preset::Paper,
+            Preset::Reference,
+        ] {
+            for method in Method::ALL {
+                let config = method.of(&TrainConfig::preset(preset));
+                for frames in [1, 2, 15, 300] {
+                    config
+                        .for_frames(frames)
+                        .validate()
+                        .unwrap_or_else(|e| panic!("{preset:?} {method}, {frames} frames: {e}"));
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn names_are_the_same_everywhere() {
+        assert_eq!(Method::value_variants(), Method::ALL);
+        for method in Method::ALL {
+            let on_the_command_line = method.to_possible_value().expect("not hidden");
+            assert_eq!(on_the_command_line.get_name(), method.name());
+            assert_eq!(
+                serde_json::to_string(&method).expect("serialises"),
+                format!("\"{}\"", method.name())
+            );
+            assert!(!method.folder().contains('/'));
+        }
+    }
+
+    #[test]
+    fn only_dash_is_the_preset_itself() {
+        let preset = TrainConfig::preset(Preset::Quick);
+        for method in Method::ALL {
+            assert_eq!(
+                method.of(&preset) == preset,
+                method == Method::Dash,
+                "{method}"
+            );
+        }
+    }
+}

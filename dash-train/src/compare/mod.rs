@@ -1,0 +1,5 @@
+//! Methods for dynamic scenes on the same data, at the same cost.
+
+mod method;
+
+pub use method::Method;
