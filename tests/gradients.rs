@@ -21,7 +21,7 @@ use dash_model::parameters::{Path, named_parameters, with_parameters};
 use dash_model::{
     Camera, DeformationConfig, DeformationField, DynamicPart, DynamicScene, GaussianRows,
     Gaussians, HashEncoderConfig, Heads, OffsetPlacement, Representation, SceneSettings, SpaceBox,
-    TrajectoryBasis,
+    SpaceTimeEncoder, TrajectoryBasis,
 };
 use rand::{Rng, SeedableRng};
 use rand_pcg::Pcg64;
