@@ -49,6 +49,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let device = choice.device()?;
     let options = TrainOptions {
         resume: false,
+        curve: 0,
         on_step: &mut |report, seconds| {
             if report.step.is_multiple_of(500) {
                 println!(

@@ -53,6 +53,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let run = RunFolder::create(&out.join("run"), &run_config)?;
     let options = TrainOptions {
         resume: false,
+        curve: 0,
         on_step: &mut |report, seconds| {
             if report.step.is_multiple_of(500) || report.step == config.iterations {
                 println!(

@@ -122,21 +122,39 @@ pub fn evaluate(
     downscale: f64,
 ) -> Result<Evaluation, TrainError> {
     let views: Vec<&View> = dataset.split(split).collect();
-    let Some(first) = views.first() else {
+    if views.is_empty() {
         return Err(TrainError::run(
             &dataset.root,
             format!(
                 "expected views of the {split} split, found none; choose --split or --test-cameras"
             ),
         ));
-    };
+    }
+    evaluate_views(
+        scene,
+        dataset,
+        (split, &views),
+        &mut BTreeMap::new(),
+        downscale,
+    )
+}
+
+/// [`evaluate`] over some views of a split, at least one. `masks` holds which pixels move, by camera,
+/// and keeps those that are worked out here.
+pub(super) fn evaluate_views(
+    scene: &DynamicScene,
+    dataset: &Dataset,
+    (split, views): (Split, &[&View]),
+    masks: &mut BTreeMap<usize, Vec<bool>>,
+    downscale: f64,
+) -> Result<Evaluation, TrainError> {
+    let first = views[0];
     let background = scene.settings.background;
-    let mut masks = BTreeMap::new();
     // The first rendering pays for what later ones find ready.
     render_timed(scene, &first.camera, first.time, Layer::Full)?;
     let (mut per_view, mut seconds) = (Vec::with_capacity(views.len()), 0.0);
     let mut counts: Option<SplitCounts> = None;
-    for view in &views {
+    for view in views {
         let (picture, secs) = render_timed(scene, &view.camera, view.time, Layer::Full)?;
         seconds += secs;
         let moving = match masks.entry(view.camera_index) {
@@ -226,7 +244,7 @@ fn as_saved(value: f32) -> f32 {
 
 /// Which pixels move in the video of this view's camera, over all its frames; of a single picture,
 /// those that the dataset's mask of it marks.
-fn camera_moving_pixels(
+pub(super) fn camera_moving_pixels(
     dataset: &Dataset,
     view: &View,
     background: [f32; 3],

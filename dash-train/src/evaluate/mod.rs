@@ -1,10 +1,12 @@
 //! Evaluation of a trained scene, and the `results.json` it is written to.
 //!
 //! [`evaluate`] scores a scene in memory; [`evaluate_run`] scores a run's folder and adds what only
-//! the run knows. What the numbers mean is written beside them, see [`MetricSettings`].
+//! the run knows; [`CurveProbe`] scores while training goes on. What the numbers mean is written beside them, see [`MetricSettings`].
 
+mod curve;
 mod measure;
 mod results;
 
+pub use curve::{CurveLine, CurveProbe, MAX_CURVE_VIEWS};
 pub use measure::{DecompositionScores, Evaluation, MetricSettings, ViewScores, evaluate};
 pub use results::{Process, Results, evaluate_run, peak_memory_bytes, read_results, storage_bytes};

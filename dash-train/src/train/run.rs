@@ -1,7 +1,7 @@
-//! A run on disk: `config.toml`, `log.jsonl`, `checkpoints/`, `scene/`.
+//! A run on disk: `config.toml`, `log.jsonl`, `curve.jsonl`, `checkpoints/`, `scene/`.
 
 use std::fs::{self, File, OpenOptions};
-use std::io::{BufRead, BufReader, Write};
+use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::Instant;
@@ -9,6 +9,7 @@ use std::time::Instant;
 use burn::tensor::Device;
 use dash_model::DynamicScene;
 use dash_model::scene_file::write_atomically;
+use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 
 use super::checkpoint::{latest_checkpoint, load_checkpoint, save_checkpoint};
@@ -16,6 +17,7 @@ use super::config::TrainConfig;
 use super::trainer::{StepReport, Trainer};
 use crate::TrainError;
 use crate::dataset::{Dataset, Layout, LoadOptions};
+use crate::evaluate::{CurveLine, CurveProbe};
 
 /// Steps between two lines of `log.jsonl`.
 const LOG_INTERVAL: usize = 50;
@@ -194,6 +196,11 @@ impl RunFolder {
         self.root.join("log.jsonl")
     }
 
+    /// `curve.jsonl`.
+    pub fn curve_path(&self) -> PathBuf {
+        self.root.join("curve.jsonl")
+    }
+
     fn config_path(&self) -> PathBuf {
         self.root.join("config.toml")
     }
@@ -203,21 +210,31 @@ impl RunFolder {
     /// # Errors
     /// When the file can't be read.
     pub fn log(&self) -> Result<Vec<LogLine>, TrainError> {
-        let path = self.log_path();
-        let file = match File::open(&path) {
-            Ok(file) => file,
-            Err(e) if e.kind() == std::io::ErrorKind::NotFound => return Ok(Vec::new()),
-            Err(e) => return Err(TrainError::io(&path, "read", e)),
-        };
-        let mut lines = Vec::new();
-        for line in BufReader::new(file).lines() {
-            let line = line.map_err(|e| TrainError::io(&path, "read", e))?;
-            if let Ok(line) = serde_json::from_str(&line) {
-                lines.push(line);
-            }
-        }
-        Ok(lines)
+        read_lines(&self.log_path())
     }
+
+    /// Lines of `curve.jsonl`, none when the run was made without; one that was cut off while being
+    /// written does not count.
+    ///
+    /// # Errors
+    /// When the file can't be read.
+    pub fn curve(&self) -> Result<Vec<CurveLine>, TrainError> {
+        read_lines(&self.curve_path())
+    }
+}
+
+/// The lines of a file that are whole; none when there is no such file.
+fn read_lines<T: DeserializeOwned>(path: &Path) -> Result<Vec<T>, TrainError> {
+    let text = match fs::read(path) {
+        Ok(text) => text,
+        Err(e) if e.kind() == std::io::ErrorKind::NotFound => return Ok(Vec::new()),
+        Err(e) => return Err(TrainError::io(path, "read", e)),
+    };
+    // A line that was cut off need not even be UTF-8.
+    let lines = text.split(|&byte| byte == b'\n');
+    Ok(lines
+        .filter_map(|line| serde_json::from_slice(line).ok())
+        .collect())
 }
 
 /// Reads a `config.toml`.
@@ -236,6 +253,8 @@ pub fn read_config(path: &Path) -> Result<RunConfig, TrainError> {
 pub struct TrainOptions<'a> {
     /// Continue from the newest checkpoint, if there is one.
     pub resume: bool,
+    /// Measurements of test views to take along the way, see [`CurveProbe`]; 0 for none.
+    pub curve: usize,
     /// Called after every step, with the seconds trained so far.
     pub on_step: &'a mut dyn FnMut(&StepReport, f64),
 }
@@ -264,6 +283,7 @@ pub fn train(
         None => (Trainer::new(config.clone(), dataset, device)?, 0.0),
     };
     let mut log = reopen_log(run, trainer.steps_done())?;
+    let mut curve = reopen_curve(run, &trainer, options.curve)?;
     fs::create_dir_all(&checkpoints).map_err(|e| TrainError::io(&checkpoints, "create", e))?;
     let (mut loss, mut psnr, mut count) = (0.0, 0.0, 0);
     while !trainer.is_finished() {
@@ -293,9 +313,11 @@ pub fn train(
                 },
             };
             (loss, psnr, count) = (0.0, 0.0, 0);
-            let text =
-                serde_json::to_string(&line).map_err(|e| TrainError::Config(e.to_string()))?;
-            writeln!(log, "{text}").map_err(|e| TrainError::io(&run.log_path(), "write", e))?;
+            append(&mut log, &line, &run.log_path())?;
+        }
+        if let Some((probe, file)) = curve.as_mut().filter(|(probe, _)| probe.is_due(step)) {
+            let line = probe.measure(trainer.scene(), step, seconds, &run.root)?;
+            append(file, &line, &run.curve_path())?;
         }
         if step.is_multiple_of(trainer.config().checkpoint_interval) || last {
             save_checkpoint(&trainer, &checkpoints, seconds)?;
@@ -305,22 +327,56 @@ pub fn train(
     Ok((trainer, seconds))
 }
 
+fn append(file: &mut File, line: &impl Serialize, path: &Path) -> Result<(), TrainError> {
+    let text = serde_json::to_string(line).map_err(|e| TrainError::Config(e.to_string()))?;
+    writeln!(file, "{text}").map_err(|e| TrainError::io(path, "write", e))
+}
+
 /// The log without lines that a resumed run will write again.
 fn reopen_log(run: &RunFolder, step: usize) -> Result<File, TrainError> {
-    let path = run.log_path();
-    let kept: Vec<LogLine> = run
-        .log()?
-        .into_iter()
-        .filter(|line| line.step <= step)
-        .collect();
-    write_atomically(&path, |mut file| {
-        for line in &kept {
+    let lines = run.log()?;
+    reopen(
+        &run.log_path(),
+        lines.iter().filter(|line| line.step <= step),
+    )
+}
+
+/// The same for the curve, and what measures it; `None` when nothing is to be measured.
+fn reopen_curve(
+    run: &RunFolder,
+    trainer: &Trainer,
+    n_measurements: usize,
+) -> Result<Option<(CurveProbe, File)>, TrainError> {
+    let path = run.curve_path();
+    let lines = run.curve()?;
+    if n_measurements == 0 && !path.is_file() {
+        return Ok(None);
+    }
+    let done = trainer.steps_done();
+    let file = reopen(&path, lines.iter().filter(|line| line.step <= done))?;
+    if n_measurements == 0 {
+        return Ok(None);
+    }
+    let background = trainer.scene().settings.background;
+    let iterations = trainer.config().iterations;
+    let dataset = trainer.dataset.clone();
+    let probe = CurveProbe::new(dataset, background, iterations, n_measurements)?;
+    Ok(Some((probe, file)))
+}
+
+/// The file with these lines alone, to be added to.
+fn reopen<'a, T: Serialize + 'a>(
+    path: &Path,
+    kept: impl Iterator<Item = &'a T>,
+) -> Result<File, TrainError> {
+    write_atomically(path, |mut file| {
+        for line in kept {
             writeln!(file, "{}", serde_json::to_string(line)?)?;
         }
         Ok(())
     })?;
     OpenOptions::new()
         .append(true)
-        .open(&path)
-        .map_err(|e| TrainError::io(&path, "open", e))
+        .open(path)
+        .map_err(|e| TrainError::io(path, "open", e))
 }

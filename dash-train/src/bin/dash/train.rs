@@ -6,7 +6,7 @@ use std::sync::Arc;
 use clap::Args;
 use dash_train::dataset::{Dataset, Layout, Split, load};
 use dash_train::device::DeviceChoice;
-use dash_train::evaluate::{Process, evaluate_run};
+use dash_train::evaluate::{CurveProbe, Process, evaluate_run};
 use dash_train::train::{
     DataConfig, Preset, RunConfig, RunFolder, TrainConfig, TrainOptions, train,
 };
@@ -68,6 +68,10 @@ pub struct TrainArgs {
     /// Leave out views whose image cannot be read, with a warning, instead of stopping
     #[arg(long)]
     skip_broken: bool,
+    /// Score up to 12 test views N times along the way, for `dash report`: RUN/curve.jsonl. Costs time
+    /// outside the clock of training, and chooses nothing
+    #[arg(long, value_name = "N", default_value_t = 0, hide_default_value = true)]
+    curve: usize,
     /// Continue the run in RUN from its newest checkpoint, with its own configuration
     #[arg(long)]
     resume: bool,
@@ -101,6 +105,7 @@ pub fn run(args: &TrainArgs, shared: &Shared) -> Result<String, Failure> {
     let mut progress = TrainProgress::new(config.train.iterations, shared);
     let options = TrainOptions {
         resume: args.resume,
+        curve: args.curve,
         on_step: &mut |report, secs| progress.step(report, secs),
     };
     let trained = train(&run, &config.train, dataset.clone(), &device, options);
@@ -139,6 +144,9 @@ fn start(
         device: choice.to_string(),
     };
     let dataset = load_dataset(&data, args.memory)?;
+    if args.curve > 0 {
+        CurveProbe::check(&dataset)?;
+    }
     data.dataset = absolute(&args.dataset)?;
     let config = RunConfig { data, train };
     let run = RunFolder::create(&args.out, &config)?;
