@@ -9,4 +9,7 @@ mod results;
 
 pub use curve::{CurveLine, CurveProbe, MAX_CURVE_VIEWS};
 pub use measure::{DecompositionScores, Evaluation, MetricSettings, ViewScores, evaluate};
-pub use results::{Process, Results, evaluate_run, peak_memory_bytes, read_results, storage_bytes};
+pub use results::{
+    Process, Results, evaluate_run, peak_memory_bytes, read_results, reset_peak_memory,
+    storage_bytes,
+};

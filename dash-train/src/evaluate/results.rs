@@ -136,6 +136,12 @@ pub fn storage_bytes(folder: &Path) -> Result<u64, TrainError> {
     Ok(bytes)
 }
 
+/// Has [`peak_memory_bytes`] begin anew, as far as the system lets it.
+pub fn reset_peak_memory() {
+    // Where there is no such file, the peak is not known either.
+    let _ = fs::write("/proc/self/clear_refs", "5");
+}
+
 /// The most resident memory that this process has had; `None` where the system does not say.
 pub fn peak_memory_bytes() -> Option<u64> {
     let status = fs::read_to_string("/proc/self/status").ok()?;

@@ -4,6 +4,7 @@
 //! its sources, `values` parses what the arguments hold, `progress` reports long work, `summary`
 //! lays out what is printed, `failure` is how a command fails.
 
+mod compare;
 mod configuration;
 mod doctor;
 mod eval;
@@ -71,6 +72,7 @@ enum Command {
     Prepare(prepare::PrepareArgs),
     Doctor(doctor::DoctorArgs),
     Train(train::TrainArgs),
+    Compare(compare::CompareArgs),
     Eval(eval::EvalArgs),
     Render(render::RenderArgs),
     Export(export::ExportArgs),
@@ -142,6 +144,7 @@ fn run(cli: &Cli) -> Result<String, Failure> {
         Command::Prepare(args) => prepare::run(args),
         Command::Doctor(args) => doctor::run(args),
         Command::Train(args) => train::run(args, shared),
+        Command::Compare(args) => compare::run(args, shared),
         Command::Eval(args) => eval::run(args, shared),
         Command::Render(args) => render::run(args, shared),
         Command::Export(args) => export::run(args, shared),

@@ -1,6 +1,6 @@
 //! `dash train`: a dataset into a run's folder.
 
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::sync::Arc;
 
 use clap::Args;
@@ -147,7 +147,7 @@ fn start(
     if args.curve > 0 {
         CurveProbe::check(&dataset)?;
     }
-    data.dataset = absolute(&args.dataset)?;
+    data.dataset = values::absolute(&args.dataset)?;
     let config = RunConfig { data, train };
     let run = RunFolder::create(&args.out, &config)?;
     Ok((run, config, dataset))
@@ -170,15 +170,6 @@ fn test_cameras(args: &TrainArgs) -> Option<Vec<usize>> {
     args.test_cameras.as_ref().map(|list| list.0.clone())
 }
 
-fn absolute(path: &Path) -> Result<PathBuf, Failure> {
-    path.canonicalize().map_err(|e| {
-        Failure::new(format!(
-            "{}: cannot be found: {e}; check the path",
-            path.display()
-        ))
-    })
-}
-
 /// A resumed run is the one that was begun: options may repeat its values, not change them.
 fn check_same(
     args: &TrainArgs,
@@ -195,7 +186,7 @@ fn check_same(
         )))
     };
     let data = &config.data;
-    if absolute(&args.dataset)? != data.dataset {
+    if values::absolute(&args.dataset)? != data.dataset {
         return refuse("DATASET", data.dataset.display().to_string());
     }
     if args

@@ -1,6 +1,9 @@
-//! What arguments hold: sizes, colours, times, lists, amounts of memory.
+//! What arguments hold: sizes, colours, times, lists, amounts of memory, paths.
 
+use std::path::{Path, PathBuf};
 use std::str::FromStr;
+
+use crate::failure::Failure;
 
 /// `WxH` in pixels.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -72,6 +75,26 @@ pub fn time(text: &str) -> Result<f32, String> {
             "expected a time from 0 (the clip's start) to 1 (its end), found `{text}`"
         )),
     }
+}
+
+/// A time span in seconds.
+pub fn seconds(text: &str) -> Result<f64, String> {
+    match text.parse::<f64>() {
+        Ok(seconds) if seconds.is_finite() && seconds > 0.0 => Ok(seconds),
+        _ => Err(format!(
+            "expected seconds above 0, such as 60, found `{text}`"
+        )),
+    }
+}
+
+/// The whole path of something that is there.
+pub fn absolute(path: &Path) -> Result<PathBuf, Failure> {
+    path.canonicalize().map_err(|e| {
+        Failure::new(format!(
+            "{}: cannot be found: {e}; check the path",
+            path.display()
+        ))
+    })
 }
 
 /// A factor by which images are made smaller.

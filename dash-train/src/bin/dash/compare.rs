@@ -1,0 +1,187 @@
+//! `dash compare`: several methods on one dataset.
+
+use std::path::PathBuf;
+use std::sync::Arc;
+
+use clap::Args;
+use dash_train::compare::{ComparedRun, Comparison, Method, Observer};
+use dash_train::dataset::{Layout, load};
+use dash_train::train::{DataConfig, Preset, StepReport};
+
+use crate::Shared;
+use crate::configuration::{ConfigFile, Overrides};
+use crate::failure::Failure;
+use crate::progress::TrainProgress;
+use crate::summary;
+use crate::values::{self, CameraList};
+
+/// Train several methods on the same data for the same time, and compare them
+#[derive(Args)]
+#[command(after_help = "Examples:
+  dash compare out/room --budget 60 --out out/compare
+  dash compare zju313 --methods dash,hexplane,static --seeds 3 --budget 120 --downscale 2 --out out/zju
+
+Methods: dash (the preset); w/o-dec, w/o-ctrl, w/o-reg (without the decomposition, density control of what
+moves, the regulariser); hexplane (4DGaussians' planes), grid4d, grid4d+dec, embedding (E-D3DGS); static
+(3DGS). All use this project's rasterizer, density control and learning rates. Each run is a run's folder,
+OUT/METHOD/seed-S; the same command again trains what is missing.")]
+pub struct CompareArgs {
+    /// The dataset's folder, in any of the layouts of `dash train`
+    dataset: PathBuf,
+    /// The folder of the comparison
+    #[arg(long, value_name = "DIR")]
+    out: PathBuf,
+    /// Methods to train [default: all]
+    #[arg(long, value_enum, value_delimiter = ',', value_name = "LIST")]
+    methods: Vec<Method>,
+    /// Runs of each method, from seeds 0, 1, ..
+    #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u64).range(1..))]
+    seeds: u64,
+    /// Training seconds of each run; how many steps that is, short runs tell
+    #[arg(long, value_name = "SECS", value_parser = values::seconds)]
+    budget: f64,
+    /// Measurements along each run
+    #[arg(long, value_name = "N", default_value_t = 12)]
+    curve: usize,
+    /// What every method changes
+    #[arg(long, value_enum, default_value = "quick")]
+    preset: Preset,
+    /// Values that replace the preset's
+    #[arg(long, value_name = "F.toml")]
+    config: Option<PathBuf>,
+    /// One value that replaces the preset's and the file's; may be repeated
+    #[arg(long, value_name = "KEY=VALUE")]
+    set: Vec<String>,
+    /// Indices of the cameras to hold out, such as 0,7; the layout's own choice when left out
+    #[arg(long, value_name = "LIST")]
+    test_cameras: Option<CameraList>,
+    /// Make images smaller by this factor
+    #[arg(long, value_name = "K", value_parser = values::downscale, default_value = "1")]
+    downscale: f64,
+    /// Memory that the dataset's images may take, such as 2GiB
+    #[arg(long, value_name = "BYTES", value_parser = values::bytes)]
+    memory: Option<u64>,
+    /// Force the dataset's layout instead of recognising it by its files
+    #[arg(long, value_enum)]
+    layout: Option<Layout>,
+}
+
+pub fn run(args: &CompareArgs, shared: &Shared) -> Result<String, Failure> {
+    let file = ConfigFile::read(args.config.as_deref())?;
+    let overrides = Overrides {
+        preset: Some(args.preset),
+        file: args.config.as_deref(),
+        assignments: &args.set,
+        iterations: None,
+        seed: None,
+    };
+    let preset = overrides.resolve(&file)?;
+    let choice = shared.device.unwrap_or_default().resolved();
+    let device = choice.device()?;
+    let data = DataConfig {
+        dataset: values::absolute(&args.dataset)?,
+        layout: args.layout,
+        downscale: args.downscale,
+        test_cameras: args.test_cameras.as_ref().map(|list| list.0.clone()),
+        invert_masks: false,
+        skip_broken: false,
+        device: choice.to_string(),
+    };
+    let mut options = data.load_options();
+    options.memory = args.memory;
+    let dataset = Arc::new(load(&args.dataset, &options)?);
+    let comparison = Comparison {
+        budget_secs: args.budget,
+        curve: args.curve,
+        data,
+        preset,
+    };
+    let methods = match args.methods.as_slice() {
+        [] => Method::ALL.to_vec(),
+        chosen => chosen.to_vec(),
+    };
+    let mut told = Told {
+        shared,
+        progress: None,
+    };
+    let runs = comparison.run(
+        &methods, args.seeds, &args.out, &dataset, &device, &mut told,
+    )?;
+    told.end();
+    Ok(format!(
+        "{}\nwritten to {}",
+        table(&methods, &runs),
+        args.out.display()
+    ))
+}
+
+/// Tells which run is going on, and how far it is.
+struct Told<'a> {
+    shared: &'a Shared,
+    progress: Option<TrainProgress>,
+}
+
+impl Told<'_> {
+    fn end(&mut self) {
+        if let Some(progress) = self.progress.take() {
+            progress.finish();
+        }
+    }
+}
+
+impl Observer for Told<'_> {
+    fn begin(&mut self, method: Method, seed: u64, iterations: usize, trial: bool) {
+        self.end();
+        let what = if trial { "trial of" } else { "training" };
+        tracing::info!("{what} {method}, seed {seed}, {iterations} steps");
+        self.progress = Some(TrainProgress::new(iterations, self.shared));
+    }
+
+    fn step(&mut self, report: &StepReport, seconds: f64) {
+        if let Some(progress) = &mut self.progress {
+            progress.step(report, seconds);
+        }
+    }
+}
+
+/// One line per method: medians over its seeds.
+fn table(methods: &[Method], runs: &[ComparedRun]) -> String {
+    let mut lines = vec![
+        "method      seeds    secs   steps   PSNR  moving   SSIM  static + dynamic    fps      size"
+            .to_string(),
+    ];
+    for &method in methods {
+        let of: Vec<&ComparedRun> = runs.iter().filter(|run| run.method == method).collect();
+        let median = |value: &dyn Fn(&ComparedRun) -> Option<f64>| {
+            let mut values: Vec<f64> = of.iter().filter_map(|run| value(run)).collect();
+            values.sort_by(f64::total_cmp);
+            let n = values.len();
+            (n > 0).then(|| 0.5 * (values[(n - 1) / 2] + values[n / 2]))
+        };
+        let shown = |value: Option<f64>, digits: usize| {
+            value.map_or("-".to_string(), |value| format!("{value:.digits$}"))
+        };
+        lines.push(format!(
+            "{:11} {:5} {:>7} {:>7} {:>6} {:>7} {:>6} {:>8} + {:<7} {:>6} {:>9}",
+            method.name(),
+            of.len(),
+            shown(median(&|run| run.results.train_seconds), 1),
+            shown(median(&|run| Some(run.results.iterations as f64)), 0),
+            shown(median(&|run| run.results.evaluation.psnr), 2),
+            shown(median(&|run| run.results.evaluation.psnr_dynamic), 2),
+            shown(median(&|run| run.results.evaluation.ssim), 3),
+            shown(
+                median(&|run| Some(run.results.evaluation.n_static as f64)),
+                0
+            ),
+            shown(
+                median(&|run| Some(run.results.evaluation.n_dynamic as f64)),
+                0
+            ),
+            shown(median(&|run| run.results.evaluation.render_fps), 1),
+            median(&|run| Some(run.results.storage_bytes as f64))
+                .map_or("-".into(), |bytes| summary::bytes(bytes as u64)),
+        ));
+    }
+    lines.join("\n")
+}
