@@ -44,6 +44,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let config = RunConfig {
         data,
         train: train_config,
+        decisions: Vec::new(),
     };
     let run = RunFolder::create(Path::new(out), &config)?;
     let device = choice.device()?;

@@ -49,6 +49,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
             device: name.clone(),
         },
         train: config.clone(),
+        decisions: Vec::new(),
     };
     let run = RunFolder::create(&out.join("run"), &run_config)?;
     let options = TrainOptions {

@@ -5,7 +5,7 @@ use std::fs::{self, File};
 use std::path::{Path, PathBuf};
 
 use burn::module::Module;
-use burn::tensor::Device;
+use burn::tensor::{Device, f16};
 use rand::SeedableRng;
 use rand_pcg::Pcg64;
 use safetensors::tensor::{Dtype, SafeTensors, TensorView};
@@ -14,7 +14,7 @@ use serde::{Deserialize, Serialize};
 use crate::parameters::{HostTensor, named_parameters, with_parameters};
 use crate::{
     DeformationConfig, DeformationField, DynamicPart, DynamicScene, GaussianRows, Gaussians,
-    ModelError, SceneSettings, SpaceBox,
+    HashEncoder, ModelError, SceneSettings, SpaceBox,
 };
 
 /// Version of the files that this code writes.
@@ -42,17 +42,46 @@ struct FieldDescription {
     trajectory_width: usize,
 }
 
+/// How the field's tables of features are stored. Everything else is always f32.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum TablePrecision {
+    /// As they are.
+    Single,
+    /// As 16-bit floats, the nearest to each value; values beyond their range become the largest.
+    Half,
+}
+
+fn is_table(name: &str) -> bool {
+    name.starts_with("dynamic.field.encoder.") && HashEncoder::is_table(name)
+}
+
+fn half(value: f32) -> f16 {
+    f16::from_f32(value.clamp(f16::MIN.to_f32(), f16::MAX.to_f32()))
+}
+
 impl DynamicScene {
     /// Writes the scene into a folder, which is made if need be. Each file is complete or absent.
     ///
     /// # Errors
     /// [`ModelError::Io`].
     pub fn save(&self, folder: &Path) -> Result<(), ModelError> {
+        self.save_with(folder, TablePrecision::Single)
+    }
+
+    /// The same, with the field's tables of features in another precision.
+    ///
+    /// # Errors
+    /// [`ModelError::Io`].
+    pub fn save_with(&self, folder: &Path, precision: TablePrecision) -> Result<(), ModelError> {
         fs::create_dir_all(folder).map_err(|e| ModelError::io(folder, "create the folder", e))?;
         let description = self.describe();
         let json = serde_json::to_vec_pretty(&description)
             .map_err(|e| ModelError::Config(format!("scene settings: {e}")))?;
-        write_tensors(&folder.join("scene.safetensors"), &named_parameters(self))?;
+        write_tensors_with(
+            &folder.join("scene.safetensors"),
+            &named_parameters(self),
+            precision,
+        )?;
         write_atomically(&folder.join("scene.json"), |mut file| {
             std::io::Write::write_all(&mut file, &json)
         })
@@ -84,6 +113,28 @@ impl DynamicScene {
         with_parameters(skeleton, parameters).map_err(|found| {
             ModelError::format(&tensor_path, "the parameters of scene.json", found)
         })
+    }
+
+    /// The scene as it is read back after [`TablePrecision::Half`]; `None` without tables.
+    pub fn with_half_tables(&self) -> Option<Self> {
+        let mut parameters = named_parameters(self);
+        let tables = parameters.iter_mut().filter(|(name, _)| is_table(name));
+        let mut found = false;
+        for (_, table) in tables {
+            found = true;
+            for value in &mut table.values {
+                *value = half(*value).to_f32();
+            }
+        }
+        let rounded = found.then(|| with_parameters(self.clone(), parameters));
+        rounded.map(|scene| scene.expect("a scene's own parameters fit it"))
+    }
+
+    /// Bytes of the field's tables of features, f32.
+    pub fn table_bytes(&self) -> u64 {
+        let parameters = named_parameters(self);
+        let tables = parameters.iter().filter(|(name, _)| is_table(name));
+        tables.map(|(_, t)| 4 * t.values.len() as u64).sum()
     }
 
     fn describe(&self) -> SceneDescription {
@@ -249,11 +300,30 @@ pub fn write_tensors(
     path: &Path,
     tensors: &BTreeMap<String, HostTensor>,
 ) -> Result<(), ModelError> {
+    write_tensors_with(path, tensors, TablePrecision::Single)
+}
+
+fn write_tensors_with(
+    path: &Path,
+    tensors: &BTreeMap<String, HostTensor>,
+    precision: TablePrecision,
+) -> Result<(), ModelError> {
+    let halves: BTreeMap<&str, Vec<u8>> = tensors
+        .iter()
+        .filter(|(name, _)| precision == TablePrecision::Half && is_table(name))
+        .map(|(name, tensor)| {
+            let bytes = tensor.values.iter().flat_map(|&v| half(v).to_le_bytes());
+            (name.as_str(), bytes.collect())
+        })
+        .collect();
     let views: Result<Vec<_>, _> = tensors
         .iter()
         .map(|(name, tensor)| {
-            let bytes = bytemuck::cast_slice(&tensor.values);
-            TensorView::new(Dtype::F32, tensor.shape.clone(), bytes).map(|view| (name, view))
+            let (kind, bytes) = match halves.get(name.as_str()) {
+                Some(bytes) => (Dtype::F16, bytes.as_slice()),
+                None => (Dtype::F32, bytemuck::cast_slice(&tensor.values)),
+            };
+            TensorView::new(kind, tensor.shape.clone(), bytes).map(|view| (name, view))
         })
         .collect();
     let bytes = views
@@ -264,7 +334,7 @@ pub fn write_tensors(
     })
 }
 
-/// Reads a safetensors file of f32 tensors.
+/// Reads a safetensors file of f32 and f16 tensors.
 ///
 /// # Errors
 /// [`ModelError::Io`] or [`ModelError::Format`].
@@ -275,11 +345,20 @@ pub fn read_tensors(path: &Path) -> Result<BTreeMap<String, HostTensor>, ModelEr
     file.tensors()
         .into_iter()
         .map(|(name, view)| {
-            if view.dtype() != Dtype::F32 {
-                let found = format!("`{name}` of {:?}", view.dtype());
-                return Err(ModelError::format(path, "f32 tensors", found));
-            }
-            let values = bytemuck::pod_collect_to_vec(view.data());
+            let values = match view.dtype() {
+                Dtype::F32 => bytemuck::pod_collect_to_vec(view.data()),
+                Dtype::F16 => {
+                    let (halves, _) = view.data().as_chunks::<2>();
+                    let values = halves
+                        .iter()
+                        .map(|&bytes| f16::from_le_bytes(bytes).to_f32());
+                    values.collect()
+                }
+                kind => {
+                    let found = format!("`{name}` of {kind:?}");
+                    return Err(ModelError::format(path, "f32 or f16 tensors", found));
+                }
+            };
             Ok((
                 name,
                 HostTensor {

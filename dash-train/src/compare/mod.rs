@@ -139,6 +139,7 @@ impl Comparison {
         let config = RunConfig {
             data: self.data.clone(),
             train: config,
+            decisions: Vec::new(),
         };
         let run = RunFolder::create(root, &config)?;
         reset_peak_memory();

@@ -16,6 +16,7 @@ use serde::{Deserialize, Serialize};
 
 use super::config::TrainConfig;
 use super::density::DensityStatistics;
+use super::leave_out::Decision;
 use super::optimizer::Optimizer;
 use super::sampler::ViewSampler;
 use super::trainer::Trainer;
@@ -36,6 +37,8 @@ struct State {
     optimizer_steps: BTreeMap<String, u64>,
     motion_space: Option<SpaceBox>,
     held_still: Vec<bool>,
+    #[serde(default)]
+    decisions: Vec<Decision>,
     config: TrainConfig,
 }
 
@@ -75,6 +78,7 @@ pub fn save_checkpoint(
         optimizer_steps,
         motion_space: trainer.motion_space,
         held_still: trainer.held_still.clone(),
+        decisions: trainer.decisions.clone(),
         config: trainer.config.clone(),
     };
     let json = serde_json::to_vec(&state).map_err(|e| TrainError::Config(e.to_string()))?;
@@ -168,6 +172,7 @@ pub fn load_checkpoint(
     trainer.sampler = state.sampler;
     trainer.step = state.step;
     trainer.held_still = state.held_still;
+    trainer.decisions = state.decisions;
     check_counts(&trainer).map_err(|found| damaged(checkpoint, found))?;
     Ok((trainer, state.train_seconds))
 }

@@ -49,6 +49,9 @@ pub struct TrainConfig {
     pub checkpoint_interval: usize,
     /// Steps between measurements on the validation view (never a test camera).
     pub validation_interval: usize,
+    /// Whether parts that the scene does not need are left out.
+    #[serde(default)]
+    pub keep: Keep,
     /// The three stages.
     pub stages: StageConfig,
     /// Weights of the losses.
@@ -63,6 +66,17 @@ pub struct TrainConfig {
     pub density_static: DensityConfig,
     /// Density control of the dynamic Gaussians.
     pub density_dynamic: DensityConfig,
+}
+
+/// Whether parts that a scene does not need are left out.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, clap::ValueEnum)]
+#[serde(rename_all = "snake_case")]
+pub enum Keep {
+    /// Every part stays.
+    #[default]
+    All,
+    /// A part goes when measurements say that the scene does without.
+    Needed,
 }
 
 /// When each stage ends, as shares of the run.

@@ -5,6 +5,7 @@ pub(crate) mod coarse;
 pub mod config;
 mod density;
 pub(crate) mod initial;
+mod leave_out;
 mod loss;
 mod optimizer;
 mod presets;
@@ -19,6 +20,7 @@ mod update;
 pub(crate) mod validation;
 
 pub use checkpoint::{checkpoint_config, latest_checkpoint, load_checkpoint, save_checkpoint};
-pub use config::{Preset, TrainConfig};
+pub use config::{Keep, Preset, TrainConfig};
+pub use leave_out::Decision;
 pub use run::{DataConfig, LogLine, RunConfig, RunFolder, TrainOptions, read_config, train};
 pub use trainer::{StepReport, Trainer};

@@ -6,8 +6,8 @@ use dash_model::{
 };
 
 use super::config::{
-    DecompositionConfig, DensityConfig, FieldConfig, LearningRates, LossConfig, MotionMeasure,
-    Preset, Selection, SpaceRule, StageConfig, TimeWindow, TrainConfig,
+    DecompositionConfig, DensityConfig, FieldConfig, Keep, LearningRates, LossConfig,
+    MotionMeasure, Preset, Selection, SpaceRule, StageConfig, TimeWindow, TrainConfig,
 };
 
 impl TrainConfig {
@@ -37,6 +37,7 @@ impl TrainConfig {
             min_initial_points: 20_000,
             checkpoint_interval: 1_000,
             validation_interval: 500,
+            keep: Keep::Needed,
             stages: StageConfig {
                 warmup: 0.1,
                 decomposition: 0.35,
@@ -150,6 +151,7 @@ impl TrainConfig {
     }
 
     fn as_in_the_paper(&mut self) {
+        self.keep = Keep::All;
         self.loss.field_motion = 0.0;
         self.loss.visible_motion = 0.0;
         self.loss.static_opacity = 0.0;
@@ -195,6 +197,7 @@ impl TrainConfig {
     }
 
     fn as_released(&mut self) {
+        self.keep = Keep::All;
         self.near_plane = Some(NEAR_PLANE);
         self.iterations = 50_000;
         self.sh_interval = 1_000.0 / 50_000.0;

@@ -14,6 +14,7 @@ use serde::{Deserialize, Serialize};
 
 use super::checkpoint::{latest_checkpoint, load_checkpoint, save_checkpoint};
 use super::config::TrainConfig;
+use super::leave_out::{self, Decision};
 use super::trainer::{StepReport, Trainer};
 use crate::TrainError;
 use crate::dataset::{Dataset, Layout, LoadOptions};
@@ -30,6 +31,9 @@ pub struct RunConfig {
     pub data: DataConfig,
     /// The training.
     pub train: TrainConfig,
+    /// Which parts the finished scene kept and left out, and why. Another run decides for itself.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub decisions: Vec<Decision>,
 }
 
 /// The data of a run and how it is loaded.
@@ -140,11 +144,23 @@ impl RunFolder {
             ));
         }
         fs::create_dir_all(root).map_err(|e| TrainError::io(root, "create", e))?;
+        run.write_config(config)?;
+        Ok(run)
+    }
+
+    fn write_config(&self, config: &RunConfig) -> Result<(), TrainError> {
         let text = toml::to_string(config).map_err(|e| TrainError::Config(e.to_string()))?;
-        write_atomically(&run.config_path(), |mut file| {
+        write_atomically(&self.config_path(), |mut file| {
             file.write_all(text.as_bytes())
         })?;
-        Ok(run)
+        Ok(())
+    }
+
+    /// Adds to `config.toml` what the finished scene kept and left out.
+    fn record(&self, decisions: &[Decision]) -> Result<(), TrainError> {
+        let mut config = self.config()?;
+        config.decisions = decisions.to_vec();
+        self.write_config(&config)
     }
 
     /// The run's configuration.
@@ -323,7 +339,11 @@ pub fn train(
             save_checkpoint(&trainer, &checkpoints, seconds)?;
         }
     }
-    trainer.scene().save(&run.scene_path())?;
+    let start = Instant::now();
+    let precision = leave_out::table_precision(&mut trainer)?;
+    seconds += start.elapsed().as_secs_f64();
+    trainer.scene().save_with(&run.scene_path(), precision)?;
+    run.record(trainer.decisions())?;
     Ok((trainer, seconds))
 }
 

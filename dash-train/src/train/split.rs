@@ -102,7 +102,11 @@ pub(crate) fn split(trainer: &mut Trainer) -> Result<(), TrainError> {
 
 /// Removes dynamic Gaussians that no picture shows, such as those that strayed behind a wall.
 pub(crate) fn drop_hidden(trainer: &mut Trainer) -> Result<(), TrainError> {
-    let shares = statistics::largest_shares(trainer)?;
+    let (n_static, n_dynamic) = trainer.scene.counts();
+    if n_dynamic == 0 {
+        return Ok(());
+    }
+    let shares = statistics::largest_shares(trainer)?.split_off(n_static);
     let (shown, hidden): (Vec<usize>, Vec<usize>) =
         (0..shares.len()).partition(|&row| shares[row] >= MIN_SHARE);
     if !hidden.is_empty() {

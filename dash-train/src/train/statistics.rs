@@ -95,22 +95,19 @@ pub(crate) fn witnesses(trainer: &Trainer) -> impl Iterator<Item = &View> {
     })
 }
 
-/// For each dynamic Gaussian, the most pixels' worth of it that one of several training views shows:
-/// its blending weights summed over the picture.
+/// For each Gaussian, static ones first, the most pixels' worth of it that one of several training views
+/// shows: its blending weights summed over the picture.
 pub(crate) fn largest_shares(trainer: &Trainer) -> Result<Vec<f32>, TrainError> {
-    let (_, n) = trainer.scene.counts();
-    let mut largest = vec![0.0f32; n];
+    let (n_static, n_dynamic) = trainer.scene.counts();
+    let mut largest = vec![0.0f32; n_static + n_dynamic];
     for view in witnesses(trainer) {
-        let Some(dynamic) = trainer.scene.dynamic_splats(&view.camera, view.time)? else {
-            break;
-        };
-        let still = trainer.scene.static_splats(&view.camera)?;
+        let mut splats = vec![trainer.scene.static_splats(&view.camera)?];
+        splats.extend(trainer.scene.dynamic_splats(&view.camera, view.time)?);
         // The red of a splat enters a pixel with its weight: the gradient of the sum of all red.
-        let leaf = Tensor::from_inner(dynamic.inner()).require_grad();
-        let splats = Tensor::cat(vec![still.detach(), leaf.clone()], 0);
+        let leaf = Tensor::from_inner(Tensor::cat(splats, 0).inner()).require_grad();
         let red = trainer
             .scene
-            .rasterize(splats, &view.camera)?
+            .rasterize(leaf.clone(), &view.camera)?
             .image
             .narrow(2, 0, 1);
         if let Some(weights) = leaf.grad(&red.sum().backward()) {

@@ -13,6 +13,7 @@ use super::coarse::Stages;
 use super::config::TrainConfig;
 use super::density::DensityStatistics;
 use super::initial::{Core, initial_points, near_plane};
+use super::leave_out::{self, Decision};
 use super::loss::{opacity, photometric, smoothness, static_motion, visible_motion, where_counted};
 use super::optimizer::{Optimizer, to_host};
 use super::sampler::ViewSampler;
@@ -75,6 +76,8 @@ pub struct Trainer {
     /// How large motion appears, per world unit.
     pub(crate) motion_statistics: MotionStatistics,
     pub(crate) held_still: Vec<bool>,
+    /// What was kept and left out so far.
+    pub(crate) decisions: Vec<Decision>,
 }
 
 /// What a forward pass leaves for the backward pass and the statistics.
@@ -161,6 +164,7 @@ impl Trainer {
             density_dynamic: DensityStatistics::new(0),
             motion_statistics: MotionStatistics::default(),
             held_still: Vec::new(),
+            decisions: Vec::new(),
         })
     }
 
@@ -195,7 +199,14 @@ impl Trainer {
 
     /// Whether anything may move in this run.
     pub(crate) fn may_move(&self) -> bool {
-        self.config.decomposition.enabled && self.dataset.n_frames > 1
+        self.config.decomposition.enabled
+            && self.dataset.n_frames > 1
+            && !leave_out::nothing_moves(&self.decisions)
+    }
+
+    /// Which parts were kept and left out so far, and why.
+    pub fn decisions(&self) -> &[Decision] {
+        &self.decisions
     }
 
     /// One optimisation step, with what its step number brings: stage changes, density control.
@@ -203,6 +214,7 @@ impl Trainer {
     /// # Errors
     /// When the loss is not finite, or a kernel refuses its input.
     pub fn step(&mut self) -> Result<StepReport, TrainError> {
+        leave_out::decide(self)?;
         coarse::enter_stage(self)?;
         let sh_interval = self.config.step_at(self.config.sh_interval).max(1);
         self.scene.settings.sh_degree = (self.step / sh_interval).min(self.config.sh_degree);

@@ -334,6 +334,7 @@ fn config_toml() -> Vec<u8> {
             device: "flex".into(),
         },
         train: TrainConfig::preset(Preset::Quick),
+        decisions: Vec::new(),
     };
     toml::to_string(&config).expect("TOML").into()
 }

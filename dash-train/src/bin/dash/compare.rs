@@ -74,6 +74,7 @@ pub fn run(args: &CompareArgs, shared: &Shared) -> Result<String, Failure> {
         assignments: &args.set,
         iterations: None,
         seed: None,
+        keep: None,
     };
     let preset = overrides.resolve(&file)?;
     let choice = shared.device.unwrap_or_default().resolved();

@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 
 use clap::ValueEnum;
 use dash_train::dataset::Layout;
-use dash_train::train::{Preset, TrainConfig};
+use dash_train::train::{Keep, Preset, TrainConfig};
 use serde::Deserialize;
 use toml::{Table, Value};
 
@@ -23,6 +23,8 @@ pub struct Overrides<'a> {
     pub iterations: Option<usize>,
     /// `--seed`.
     pub seed: Option<u64>,
+    /// `--keep`.
+    pub keep: Option<Keep>,
 }
 
 /// A configuration file: the fields of a [`TrainConfig`], some or all; or, as in a run's
@@ -83,6 +85,8 @@ impl ConfigFile {
                 .try_into()
                 .map_err(|e: toml::de::Error| refuse(format!("[data]: {}", e.message())))?,
         };
+        // Another run decides for itself what it needs.
+        table.remove("decisions");
         let train = match table.remove("train") {
             None => table,
             Some(Value::Table(train)) if table.is_empty() => train,
@@ -153,6 +157,7 @@ impl Overrides<'_> {
         }
         config.iterations = self.iterations.unwrap_or(config.iterations);
         config.seed = self.seed.unwrap_or(config.seed);
+        config.keep = self.keep.unwrap_or(config.keep);
         config
             .validate()
             .map_err(|e| Failure::usage(e.to_string()))?;
@@ -198,6 +203,7 @@ mod tests {
             assignments,
             iterations: None,
             seed: None,
+            keep: None,
         }
     }
 

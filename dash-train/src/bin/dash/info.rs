@@ -9,7 +9,7 @@ use dash_train::dataset::{Dataset, Layout, LoadOptions, Split, load};
 use dash_train::evaluate::{read_results, storage_bytes};
 use dash_train::ply::{PointCloud, read_points};
 use dash_train::train::config::Selection;
-use dash_train::train::{RunFolder, TrainConfig};
+use dash_train::train::{Decision, RunFolder, TrainConfig};
 
 use crate::Shared;
 use crate::configuration::name;
@@ -93,10 +93,34 @@ fn finished_or_not(run: &RunFolder, device: &Device) -> Result<Table, Failure> {
             bytes(storage_bytes(&run.scene_path())?)
         ),
     );
+    for decision in &config.decisions {
+        let name = if decision.left_out { "left out" } else { "kept" };
+        table.row(name, told(decision));
+    }
     if let Some(results) = read_results(run)? {
         add_scores(&mut table, &results);
     }
     Ok(table)
+}
+
+/// What a decision was about, and what was measured.
+fn told(decision: &Decision) -> String {
+    let measured = [
+        decision
+            .db
+            .map(|db| format!("without it {db:+.3} dB at step {}", decision.step)),
+        decision.bytes.map(|size| format!("{} of memory", bytes(size))),
+    ];
+    let measured: Vec<String> = measured.into_iter().flatten().collect();
+    match measured.is_empty() {
+        true => format!("{}: {}", decision.part, decision.reason),
+        false => format!(
+            "{} ({}): {}",
+            decision.part,
+            measured.join(", "),
+            decision.reason
+        ),
+    }
 }
 
 fn settings(table: &mut Table, config: &TrainConfig) {

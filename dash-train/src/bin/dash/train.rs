@@ -8,7 +8,7 @@ use dash_train::dataset::{Dataset, Layout, Split, load};
 use dash_train::device::DeviceChoice;
 use dash_train::evaluate::{CurveProbe, Process, evaluate_run};
 use dash_train::train::{
-    DataConfig, Preset, RunConfig, RunFolder, TrainConfig, TrainOptions, train,
+    DataConfig, Keep, Preset, RunConfig, RunFolder, TrainConfig, TrainOptions, train,
 };
 
 use crate::Shared;
@@ -59,6 +59,10 @@ pub struct TrainArgs {
     /// White in the pictures of `masks/` marks what does not count, instead of what does
     #[arg(long)]
     invert_masks: bool,
+    /// Whether parts that the scene does not need are left out; RUN/config.toml says which were, and why
+    /// [default: the preset's]
+    #[arg(long, value_enum)]
+    keep: Option<Keep>,
     /// Seed of everything random [default: 0]
     #[arg(long, value_name = "S")]
     seed: Option<u64>,
@@ -85,6 +89,7 @@ pub fn run(args: &TrainArgs, shared: &Shared) -> Result<String, Failure> {
         assignments: &args.set,
         iterations: args.iterations,
         seed: args.seed,
+        keep: args.keep,
     };
     let (run, config, dataset) = if args.resume {
         let run = RunFolder::open(&args.out)?;
@@ -148,7 +153,11 @@ fn start(
         CurveProbe::check(&dataset)?;
     }
     data.dataset = values::absolute(&args.dataset)?;
-    let config = RunConfig { data, train };
+    let config = RunConfig {
+        data,
+        train,
+        decisions: Vec::new(),
+    };
     let run = RunFolder::create(&args.out, &config)?;
     Ok((run, config, dataset))
 }
@@ -230,7 +239,7 @@ fn check_same(
     let again: TrainConfig = overrides.apply(config.train.clone(), file)?;
     if again != config.train {
         return refuse(
-            "--config, --set, --iterations or --seed",
+            "--config, --set, --iterations, --keep or --seed",
             "other values in config.toml".into(),
         );
     }
