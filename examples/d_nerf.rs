@@ -40,7 +40,13 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         }
     }
     let scene = trainer.scene();
-    let scores = evaluate(scene, &dataset, Split::Test, options.downscale)?;
+    let scores = evaluate(
+        scene,
+        &dataset,
+        Split::Test,
+        options.downscale,
+        &Default::default(),
+    )?;
     println!(
         "{} test views: PSNR {:.2} dB, SSIM {:.3}",
         scores.per_view.len(),

@@ -68,6 +68,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         Split::Test,
         (&device, name),
         Process::Trained,
+        &Default::default(),
     )?;
     println!(
         "PSNR {:.2} dB, moving pixels {:.2} dB",

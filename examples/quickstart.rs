@@ -72,6 +72,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         Split::Test,
         (&device, &name),
         Process::Trained,
+        &Default::default(),
     )?;
     let scores = &results.evaluation;
     println!(

@@ -8,6 +8,7 @@ use dash_model::ModelError;
 use crate::cameras::CameraFileError;
 use crate::dataset::DatasetError;
 use crate::device::DeviceChoice;
+use crate::metrics::lpips::LpipsError;
 use crate::video::VideoError;
 
 /// What training, evaluation and rendering can refuse.
@@ -28,6 +29,9 @@ pub enum TrainError {
     /// A picture or a video could not be written.
     #[error(transparent)]
     Video(#[from] VideoError),
+    /// LPIPS can't be measured.
+    #[error(transparent)]
+    Lpips(#[from] LpipsError),
     /// A configuration value can't be used.
     #[error("configuration: {0}")]
     Config(String),

@@ -150,7 +150,14 @@ impl Comparison {
         };
         train(&run, &config.train, dataset.clone(), device, options)?;
         let name = (device, self.data.device.as_str());
-        let results = evaluate_run(&run, dataset, Split::Test, name, Process::Trained)?;
+        let results = evaluate_run(
+            &run,
+            dataset,
+            Split::Test,
+            name,
+            Process::Trained,
+            &Default::default(),
+        )?;
         let checkpoints = run.checkpoints_path();
         fs::remove_dir_all(&checkpoints).map_err(|e| TrainError::io(&checkpoints, "remove", e))?;
         Ok((run, results))

@@ -12,6 +12,7 @@ use dash_model::{DynamicScene, ModelError};
 use serde::{Deserialize, Serialize};
 
 use super::measure::{Evaluation, camera_moving_pixels, evaluate_views};
+use super::perceptual::Perceptual;
 use super::results::{peak_memory_bytes, storage_bytes};
 use crate::TrainError;
 use crate::dataset::{Dataset, Split, View};
@@ -38,9 +39,9 @@ pub struct CurveLine {
     pub ssim: Option<f64>,
     /// Mean over views.
     pub ms_ssim: Option<f64>,
-    /// Absent without weights.
+    /// Absent: it would take longer than the training between two lines.
     pub lpips_vgg: Option<f64>,
-    /// Absent without weights.
+    /// As `lpips_vgg`.
     pub lpips_alex: Option<f64>,
     /// Static Gaussians.
     pub n_static: usize,
@@ -146,8 +147,8 @@ impl CurveProbe {
             &self.dataset,
             (Split::Test, &views),
             &mut self.moving,
-            // For the record only, which a line does not keep.
-            1.0,
+            // The factor is for the record, which a line does not keep; LPIPS takes too long for this.
+            (1.0, &Perceptual::default()),
         )?;
         let storage = stored_size(&scene, scratch)?;
         Ok(line(step, seconds, storage, &scores))

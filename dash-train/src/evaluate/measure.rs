@@ -6,6 +6,7 @@ use std::collections::btree_map::Entry;
 use dash_model::{DynamicScene, Layer};
 use serde::{Deserialize, Serialize};
 
+use super::perceptual::Perceptual;
 use crate::TrainError;
 use crate::dataset::{Dataset, Split, View};
 use crate::metrics::{
@@ -37,6 +38,10 @@ pub struct ViewScores {
     pub ssim: Option<f64>,
     /// In [0, 1].
     pub ms_ssim: Option<f64>,
+    /// 0 for the same picture.
+    pub lpips_vgg: Option<f64>,
+    /// 0 for the same picture.
+    pub lpips_alex: Option<f64>,
 }
 
 /// How well the dynamic Gaussians cover what really moves.
@@ -71,8 +76,11 @@ pub struct MetricSettings {
     pub ms_ssim_scales: usize,
     /// How `decomposition` is scored.
     pub decomposition: String,
-    /// Why LPIPS is absent.
+    /// With which networks and how LPIPS is taken.
     pub lpips: String,
+    /// Why LPIPS is absent though there are weights.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub lpips_missing: Option<String>,
     /// How rendering was timed.
     pub render_fps: String,
     /// Which process `peak_memory_bytes` belongs to.
@@ -96,9 +104,9 @@ pub struct Evaluation {
     pub ssim: Option<f64>,
     /// Mean over views.
     pub ms_ssim: Option<f64>,
-    /// Absent without weights.
+    /// Mean over views; absent without weights.
     pub lpips_vgg: Option<f64>,
-    /// Absent without weights.
+    /// Mean over views; absent without weights.
     pub lpips_alex: Option<f64>,
     /// Pictures per second at the views' size.
     pub render_fps: Option<f64>,
@@ -111,7 +119,7 @@ pub struct Evaluation {
 }
 
 /// Scores `scene` against the views of a split. `downscale` is the factor at which the dataset was
-/// loaded, for the record.
+/// loaded, for the record; `perceptual` holds what LPIPS needs, by default nothing.
 ///
 /// # Errors
 /// When the split has no views, or a kernel refuses its input.
@@ -120,6 +128,7 @@ pub fn evaluate(
     dataset: &Dataset,
     split: Split,
     downscale: f64,
+    perceptual: &Perceptual,
 ) -> Result<Evaluation, TrainError> {
     let views: Vec<&View> = dataset.split(split).collect();
     if views.is_empty() {
@@ -135,7 +144,7 @@ pub fn evaluate(
         dataset,
         (split, &views),
         &mut BTreeMap::new(),
-        downscale,
+        (downscale, perceptual),
     )
 }
 
@@ -146,7 +155,7 @@ pub(super) fn evaluate_views(
     dataset: &Dataset,
     (split, views): (Split, &[&View]),
     masks: &mut BTreeMap<usize, Vec<bool>>,
-    downscale: f64,
+    (downscale, perceptual): (f64, &Perceptual),
 ) -> Result<Evaluation, TrainError> {
     let first = views[0];
     let background = scene.settings.background;
@@ -161,7 +170,7 @@ pub(super) fn evaluate_views(
             Entry::Occupied(known) => known.into_mut(),
             Entry::Vacant(new) => new.insert(camera_moving_pixels(dataset, view, background)?),
         };
-        per_view.push(score(view, &picture, moving, background)?);
+        per_view.push(score(view, &picture, moving, background, perceptual)?);
         if let Some(truth) = view.motion_mask()? {
             let (dynamic, _) = render_timed(scene, &view.camera, view.time, Layer::Dynamic)?;
             let truth: Vec<bool> = truth.iter().map(|&m| m > MASK_HALF).collect();
@@ -178,15 +187,19 @@ pub(super) fn evaluate_views(
         psnr_dynamic: mean_of_some(per_view.iter().filter_map(|view| view.psnr_dynamic)),
         ssim: mean_of_all(per_view.iter().map(|view| view.ssim)),
         ms_ssim: mean_of_all(per_view.iter().map(|view| view.ms_ssim)),
-        lpips_vgg: None,
-        lpips_alex: None,
+        lpips_vgg: mean_of_all(per_view.iter().map(|view| view.lpips_vgg)),
+        lpips_alex: mean_of_all(per_view.iter().map(|view| view.lpips_alex)),
         render_fps: finite(views.len() as f64 / seconds),
         decomposition: counts.map(|counts| DecompositionScores {
             precision: counts.precision(),
             recall: counts.recall(),
             f1: counts.f1(),
         }),
-        metric_settings: settings(background, downscale, camera.width, camera.height),
+        metric_settings: MetricSettings {
+            lpips: perceptual.rule(),
+            lpips_missing: perceptual.missing(views),
+            ..settings(background, downscale, camera.width, camera.height)
+        },
         per_view,
     })
 }
@@ -196,6 +209,7 @@ fn score(
     picture: &Picture,
     moving: &[bool],
     background: [f32; 3],
+    perceptual: &Perceptual,
 ) -> Result<ViewScores, TrainError> {
     let (width, height) = (view.camera.width, view.camera.height);
     let (mut truth, counted) = view.rgb_and_counted(background)?;
@@ -211,6 +225,7 @@ fn score(
             *moves &= counts;
         }
     }
+    let lpips = perceptual.score(&image, &truth, [width, height])?;
     let over_counted = |counted: &Vec<bool>| masked_psnr(&image, &truth, counted);
     Ok(ViewScores {
         camera: view.camera_name.clone(),
@@ -223,6 +238,8 @@ fn score(
         psnr_dynamic: masked_psnr(&image, &truth, &moving).and_then(finite),
         ssim: finite(ssim(&image, &truth, width, height)),
         ms_ssim: finite(ms_ssim(&image, &truth, width, height)),
+        lpips_vgg: lpips.vgg,
+        lpips_alex: lpips.alex,
     })
 }
 
@@ -288,7 +305,8 @@ fn settings(background: [f32; 3], downscale: f64, width: usize, height: usize) -
         ms_ssim: MS_SSIM_RULE.into(),
         ms_ssim_scales: ms_ssim_scales(width, height),
         decomposition: SPLIT_RULE.into(),
-        lpips: "not measured: no weights".into(),
+        lpips: Perceptual::default().rule(),
+        lpips_missing: None,
         render_fps:
             "each of the split's views once at its own size, after one unmeasured rendering, \
                      device synchronised before the clock stops, copying to the host excluded"
@@ -384,7 +402,8 @@ mod tests {
                 offsets: OffsetPlacement::BeforeActivation,
             },
         };
-        let scores = evaluate(&scene, &dataset, Split::Test, 1.0).expect("scored");
+        let scores =
+            evaluate(&scene, &dataset, Split::Test, 1.0, &Default::default()).expect("scored");
         assert_eq!((scores.n_static, scores.n_dynamic), (0, 0));
         assert_eq!(scores.per_view.len(), 3);
         let shown = 128.0 / 255.0;

@@ -5,10 +5,12 @@
 
 mod curve;
 mod measure;
+mod perceptual;
 mod results;
 
 pub use curve::{CurveLine, CurveProbe, MAX_CURVE_VIEWS};
 pub use measure::{DecompositionScores, Evaluation, MetricSettings, ViewScores, evaluate};
+pub use perceptual::{Perceptual, PerceptualFiles};
 pub use results::{
     Process, Results, evaluate_run, peak_memory_bytes, read_results, reset_peak_memory,
     storage_bytes,

@@ -9,6 +9,7 @@ use dash_model::scene_file::write_atomically;
 use serde::{Deserialize, Serialize};
 
 use super::measure::{Evaluation, evaluate};
+use super::perceptual::Perceptual;
 use crate::TrainError;
 use crate::dataset::{Dataset, Split};
 use crate::train::{Preset, RunFolder};
@@ -49,7 +50,8 @@ pub enum Process {
 const TRAINING_MEMORY: &str = "most resident memory of the process that trained, dataset included";
 const EVALUATION_MEMORY: &str = "most resident memory of the process that evaluated, dataset included; that of training is not known";
 
-/// Scores a finished run over a split and writes its `results.json`.
+/// Scores a finished run over a split and writes its `results.json`; `perceptual` holds what LPIPS
+/// needs, by default nothing.
 ///
 /// # Errors
 /// When the run is unfinished, the split has no views, or a file can't be read or written.
@@ -59,6 +61,7 @@ pub fn evaluate_run(
     split: Split,
     device: (&Device, &str),
     process: Process,
+    perceptual: &Perceptual,
 ) -> Result<Results, TrainError> {
     let config = run.config()?;
     let scene = run.scene(device.0)?;
@@ -67,7 +70,7 @@ pub fn evaluate_run(
         Process::Trained => peak_memory_bytes(),
         Process::Evaluates => recorded_training_peak(run),
     };
-    let mut evaluation = evaluate(&scene, dataset, split, config.data.downscale)?;
+    let mut evaluation = evaluate(&scene, dataset, split, config.data.downscale, perceptual)?;
     let (peak, rule) = match trained_peak {
         Some(peak) => (Some(peak), TRAINING_MEMORY),
         None => (peak_memory_bytes(), EVALUATION_MEMORY),

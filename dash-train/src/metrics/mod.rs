@@ -9,7 +9,9 @@
 //! - `similarity`: SSIM and MS-SSIM.
 //! - `moving`: which pixels move in the video of a camera that stands still.
 //! - `split`: the dynamic set's alpha against the pixels that really move.
+//! - `lpips`: distances between a network's features, on a device and with weights from files.
 
+pub mod lpips;
 mod moving;
 mod similarity;
 mod split;

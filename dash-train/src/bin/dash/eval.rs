@@ -9,20 +9,28 @@ use dash_train::train::RunFolder;
 
 use crate::Shared;
 use crate::failure::Failure;
+use crate::lpips::LpipsArgs;
 use crate::summary;
 
 /// Score a run against its dataset's images and write RUN/results.json
 #[derive(Args)]
-#[command(after_help = "Example:\n  dash eval runs/room --split test
+#[command(after_help = "Examples:
+  dash eval runs/room --split test
+  dash eval runs/room --lpips-alex alexnet-owt-7be5be79.pth alex.pth
 
 What each number means is in results.json under metric_settings. The dataset is read from where the
-run's config.toml says. peak_memory_bytes stays that of training where it is known.")]
+run's config.toml says. peak_memory_bytes stays that of training where it is known.
+
+Weights of LPIPS are .safetensors or .pth files; of the latter only tensors are read, and nothing in
+them is executed.")]
 pub struct EvalArgs {
     /// A run's folder
     run: PathBuf,
     /// Which views
     #[arg(long, value_enum, default_value_t)]
     split: SplitName,
+    #[command(flatten)]
+    lpips: LpipsArgs,
 }
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, ValueEnum)]
@@ -41,13 +49,21 @@ pub fn run(args: &EvalArgs, shared: &Shared) -> Result<String, Failure> {
     let device = choice.device()?;
     // A damaged scene is found before the images are read.
     run.scene(&device)?;
+    let perceptual = args.lpips.files().load(&device)?;
     let dataset = load(&config.data.dataset, &config.data.load_options())?;
     let split = match args.split {
         SplitName::Test => Split::Test,
         SplitName::Train => Split::Train,
     };
     let name = choice.to_string();
-    let results = evaluate_run(&run, &dataset, split, (&device, &name), Process::Evaluates)?;
+    let results = evaluate_run(
+        &run,
+        &dataset,
+        split,
+        (&device, &name),
+        Process::Evaluates,
+        &perceptual,
+    )?;
     Ok(format!(
         "{}\nwritten to {}",
         summary::results(&results),

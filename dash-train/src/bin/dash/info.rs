@@ -94,7 +94,11 @@ fn finished_or_not(run: &RunFolder, device: &Device) -> Result<Table, Failure> {
         ),
     );
     for decision in &config.decisions {
-        let name = if decision.left_out { "left out" } else { "kept" };
+        let name = if decision.left_out {
+            "left out"
+        } else {
+            "kept"
+        };
         table.row(name, told(decision));
     }
     if let Some(results) = read_results(run)? {
@@ -109,7 +113,9 @@ fn told(decision: &Decision) -> String {
         decision
             .db
             .map(|db| format!("without it {db:+.3} dB at step {}", decision.step)),
-        decision.bytes.map(|size| format!("{} of memory", bytes(size))),
+        decision
+            .bytes
+            .map(|size| format!("{} of memory", bytes(size))),
     ];
     let measured: Vec<String> = measured.into_iter().flatten().collect();
     match measured.is_empty() {

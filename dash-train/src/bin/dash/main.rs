@@ -11,6 +11,7 @@ mod eval;
 mod export;
 mod failure;
 mod info;
+mod lpips;
 mod prepare;
 mod progress;
 mod render;

@@ -60,6 +60,17 @@ pub fn add_scores(table: &mut Table, results: &Results) {
         .row("PSNR, moving pixels", decibels(scores.psnr_dynamic))
         .row("SSIM", share(scores.ssim))
         .row("MS-SSIM", share(scores.ms_ssim));
+    for (name, lpips) in [
+        ("LPIPS, VGG16", scores.lpips_vgg),
+        ("LPIPS, AlexNet", scores.lpips_alex),
+    ] {
+        if lpips.is_some() {
+            table.row(name, share(lpips));
+        }
+    }
+    if let Some(reason) = &scores.metric_settings.lpips_missing {
+        table.row("LPIPS", reason);
+    }
     if let Some(split) = &scores.decomposition {
         let text = format!(
             "precision {:.3}, recall {:.3}, F1 {:.3}",

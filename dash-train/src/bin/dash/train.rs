@@ -6,7 +6,7 @@ use std::sync::Arc;
 use clap::Args;
 use dash_train::dataset::{Dataset, Layout, Split, load};
 use dash_train::device::DeviceChoice;
-use dash_train::evaluate::{CurveProbe, Process, evaluate_run};
+use dash_train::evaluate::{CurveProbe, PerceptualFiles, Process, evaluate_run};
 use dash_train::train::{
     DataConfig, Keep, Preset, RunConfig, RunFolder, TrainConfig, TrainOptions, train,
 };
@@ -14,6 +14,7 @@ use dash_train::train::{
 use crate::Shared;
 use crate::configuration::{ConfigFile, Overrides, name};
 use crate::failure::Failure;
+use crate::lpips::LpipsArgs;
 use crate::progress::TrainProgress;
 use crate::summary::{self, Table, duration};
 use crate::values::{self, CameraList};
@@ -79,9 +80,14 @@ pub struct TrainArgs {
     /// Continue the run in RUN from its newest checkpoint, with its own configuration
     #[arg(long)]
     resume: bool,
+    #[command(flatten)]
+    lpips: LpipsArgs,
 }
 
 pub fn run(args: &TrainArgs, shared: &Shared) -> Result<String, Failure> {
+    // What only the scores at the end need is missed before the training.
+    let perceptual = args.lpips.files();
+    perceptual.check()?;
     let file = ConfigFile::read(args.config.as_deref())?;
     let overrides = Overrides {
         preset: args.preset,
@@ -125,7 +131,7 @@ pub fn run(args: &TrainArgs, shared: &Shared) -> Result<String, Failure> {
     });
     drop(trainer);
     let device = (&device, config.data.device.as_str());
-    let told = finish(&run, &config, &dataset, device, secs)?;
+    let told = finish(&run, &config, &dataset, device, secs, &perceptual)?;
     Ok(told + &waiting.unwrap_or_default())
 }
 
@@ -253,6 +259,7 @@ fn finish(
     dataset: &Dataset,
     device: (&burn::tensor::Device, &str),
     secs: f64,
+    perceptual: &PerceptualFiles,
 ) -> Result<String, Failure> {
     let root = run.root().display();
     if dataset.split(Split::Test).next().is_none() {
@@ -273,6 +280,14 @@ fn finish(
             );
         return Ok(format!("{}\nwritten to {root}", table.text()));
     }
-    let results = evaluate_run(run, dataset, Split::Test, device, Process::Trained)?;
+    let perceptual = perceptual.load(device.0)?;
+    let results = evaluate_run(
+        run,
+        dataset,
+        Split::Test,
+        device,
+        Process::Trained,
+        &perceptual,
+    )?;
     Ok(format!("{}\nwritten to {root}", summary::results(&results)))
 }
