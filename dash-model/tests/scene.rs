@@ -9,6 +9,7 @@
 )]
 
 use burn::tensor::Device;
+use dash_model::scene_file::TablePrecision;
 use dash_model::{
     Camera, DeformationConfig, DeformationField, DynamicPart, DynamicScene, GaussianRows,
     Gaussians, HashEncoderConfig, Heads, Layer, ModelError, OffsetPlacement, Representation,
@@ -208,6 +209,35 @@ fn a_saved_scene_renders_the_same_bits() {
             );
         }
     }
+}
+
+#[test]
+fn tables_stored_in_half_the_bits_are_read_back_as_announced() {
+    let folder = tempfile::tempdir().expect("a scratch folder");
+    for (index, device) in devices().into_iter().enumerate() {
+        let placement = OffsetPlacement::BeforeActivation;
+        let scene = scene(6, Some(4), placement, &device);
+        let sizes = [TablePrecision::Single, TablePrecision::Half].map(|precision| {
+            let path = folder.path().join(format!("{index}-{precision:?}"));
+            scene.save_with(&path, precision).expect("writes");
+            let file = path.join("scene.safetensors");
+            std::fs::metadata(file).expect("written").len()
+        });
+        // The header names shorter types, too: a few bytes more or less.
+        let saved = sizes[0] - sizes[1];
+        assert!(saved.abs_diff(scene.table_bytes() / 2) < 64, "{sizes:?}");
+        let half = folder.path().join(format!("{index}-Half"));
+        let loaded = DynamicScene::load(&half, &device).expect("reads");
+        let announced = scene.with_half_tables().expect("has tables");
+        assert_eq!(
+            pixels(&loaded, 0.4, Layer::Full),
+            pixels(&announced, 0.4, Layer::Full)
+        );
+    }
+    let device = devices().swap_remove(0);
+    let still = scene(6, None, OffsetPlacement::BeforeActivation, &device);
+    assert!(still.with_half_tables().is_none());
+    assert_eq!(still.table_bytes(), 0);
 }
 
 #[test]

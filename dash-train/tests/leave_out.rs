@@ -1,0 +1,87 @@
+//! What a scene does not need is left out, and a run says so.
+
+mod common;
+
+use common::{Bench, TINY};
+
+/// Trains on 4 cameras and 6 frames of a scene.
+fn trained(scene: &str, more: &[&str]) -> Bench {
+    let bench = Bench::new();
+    let size = ["--cameras", "4", "--frames", "6", "--size", "48x36"];
+    bench.ok(&[&["synth", "clip", "--scene", scene][..], &size].concat());
+    let train = [
+        "train",
+        "clip",
+        "--out",
+        "run",
+        "--iterations",
+        "40",
+        "--preset",
+        "quick",
+    ];
+    bench.ok(&[&train[..], &TINY, more].concat());
+    bench
+}
+
+fn holds(bench: &Bench, path: &str, text: &str) -> bool {
+    let bytes = bench.read(path);
+    bytes
+        .windows(text.len())
+        .any(|part| part == text.as_bytes())
+}
+
+#[test]
+fn where_nothing_moves_there_is_no_byte_of_a_4d_field() {
+    let bench = trained("static", &[]);
+    assert!(!holds(&bench, "run/scene/scene.safetensors", "dynamic."));
+    // Nor while training: nothing that the motion stages or Adam would keep.
+    let checkpoint = "run/checkpoints/000040";
+    assert!(
+        !bench
+            .path(&format!("{checkpoint}/motion.safetensors"))
+            .exists()
+    );
+    for part in ["motion.", "dynamic."] {
+        let path = format!("{checkpoint}/optimizer.safetensors");
+        assert!(!holds(&bench, &path, part), "moments of {part}");
+    }
+    let told = bench.ok(&["info", "run"]);
+    let line = told.lines().find(|line| line.contains("4D field"));
+    let line = line.unwrap_or_else(|| panic!("no line on the field:\n{told}"));
+    assert!(line.starts_with("left out"), "{line}");
+    // What another run does is its own decision.
+    bench.ok(&[
+        "train",
+        "clip",
+        "--out",
+        "again",
+        "--config",
+        "run/config.toml",
+    ]);
+    let scene = "scene/scene.safetensors";
+    assert_eq!(
+        bench.read(&format!("again/{scene}")),
+        bench.read(&format!("run/{scene}"))
+    );
+}
+
+#[test]
+fn what_moves_keeps_its_field_and_the_run_says_why() {
+    let bench = trained("bounce", &[]);
+    assert!(holds(&bench, "run/scene/scene.safetensors", "dynamic."));
+    let told = bench.ok(&["info", "run"]);
+    let line = told.lines().find(|line| line.contains("4D field"));
+    let line = line.unwrap_or_else(|| panic!("no line on the field:\n{told}"));
+    assert!(line.starts_with("kept"), "{line}");
+    assert!(
+        told.contains("Gaussians that the pictures hardly show"),
+        "{told}"
+    );
+}
+
+#[test]
+fn with_keep_all_nothing_is_decided() {
+    let bench = trained("static", &["--keep", "all"]);
+    assert!(!holds(&bench, "run/config.toml", "decisions"));
+    assert!(!bench.ok(&["info", "run"]).contains("left out"));
+}
