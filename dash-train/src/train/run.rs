@@ -14,7 +14,7 @@ use serde::{Deserialize, Serialize};
 
 use super::checkpoint::{latest_checkpoint, load_checkpoint, save_checkpoint};
 use super::config::TrainConfig;
-use super::leave_out::{self, Decision};
+use super::leave_out::Decision;
 use super::trainer::{StepReport, Trainer};
 use crate::TrainError;
 use crate::dataset::{Dataset, Layout, LoadOptions};
@@ -339,11 +339,9 @@ pub fn train(
             save_checkpoint(&trainer, &checkpoints, seconds)?;
         }
     }
-    let start = Instant::now();
-    let precision = leave_out::table_precision(&mut trainer)?;
-    seconds += start.elapsed().as_secs_f64();
-    trainer.scene().save_with(&run.scene_path(), precision)?;
-    run.record(trainer.decisions())?;
+    let (scene, precision, decisions) = trainer.needed_scene()?;
+    scene.save_with(&run.scene_path(), precision)?;
+    run.record(&decisions)?;
     Ok((trainer, seconds))
 }
 

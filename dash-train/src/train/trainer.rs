@@ -5,6 +5,7 @@ use std::sync::Arc;
 use burn::tensor::{Device, Tensor, TensorData};
 use dash_kernels::Camera;
 use dash_model::decomposition::MotionStatistics;
+use dash_model::scene_file::TablePrecision;
 use dash_model::{DynamicScene, GaussianRows, Gaussians, MotionField, SceneSettings, SpaceBox};
 use rand::SeedableRng;
 use rand_pcg::Pcg64;
@@ -204,9 +205,16 @@ impl Trainer {
             && !leave_out::nothing_moves(&self.decisions)
     }
 
-    /// Which parts were kept and left out so far, and why.
-    pub fn decisions(&self) -> &[Decision] {
-        &self.decisions
+    /// What is left of the scene as trained so far when parts that it does not need are left out (with
+    /// [`Keep::All`](super::Keep::All) all of it), the precision that its tables need, and which parts
+    /// were kept and left out, and why.
+    ///
+    /// # Errors
+    /// When rendering fails.
+    pub fn needed_scene(
+        &self,
+    ) -> Result<(DynamicScene, TablePrecision, Vec<Decision>), TrainError> {
+        leave_out::after_training(self)
     }
 
     /// One optimisation step, with what its step number brings: stage changes, density control.
@@ -214,7 +222,7 @@ impl Trainer {
     /// # Errors
     /// When the loss is not finite, or a kernel refuses its input.
     pub fn step(&mut self) -> Result<StepReport, TrainError> {
-        leave_out::decide(self)?;
+        leave_out::before_training(self)?;
         coarse::enter_stage(self)?;
         let sh_interval = self.config.step_at(self.config.sh_interval).max(1);
         self.scene.settings.sh_degree = (self.step / sh_interval).min(self.config.sh_degree);

@@ -63,21 +63,16 @@ pub(super) fn of_motion(trainer: &Trainer) -> Result<Option<Decision>, TrainErro
         }
     }
     let moves = moved > FLOOR && moved > shuffled;
-    Ok(Some(Decision {
-        step: 0,
-        part: FIELD.into(),
-        left_out: !moves,
-        reason: format!(
-            "largest coherent change over time in the videos {:.2} of 255, {:.2} with times shuffled \
+    let mut decision = Decision::new(trainer, FIELD);
+    decision.left_out = !moves;
+    decision.reason = format!(
+        "largest coherent change over time in the videos {:.2} of 255, {:.2} with times shuffled \
              {SHUFFLES} times; {} above both that and 1",
-            255.0 * moved,
-            255.0 * shuffled,
-            if moves { "it is" } else { "it has to be" }
-        ),
-        db: None,
-        db_lower: None,
-        bytes: None,
-    }))
+        255.0 * moved,
+        255.0 * shuffled,
+        if moves { "it is" } else { "it has to be" }
+    );
+    Ok(Some(decision))
 }
 
 impl Changes {

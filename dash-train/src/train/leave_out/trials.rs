@@ -1,16 +1,15 @@
-//! Trials once the sets have grown: the scene without a part, on training views, against the scene
-//! with it.
+//! Trials when training is over: the scene without a part, on training views, against the scene with
+//! it.
 
 use dash_model::scene_file::parameter_bytes;
-use dash_model::{DynamicScene, GaussianRows, Gaussians};
+use dash_model::{DynamicScene, Gaussians};
 
 use super::{Decision, MAX_LOSS, MIN_SAVING};
 use crate::TrainError;
 use crate::metrics::psnr;
 use crate::train::optimizer::to_host;
-use crate::train::split::keep_dynamic;
 use crate::train::statistics::{largest_shares, witnesses};
-use crate::train::trainer::{DYNAMIC, STATIC, Trainer};
+use crate::train::trainer::Trainer;
 
 /// Largest share of the Gaussians that is tried at once.
 const MOST: f64 = 0.6;
@@ -29,17 +28,6 @@ impl Outcome {
     }
 }
 
-/// Tries to leave out Gaussians, then colour that depends on the direction.
-pub(super) fn run(trainer: &mut Trainer) -> Result<(), TrainError> {
-    let decision = gaussians(trainer)?;
-    trainer.decisions.push(decision);
-    if trainer.scene.static_set.sh_degree() > 0 {
-        let decision = directions(trainer)?;
-        trainer.decisions.push(decision);
-    }
-    Ok(())
-}
-
 /// PSNR of a scene on the witnesses, dB.
 fn scores(trainer: &Trainer, scene: &DynamicScene) -> Result<Vec<f64>, TrainError> {
     witnesses(trainer)
@@ -50,10 +38,13 @@ fn scores(trainer: &Trainer, scene: &DynamicScene) -> Result<Vec<f64>, TrainErro
         .collect()
 }
 
-/// Another scene against the trainer's.
-pub(super) fn against(trainer: &Trainer, other: &DynamicScene) -> Result<Outcome, TrainError> {
-    let with = scores(trainer, &trainer.scene)?;
-    Ok(compare(&with, &scores(trainer, other)?))
+/// A scene without a part against the scene with it.
+pub(super) fn against(
+    trainer: &Trainer,
+    with: &DynamicScene,
+    without: &DynamicScene,
+) -> Result<Outcome, TrainError> {
+    Ok(compare(&scores(trainer, with)?, &scores(trainer, without)?))
 }
 
 fn compare(with: &[f64], without: &[f64]) -> Outcome {
@@ -72,64 +63,54 @@ fn compare(with: &[f64], without: &[f64]) -> Outcome {
 }
 
 /// Gaussians that the pictures hardly show: as many as can go without harm.
-fn gaussians(trainer: &mut Trainer) -> Result<Decision, TrainError> {
-    let with = scores(trainer, &trainer.scene)?;
+pub(super) fn gaussians(
+    trainer: &Trainer,
+    scene: DynamicScene,
+) -> Result<(DynamicScene, Decision), TrainError> {
+    let with = scores(trainer, &scene)?;
     let shares = largest_shares(trainer)?;
     let mut order: Vec<usize> = (0..shares.len()).collect();
     order.sort_by(|&a, &b| shares[a].total_cmp(&shares[b]).then(a.cmp(&b)));
     let (mut low, mut high) = (0.0, MOST);
-    let mut best: Option<(Vec<bool>, Outcome)> = None;
-    let mut last = None;
+    let mut best: Option<(DynamicScene, usize, Outcome)> = None;
+    let mut worst = None;
     for round in 0..ROUNDS {
         let share = if round == 0 { MOST } else { 0.5 * (low + high) };
+        let gone = (share * order.len() as f64) as usize;
         let mut stays = vec![true; order.len()];
-        for &row in &order[..(share * order.len() as f64) as usize] {
+        for &row in &order[..gone] {
             stays[row] = false;
         }
-        let outcome = compare(&with, &scores(trainer, &reduced(&trainer.scene, &stays))?);
+        let without = reduced(&scene, &stays);
+        let outcome = compare(&with, &scores(trainer, &without)?);
         if outcome.is_harmless() {
             low = share;
-            best = Some((stays, outcome));
+            best = Some((without, gone, outcome));
             if share == MOST {
                 break;
             }
         } else {
             high = share;
-            last = Some(outcome);
+            worst = Some(outcome);
         }
     }
-    let total = parameter_bytes(&trainer.scene) as u64;
-    let mut decision = Decision {
-        step: trainer.step,
-        part: "Gaussians that the pictures hardly show".into(),
-        left_out: false,
-        reason: String::new(),
-        db: None,
-        db_lower: None,
-        bytes: None,
-    };
-    let Some((stays, outcome)) = best else {
+    let mut decision = Decision::new(trainer, "Gaussians that the pictures hardly show");
+    let Some((without, gone, outcome)) = best else {
         decision.reason = format!(
-            "without the least shown {:.0} % too much is lost",
+            "even {:.0} % fewer cost more than {MAX_LOSS} dB",
             100.0 * high
         );
-        (decision.db, decision.db_lower) =
-            last.map_or((None, None), |o| (Some(o.mean), Some(o.lower)));
-        return Ok(decision);
+        if let Some(outcome) = worst {
+            decision.measured(&outcome);
+        }
+        return Ok((scene, decision));
     };
-    let saved = total - parameter_bytes(&reduced(&trainer.scene, &stays)) as u64;
-    let gone = stays.iter().filter(|stays| !**stays).count();
-    decision.left_out = gone as f64 >= MIN_SAVING * stays.len() as f64;
-    decision.reason = format!(
-        "{gone} of {} can go: the most that costs no more than {MAX_LOSS} dB",
-        stays.len()
-    );
-    (decision.db, decision.db_lower) = (Some(outcome.mean), Some(outcome.lower));
-    decision.bytes = Some(saved);
-    if decision.left_out {
-        remove(trainer, &stays);
-    }
-    Ok(decision)
+    decision.left_out = gone as f64 >= MIN_SAVING * order.len() as f64;
+    decision.reason = format!("{gone} of {} can go for at most {MAX_LOSS} dB", order.len());
+    decision.measured(&outcome);
+    decision.bytes = Some((parameter_bytes(&scene) - parameter_bytes(&without)) as u64);
+    let scene = if decision.left_out { without } else { scene };
+    Ok((scene, decision))
 }
 
 fn rows_that(stays: &[bool]) -> Vec<usize> {
@@ -151,55 +132,53 @@ fn reduced(scene: &DynamicScene, stays: &[bool]) -> DynamicScene {
     scene
 }
 
-fn remove(trainer: &mut Trainer, stays: &[bool]) {
-    let n_static = trainer.scene.static_set.len();
-    let (of_static, of_dynamic) = stays.split_at(n_static);
-    let rows = rows_that(of_static);
-    let kept: GaussianRows = trainer.scene.static_set.to_rows().gather(&rows);
-    trainer.scene.static_set = Gaussians::from_rows(&kept, &trainer.device);
-    trainer.density_static = trainer.density_static.gather(&rows);
-    let fresh = vec![false; rows.len()];
-    trainer.optimizer.edit_rows(STATIC, &rows, &fresh, n_static);
-    if trainer.scene.dynamic.is_some() {
-        keep_dynamic(trainer, &rows_that(of_dynamic));
-    }
-}
-
 /// Colour that depends on the direction.
-fn directions(trainer: &mut Trainer) -> Result<Decision, TrainError> {
-    let mut plain = trainer.scene.clone();
-    let device = trainer.device.clone();
+pub(super) fn directions(
+    trainer: &Trainer,
+    scene: DynamicScene,
+) -> Result<(DynamicScene, Decision), TrainError> {
+    let device = scene.static_set.means.device();
     let flatten = |set: &Gaussians| {
         let mut rows = set.to_rows();
         rows.sh_rest.clear();
         rows.sh_rest_width = 0;
         Gaussians::from_rows(&rows, &device)
     };
+    let mut plain = scene.clone();
     plain.static_set = flatten(&plain.static_set);
     if let Some(dynamic) = &mut plain.dynamic {
         dynamic.gaussians = flatten(&dynamic.gaussians);
     }
     plain.settings.sh_degree = 0;
-    let outcome = against(trainer, &plain)?;
-    let total = parameter_bytes(&trainer.scene);
+    let outcome = against(trainer, &scene, &plain)?;
+    let total = parameter_bytes(&scene);
     let saved = total - parameter_bytes(&plain);
-    let left_out = outcome.is_harmless() && saved as f64 >= MIN_SAVING * total as f64;
-    if left_out {
-        trainer.scene = plain;
-        trainer.config.sh_degree = 0;
-        for set in [STATIC, DYNAMIC] {
-            trainer.optimizer.forget(&format!("{set}sh_rest"));
-        }
-    }
-    Ok(Decision {
-        step: trainer.step,
-        part: "colour that depends on the direction".into(),
-        left_out,
-        reason: format!("may cost at most {MAX_LOSS} dB"),
-        db: Some(outcome.mean),
-        db_lower: Some(outcome.lower),
-        bytes: Some(saved as u64),
-    })
+    let mut decision = Decision::new(trainer, "colour that depends on the direction");
+    decision.left_out = outcome.is_harmless() && saved as f64 >= MIN_SAVING * total as f64;
+    decision.reason = format!("may cost at most {MAX_LOSS} dB");
+    decision.measured(&outcome);
+    decision.bytes = Some(saved as u64);
+    let scene = if decision.left_out { plain } else { scene };
+    Ok((scene, decision))
+}
+
+/// Half the bits of the field's tables; `None` without tables.
+pub(super) fn table_bits(
+    trainer: &Trainer,
+    scene: &DynamicScene,
+) -> Result<Option<Decision>, TrainError> {
+    let Some(rounded) = scene.with_half_tables() else {
+        return Ok(None);
+    };
+    let outcome = against(trainer, scene, &rounded)?;
+    let saved = scene.table_bytes() / 2;
+    let mut decision = Decision::new(trainer, "half the bits of the field's tables");
+    decision.left_out =
+        outcome.is_harmless() && saved as f64 >= MIN_SAVING * parameter_bytes(scene) as f64;
+    decision.reason = format!("as 16-bit floats they may cost at most {MAX_LOSS} dB");
+    decision.measured(&outcome);
+    decision.bytes = Some(saved);
+    Ok(Some(decision))
 }
 
 #[cfg(test)]
@@ -215,7 +194,7 @@ mod tests {
         // A mean of no loss that one view in four pays for.
         let uneven = compare(&with, &[30.3, 30.3, 30.3, 29.1]);
         assert!(uneven.mean.abs() < 1e-9 && !uneven.is_harmless());
-        assert!(!compare(&with, &[29.97; 4]).is_harmless());
+        assert!(!compare(&with, &[29.98; 4]).is_harmless());
         assert!(compare(&with, &[29.99; 4]).is_harmless());
     }
 }
