@@ -1,4 +1,4 @@
-//! Images that cannot be read: an error, or left out where the user asked for that.
+//! Images and videos that cannot be read: an error, or left out where the user asked for that.
 
 use std::path::Path;
 use std::sync::{Mutex, PoisonError};
@@ -7,8 +7,8 @@ use super::DatasetError;
 use super::decode::dimensions;
 use super::plan::Context;
 
-/// What could be read, in order; with `skip_broken`, without what could not: each is noted in `broken`, or
-/// named in a warning where there is no such list.
+/// What could be read of what is named, in order; with `skip_broken`, without what could not: each is noted in
+/// `broken`, or named in a warning where there is no such list.
 ///
 /// # Errors
 /// The first reason, when something could not be read and is not to be skipped, or nothing is left.
@@ -32,7 +32,7 @@ pub(super) fn keep_readable<T>(
                     let mut broken = broken.lock().unwrap_or_else(PoisonError::into_inner);
                     broken.push(error);
                 } else {
-                    tracing::warn!("left out the view {name}: {error}");
+                    tracing::warn!("left out {name}: {error}");
                     first_error.get_or_insert(error);
                 }
                 None

@@ -37,7 +37,10 @@ pub enum DatasetError {
         reason: String,
     },
     /// A video could not be decoded by the `ffmpeg` program.
-    #[error("{path}: ffmpeg could not decode the video: {reason}")]
+    #[error(
+        "{path}: ffmpeg could not decode the video: {reason}; write it again (`ffmpeg -i OLD -c:v \
+         libx264 NEW.mp4`), or leave out what is damaged (--skip-broken)"
+    )]
     Video {
         /// The video.
         path: PathBuf,

@@ -5,6 +5,7 @@
 //! a [`FrameStore`] makes them when they are asked for, and ahead of that in the order that the
 //! trainer announces. What a frame looks like does not depend on which of the two holds it.
 
+mod batch;
 mod memory;
 mod store;
 #[cfg(test)]
@@ -22,6 +23,7 @@ use super::image::ImageData;
 use super::plan::Lens;
 use super::video::{VideoIndex, decode_frames};
 
+pub(super) use batch::{make_all, salvage};
 pub(crate) use memory::{bytes_in_words, default_budget};
 pub use store::FrameStatistics;
 pub(super) use store::FrameStore;

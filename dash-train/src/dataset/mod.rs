@@ -12,7 +12,7 @@
 //! | [`Layout::Technicolor`]: `technicolor.rs`, `technicolor_parameters.rs` | `cameras_parameters.txt`, or `images/camNN/` and COLMAP |
 //! | [`Layout::Nerfies`]: `nerfies.rs`, `nerfies_camera.rs` | `dataset.json`, `camera/`, `rgb/` |
 //! | [`Layout::Rig`]: `rig.rs` | `videos/` or `images/CAMERA/`, and poses by camera |
-//! | `sources.rs`, `times.rs`, `points.rs`, `broken.rs` | frames of synchronised cameras, times, initial points, damaged images |
+//! | `sources.rs`, `recordings.rs`, `times.rs`, `points.rs`, `broken.rs` | frames and videos of synchronised cameras, times, initial points, what is damaged |
 //! | `known_poses.rs`, `colmap_tracks.rs`, `shrink.rs` | what `prepare` makes a dataset from |
 //! | `layout.rs`, `options.rs`, `plan.rs` | which reader, what of it, and from its list to views |
 //! | `view.rs`, `image.rs`, `decode.rs`, `distortion.rs`, `pose.rs`, `files.rs`, `error.rs` | what they share |
@@ -46,6 +46,7 @@ mod plan;
 mod points;
 mod pose;
 mod poses;
+mod recordings;
 mod rig;
 pub(crate) mod shrink;
 mod sources;

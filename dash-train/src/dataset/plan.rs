@@ -10,8 +10,8 @@ use super::broken::keep_readable;
 use super::decode::header;
 use super::distortion::Distortion;
 use super::frames::{
-    CountedMask, FrameStore, Pixels, Recipe, Source, bytes_in_words, default_budget, groups,
-    make_group,
+    CountedMask, FrameStore, Pixels, Recipe, Source, bytes_in_words, default_budget, make_all,
+    salvage,
 };
 use super::image::ImageData;
 use super::view::{MotionMask, Split, View};
@@ -87,60 +87,82 @@ impl<'a> Context<'a> {
         let skip_broken = self.options.skip_broken;
         let recipes = planned
             .par_iter()
-            .map(|view| (view.name.clone(), self.recipe(view)))
+            .map(|view| (format!("the view {}", view.name), self.recipe(view)))
             .collect();
         let recipes = keep_readable(recipes, skip_broken, self.broken.as_ref())?;
-        let (mut planned, mut recipes): (Vec<_>, Vec<_>) = planned
+        let mut plan: Vec<(PlannedView, Recipe)> = planned
             .into_iter()
             .zip(recipes)
             .filter_map(|(view, recipe)| Some((view, recipe?)))
-            .unzip();
-        let total: u64 = recipes.iter().map(Recipe::bytes).sum();
+            .collect();
+        let total: u64 = plan.iter().map(|(_, recipe)| recipe.bytes()).sum();
         let budget = self.options.memory.unwrap_or_else(default_budget);
-        let on_demand = self.options.on_demand || total > budget;
-        let named = |planned: &[PlannedView]| planned.iter().map(|v| v.name.clone()).collect();
-        if on_demand {
-            // `broken` is noted by those who look at every image anyway.
-            if skip_broken && self.broken.is_none() {
-                // What is broken must be known before it is drawn: all is decoded once.
-                let names: Vec<String> = named(&planned);
-                let checked = names.into_iter().zip(make_all(&recipes, |_| ())).collect();
-                let sound = keep_readable(checked, true, self.broken.as_ref())?;
-                let mut is_sound = sound.iter().map(Option::is_some);
-                planned.retain(|_| is_sound.next().unwrap_or(false));
-                let mut is_sound = sound.iter().map(Option::is_some);
-                recipes.retain(|_| is_sound.next().unwrap_or(false));
-            }
-            let threads = rayon::current_num_threads().min(MAX_FRAME_THREADS);
-            let store = Arc::new(FrameStore::new(recipes.clone(), budget, threads)?);
-            if total > budget {
-                tracing::info!(
-                    "{}: the images take {}, more than the {} for them: they are decoded on demand",
-                    self.root.display(),
-                    bytes_in_words(total),
-                    bytes_in_words(budget)
-                );
-            }
-            return planned
+        if !self.options.on_demand && total <= budget {
+            return self
+                .make(plan, |image| Pixels::Ready(Arc::new(image)))?
                 .into_iter()
-                .zip(&recipes)
-                .enumerate()
-                .map(|(index, (view, recipe))| {
-                    let store = store.clone();
-                    self.view(view, recipe, Pixels::Stored { store, index }, true)
-                })
+                .map(|(view, recipe, pixels)| self.view(view, &recipe, pixels, false))
                 .collect();
         }
-        let names: Vec<String> = named(&planned);
-        let made = make_all(&recipes, |image| Pixels::Ready(Arc::new(image)));
-        let made = names.into_iter().zip(made).collect();
-        let made = keep_readable(made, skip_broken, self.broken.as_ref())?;
-        planned
-            .into_iter()
-            .zip(&recipes)
-            .zip(made)
-            .filter_map(|((view, recipe), pixels)| Some(self.view(view, recipe, pixels?, false)))
+        // `broken` is noted by those who look at every image anyway.
+        if skip_broken && self.broken.is_none() {
+            // What is broken must be known before it is drawn: all is decoded once.
+            let made = self.make(plan, |_| ())?.into_iter();
+            plan = made.map(|(view, recipe, ())| (view, recipe)).collect();
+        }
+        let threads = rayon::current_num_threads().min(MAX_FRAME_THREADS);
+        let recipes = plan.iter().map(|(_, recipe)| recipe.clone()).collect();
+        let store = Arc::new(FrameStore::new(recipes, budget, threads)?);
+        if total > budget {
+            tracing::info!(
+                "{}: the images take {}, more than the {} for them: they are decoded on demand",
+                self.root.display(),
+                bytes_in_words(total),
+                bytes_in_words(budget)
+            );
+        }
+        plan.into_iter()
+            .enumerate()
+            .map(|(index, (view, recipe))| {
+                let store = store.clone();
+                self.view(view, &recipe, Pixels::Stored { store, index }, true)
+            })
             .collect()
+    }
+
+    /// Makes all images of a plan and keeps of each what `keep` does; with `skip_broken`, of those that
+    /// can be made.
+    fn make<T: Send>(
+        &self,
+        plan: Vec<(PlannedView, Recipe)>,
+        keep: impl Fn(ImageData) -> T + Sync,
+    ) -> Result<Vec<(PlannedView, Recipe, T)>, DatasetError> {
+        let skip_broken = self.options.skip_broken;
+        let (planned, mut recipes): (Vec<_>, Vec<_>) = plan.into_iter().unzip();
+        let mut made = make_all(&recipes, &keep);
+        if skip_broken {
+            salvage(&mut recipes, &mut made, &keep);
+        }
+        let mut results = Vec::with_capacity(made.len());
+        let mut rest = Vec::with_capacity(made.len());
+        for ((view, recipe), outcome) in planned.into_iter().zip(recipes).zip(made) {
+            if let Some(result) = outcome {
+                let name = match &result {
+                    // Its error tells of all frames of that video.
+                    Err(DatasetError::Video { .. }) => {
+                        format!("damaged frames of camera {}", view.camera_name)
+                    }
+                    _ => format!("the view {}", view.name),
+                };
+                results.push((name, result));
+                rest.push((view, recipe));
+            }
+        }
+        let kept = keep_readable(results, skip_broken, self.broken.as_ref())?;
+        let kept = rest.into_iter().zip(kept);
+        Ok(kept
+            .filter_map(|((view, recipe), made)| Some((view, recipe, made?)))
+            .collect())
     }
 
     fn recipe(&self, view: &PlannedView) -> Result<Recipe, DatasetError> {
@@ -209,55 +231,4 @@ impl<'a> Context<'a> {
         }
         Ok(view)
     }
-}
-
-/// Makes all images, in parallel over files and videos, and keeps of each what `keep` does.
-fn make_all<T: Send>(
-    recipes: &[Recipe],
-    keep: impl Fn(ImageData) -> T + Sync,
-) -> Vec<Result<T, DatasetError>> {
-    let made: Vec<Vec<Result<T, DatasetError>>> = videos(recipes)
-        .into_par_iter()
-        .map(|group| {
-            let mut made: Vec<Option<T>> = group.iter().map(|_| None).collect();
-            let first = group.first().copied().unwrap_or(0);
-            let outcome = make_group(recipes, &group, |index, image| {
-                if let Some(place) = made.get_mut(index - first) {
-                    *place = Some(keep(image));
-                }
-                Ok(())
-            });
-            // The reason is told once; what is missing besides is named.
-            let mut reason = outcome.err();
-            group
-                .iter()
-                .zip(made)
-                .map(|(&index, made)| match made {
-                    Some(made) => Ok(made),
-                    None => Err(reason
-                        .take()
-                        .unwrap_or_else(|| recipes[index].source.is_missing())),
-                })
-                .collect()
-        })
-        .collect();
-    made.into_iter().flatten().collect()
-}
-
-/// As [`groups`], with those of one video together.
-fn videos(recipes: &[Recipe]) -> Vec<Vec<usize>> {
-    let mut joined: Vec<Vec<usize>> = Vec::new();
-    let video = |group: &[usize]| match &recipes[*group.first()?].source {
-        Source::File(_) => None,
-        Source::Video { video, .. } => Some(Arc::as_ptr(video)),
-    };
-    for group in groups(recipes) {
-        match joined.last_mut() {
-            Some(last) if video(&group).is_some() && video(last) == video(&group) => {
-                last.extend(group);
-            }
-            _ => joined.push(group),
-        }
-    }
-    joined
 }

@@ -248,7 +248,11 @@ fn pose_by_transforms(
     let assigned = assign(&sources, &names, file)?;
     let mut cameras = Vec::with_capacity(sources.len());
     for (source, index) in sources.into_iter().zip(assigned) {
-        let size = || frame_size(context, &source);
+        let size = || match frame_size(context, &source) {
+            // Left out later on: any size will do.
+            Err(DatasetError::Video { .. }) if context.options.skip_broken => Ok((1, 1)),
+            size => size,
+        };
         let (camera, distortion) = transforms.camera(file, &frames[index], size)?;
         if !distortion.is_finite() {
             return Err(DatasetError::invalid(
@@ -275,7 +279,10 @@ fn frame_size(context: &Context, source: &Source) -> Result<(usize, usize), Data
             let files = images.iter().map(|image| image.file.as_path());
             first_size(context, files).transpose()?
         }
-        Frames::Video => Some(video::frame_size(&source.path)?),
+        Frames::Video => Some(video::frame_size(
+            &source.path,
+            context.options.skip_broken,
+        )?),
     };
     size.ok_or_else(|| {
         DatasetError::invalid(&source.path, "at least one frame", "none", "add frames")

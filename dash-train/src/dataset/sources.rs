@@ -1,17 +1,14 @@
 //! The cameras of a synchronised rig: where their frames are, and the step from them to views.
 
 use std::path::{Path, PathBuf};
-use std::sync::Arc;
 
 use dash_kernels::Camera;
-use rayon::prelude::*;
 
 use super::broken::first_size;
 use super::distortion::Distortion;
 use super::plan::{Context, Lens, PlannedView};
-use super::video::VideoIndex;
 use super::view::{Split, View};
-use super::{DatasetError, files, frame_time, frames};
+use super::{DatasetError, files, frame_time, frames, recordings};
 
 /// Frames may differ from the poses' aspect ratio by this much and one pixel.
 const ASPECT_TOLERANCE: f64 = 0.01;
@@ -86,7 +83,7 @@ pub(super) fn load(
 ) -> Result<(Vec<View>, usize), DatasetError> {
     let lists: Option<Vec<&[FrameFile]>> = cameras.iter().map(|c| c.source.images()).collect();
     let Some(lists) = lists else {
-        let (planned, n_frames) = plan_videos(context, cameras, held_out)?;
+        let (planned, n_frames) = recordings::plan(context, cameras, held_out)?;
         return Ok((context.load_views(planned)?, n_frames));
     };
     check_frames(cameras, &lists)?;
@@ -138,7 +135,7 @@ fn check_frames(cameras: &[RigCamera], lists: &[&[FrameFile]]) -> Result<(), Dat
     Ok(())
 }
 
-fn same_count(
+pub(super) fn same_count(
     first: &Source,
     expected: usize,
     source: &Source,
@@ -151,7 +148,7 @@ fn same_count(
         &source.path,
         format!("{expected} frames, as many as {} has", first.name),
         found.to_string(),
-        "give every camera the same frames",
+        "give every camera the same frames, or leave out what a damaged video lacks (--skip-broken)",
     ))
 }
 
@@ -193,7 +190,7 @@ fn plan(
 }
 
 /// The camera at the frames' size, which may be another than the poses were estimated at.
-fn at_size(
+pub(super) fn at_size(
     rig_camera: &RigCamera,
     (width, height): (usize, usize),
     path: &Path,
@@ -234,42 +231,4 @@ pub(super) fn resized(
         ));
     }
     Ok(camera.resized(width, height))
-}
-
-fn plan_videos(
-    context: &Context,
-    cameras: &[RigCamera],
-    held_out: &[bool],
-) -> Result<(Vec<PlannedView>, usize), DatasetError> {
-    let videos = cameras
-        .par_iter()
-        .map(|camera| Ok(Arc::new(VideoIndex::read(&camera.source.path)?)))
-        .collect::<Result<Vec<_>, DatasetError>>()?;
-    let n_all = videos.first().map_or(0, |video| video.n_frames());
-    let kept: Vec<usize> = (0..n_all)
-        .filter(|&index| context.options.keeps_frame(index))
-        .collect();
-    let mut planned = Vec::with_capacity(kept.len() * cameras.len());
-    for (camera_index, (rig_camera, video)) in cameras.iter().zip(&videos).enumerate() {
-        let source = &rig_camera.source;
-        same_count(&cameras[0].source, n_all, source, video.n_frames())?;
-        let (camera, lens) = at_size(rig_camera, video.size(), &source.path)?;
-        for (frame, &index) in kept.iter().enumerate() {
-            planned.push(PlannedView {
-                source: frames::Source::Video {
-                    video: video.clone(),
-                    frame: index,
-                },
-                name: format!("{}/{index:04}", source.name),
-                camera_name: source.name.clone(),
-                camera_index,
-                frame,
-                time: frame_time(frame, kept.len()),
-                split: Split::held_out(held_out[camera_index]),
-                camera: camera.clone(),
-                lens: lens.clone(),
-            });
-        }
-    }
-    Ok((planned, kept.len()))
 }

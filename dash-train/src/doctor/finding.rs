@@ -84,6 +84,10 @@ impl Finding {
                 format!("{}: cannot be decoded: {reason}", path.display()),
                 "replace the file, or remove that frame from every camera",
             ),
+            DatasetError::Video { path, reason } => (
+                format!("{}: cannot be decoded: {reason}", path.display()),
+                "write the video again (ffmpeg -i OLD -c:v libx264 NEW.mp4), or train with --skip-broken",
+            ),
             other => (other.to_string(), "see the message"),
         };
         Self::error(check, text, mend)

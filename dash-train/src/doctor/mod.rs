@@ -139,7 +139,11 @@ fn all_checks(
 ) -> Sketch {
     let looked = tracks::look(dataset);
     for error in broken.iter().chain(&looked.broken) {
-        findings.push(Finding::refused("frames", error));
+        let finding = Finding::refused("frames", error);
+        // Frames of one group of pictures fail for one reason.
+        if !findings.contains(&finding) {
+            findings.push(finding);
+        }
     }
     let whole = broken.is_empty() && looked.broken.is_empty();
     findings.extend(contents::contents(dataset, whole));

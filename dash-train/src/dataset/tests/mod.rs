@@ -2,6 +2,7 @@
 
 mod blender;
 mod colmap;
+mod damaged_videos;
 mod llff;
 mod n3dv;
 mod nerfies;

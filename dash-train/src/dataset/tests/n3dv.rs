@@ -397,7 +397,7 @@ pub(super) fn write_video(fixture: &Fixture, name: &str, n_frames: usize, base: 
     write_video_with(fixture, name, shades, &["-c:v", "mpeg4", "-q:v", "1"])
 }
 
-fn write_video_with(
+pub(super) fn write_video_with(
     fixture: &Fixture,
     name: &str,
     shades: impl Iterator<Item = usize>,

@@ -25,7 +25,11 @@ pub(in super::super) struct VideoIndex {
     /// The file's clock where it begins.
     start: f64,
     /// Frames at which decoding can start and from which on nothing earlier is shown; begins with 0.
-    entries: Vec<usize>,
+    pub(super) entries: Vec<usize>,
+    /// Presentation times in the order of the file.
+    pub(super) packets: Vec<f64>,
+    /// Of a damaged video, for each entry how many coded pictures from there on decode.
+    pub(super) sound: Option<Vec<usize>>,
 }
 
 /// A coded picture as the file has it.
@@ -36,14 +40,15 @@ struct Packet {
 }
 
 impl VideoIndex {
-    /// Reads the file's index; no picture but the first is decoded.
+    /// Reads the file's index; no picture but the first is decoded, which may be damaged with
+    /// `skip_broken`.
     ///
     /// # Errors
     /// When `ffprobe` or `ffmpeg` is missing, or the file is no video.
-    pub(in super::super) fn read(path: &Path) -> Result<Self, DatasetError> {
+    pub(in super::super) fn read(path: &Path, skip_broken: bool) -> Result<Self, DatasetError> {
         let listing = probe(path)?;
         let (packets, start) = parse(&listing).map_err(|what| failed(path, what))?;
-        let size = frame_size(path)?;
+        let size = frame_size(path, skip_broken)?;
         Ok(Self::new(path, size, &packets, start))
     }
 
@@ -67,6 +72,8 @@ impl VideoIndex {
             start: start.unwrap_or_else(|| times.first().copied().unwrap_or(0.0)),
             times,
             entries,
+            packets: packets.iter().map(|packet| packet.time).collect(),
+            sound: None,
         }
     }
 
@@ -83,11 +90,21 @@ impl VideoIndex {
         self.times.len()
     }
 
+    /// Presentation time of each frame in order, seconds on the file's clock.
+    pub(in super::super) fn times(&self) -> &[f64] {
+        &self.times
+    }
+
     /// The frames that are decoded together with this one.
     pub(in super::super) fn group_of(&self, frame: usize) -> Range<usize> {
         let next = self.entries.partition_point(|&entry| entry <= frame);
-        let start = self.entries[next.saturating_sub(1)];
-        start..self.entries.get(next).copied().unwrap_or(self.times.len())
+        self.group(next.saturating_sub(1))
+    }
+
+    /// The frames of the group with this number.
+    pub(super) fn group(&self, number: usize) -> Range<usize> {
+        let end = self.entries.get(number + 1).copied();
+        self.entries[number]..end.unwrap_or(self.times.len())
     }
 
     pub(in super::super) fn is_missing(&self, frame: usize) -> DatasetError {
@@ -109,7 +126,9 @@ impl VideoIndex {
         };
         let before = margin(range.start, range.start.checked_sub(1));
         let after = margin(range.end - 1, Some(range.end));
-        let entry = self.group_of(range.start).start;
+        let number = self.entries.partition_point(|&entry| entry <= range.start);
+        let number = number.saturating_sub(1);
+        let entry = self.entries[number];
         let seek = (entry > 0).then(|| {
             let key = self.times[entry] - self.start;
             key + margin(entry, Some(entry + 1)).min(0.01)
@@ -118,6 +137,9 @@ impl VideoIndex {
             seek,
             times: Some([first - before, last + after]),
             max_frames: Some(range.len()),
+            // What is damaged is not even read.
+            max_packets: self.sound.as_ref().map(|sound| sound[number]),
+            lenient: false,
         }
     }
 }
