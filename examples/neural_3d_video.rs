@@ -26,6 +26,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         downscale: rest.first().map_or(Ok(2.0), |factor| factor.parse())?,
         test_cameras: Some(vec![0]),
         invert_masks: false,
+        frames: None,
         skip_broken: false,
         device: choice.to_string(),
     };

@@ -45,6 +45,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
             downscale: 1.0,
             test_cameras: None,
             invert_masks: false,
+            frames: None,
             skip_broken: false,
             device: name.clone(),
         },

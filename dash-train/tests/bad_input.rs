@@ -405,6 +405,7 @@ fn options_that_do_not_fit_the_data() {
         "room",
     );
     bench.fails(&[&TRAIN[..], &["--memory", "1kB"]].concat(), "--memory");
+    bench.fails(&[&TRAIN[..], &["--frames", "7-9"]].concat(), "--frames");
     bench.fails(&[&TRAIN[..], &["--layout", "colmap"]].concat(), "room");
     bench.fails(&[&TRAIN[..], &["--device", "cuda:99"]].concat(), "cuda:99");
     bench.write("c.toml", "[loss]\ndsim = 1\n");

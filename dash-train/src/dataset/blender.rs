@@ -57,7 +57,7 @@ pub(super) fn read(context: &Context) -> Result<Parts, DatasetError> {
     check_any(&first, !entries.is_empty())?;
     check_times(&entries)?;
     let stated: Vec<f64> = entries.iter().map(|e| e.time.unwrap_or(0.0)).collect();
-    let (times, n_frames) = times::frames(context.options, &stated);
+    let (times, n_frames) = times::frames(context.options, &stated)?;
     let mut time_of = times.iter();
     entries.retain(|_| time_of.next().is_some_and(Option::is_some));
     let (camera_of, camera_names) = cameras(&entries);

@@ -20,6 +20,8 @@ pub(super) fn read(context: &Context) -> Result<Parts, DatasetError> {
             "run COLMAP, or choose the layout with --layout",
         ));
     };
+    // All images are of one time.
+    context.options.wanted(&[0])?;
     let mut model = read_model(&model)?;
     // Plain order of names, as 3DGS sorts before it holds out every eighth.
     model.images.sort_by(|a, b| a.name.cmp(&b.name));

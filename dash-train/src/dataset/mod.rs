@@ -14,7 +14,7 @@
 //! | [`Layout::Rig`]: `rig.rs` | `videos/` or `images/CAMERA/`, and poses by camera |
 //! | `sources.rs`, `recordings.rs`, `times.rs`, `points.rs`, `broken.rs` | frames and videos of synchronised cameras, times, initial points, what is damaged |
 //! | `known_poses.rs`, `colmap_tracks.rs`, `shrink.rs` | what `prepare` makes a dataset from |
-//! | `layout.rs`, `options.rs`, `plan.rs` | which reader, what of it, and from its list to views |
+//! | `layout.rs`, `options.rs`, `frame_range.rs`, `plan.rs` | which reader, what of it, and from its list to views |
 //! | `view.rs`, `image.rs`, `decode.rs`, `distortion.rs`, `pose.rs`, `files.rs`, `error.rs` | what they share |
 //! | `frames.rs`, `frames/`, `video.rs` | images in memory or made on demand |
 //! | `poses.rs` | the cameras of a folder whose pictures can't be loaded |
@@ -31,6 +31,7 @@ mod decode;
 pub(crate) mod distortion;
 mod error;
 pub(crate) mod files;
+mod frame_range;
 mod frames;
 pub(crate) mod fuzzing;
 mod image;
@@ -65,6 +66,7 @@ use std::sync::{Mutex, PoisonError};
 pub(crate) use colmap_tracks::{TrackedPoint, read_tracked_points};
 pub use error::DatasetError;
 pub(crate) use files::frame_number;
+pub use frame_range::FrameRange;
 pub use frames::FrameStatistics;
 pub(crate) use frames::{bytes_in_words, default_budget};
 pub use layout::Layout;

@@ -92,6 +92,8 @@ fn read_llff(
 ) -> Result<Parts, DatasetError> {
     let names: Vec<&str> = images.iter().map(|image| image.label.as_str()).collect();
     check_count(folder, cameras.len(), &names, "image")?;
+    // All images are of one time.
+    context.options.wanted(&[0])?;
     let n_cameras = cameras.len();
     let held_out = context.options.held_out(every_eighth(n_cameras))?;
     let poses_file = context.root.join(POSES_FILE);

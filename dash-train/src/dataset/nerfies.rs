@@ -89,7 +89,7 @@ pub(super) fn read(context: &Context) -> Result<Parts, DatasetError> {
     let ids = read_ids(&root.join(DATASET_FILE))?;
     let folder = image_folder(root)?;
     let stated = read_times(&root.join(METADATA_FILE), &ids)?;
-    let (frame_of, n_frames) = times::frames(context.options, &stated);
+    let (frame_of, n_frames) = times::frames(context.options, &stated)?;
     let mut items = Vec::new();
     let mut frames = Vec::new();
     for ((id, held_out), frame) in ids.into_iter().zip(frame_of) {

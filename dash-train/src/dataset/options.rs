@@ -1,6 +1,6 @@
 //! What to load of a dataset, and how.
 
-use super::{DatasetError, Layout};
+use super::{DatasetError, FrameRange, Layout};
 
 /// What to load of a dataset, and how.
 #[derive(Debug, Clone, PartialEq)]
@@ -11,7 +11,9 @@ pub struct LoadOptions {
     pub downscale: f64,
     /// Indices of the cameras to hold out, instead of the layout's own split.
     pub test_cameras: Option<Vec<usize>>,
-    /// At most this many frames (distinct times), after `frame_stride`.
+    /// Which frames; where `None`, those that results are published of, else all.
+    pub frames: Option<FrameRange>,
+    /// At most this many frames (distinct times), after `frames` and `frame_stride`.
     pub max_frames: Option<usize>,
     /// Every n-th frame only; at least 1.
     pub frame_stride: usize,
@@ -34,6 +36,7 @@ impl Default for LoadOptions {
             layout: None,
             downscale: 1.0,
             test_cameras: None,
+            frames: None,
             max_frames: None,
             frame_stride: 1,
             threads: None,
@@ -73,12 +76,28 @@ impl LoadOptions {
         Ok(())
     }
 
-    /// Whether the `index`-th frame of the capture is wanted.
-    pub(super) fn keeps_frame(&self, index: usize) -> bool {
-        index.is_multiple_of(self.frame_stride)
-            && self
-                .max_frames
-                .is_none_or(|max| index / self.frame_stride < max)
+    /// The places of the frames that are wanted, of frames with these numbers.
+    ///
+    /// # Errors
+    /// When none of them is in the range of frames that was asked for.
+    pub(super) fn wanted(&self, numbers: &[u64]) -> Result<Vec<usize>, DatasetError> {
+        let in_range: Vec<usize> = (0..numbers.len())
+            .filter(|&place| {
+                self.frames
+                    .is_none_or(|range| range.contains(numbers[place]))
+            })
+            .collect();
+        if let (Some(range), true, [first, ..]) = (self.frames, in_range.is_empty(), numbers) {
+            let last = numbers.last().unwrap_or(first);
+            return Err(DatasetError::Option {
+                option: "--frames",
+                expected: format!("some of the frames {first} to {last}"),
+                found: range.to_string(),
+            });
+        }
+        let most = self.max_frames.unwrap_or(usize::MAX);
+        let strided = in_range.into_iter().step_by(self.frame_stride);
+        Ok(strided.take(most).collect())
     }
 
     /// For each camera whether it is held out: those asked for, else those the layout suggests.

@@ -32,9 +32,8 @@ pub(super) fn plan(
     let Some(reference) = reference(cameras, &videos, skip_broken) else {
         return Ok((Vec::new(), 0));
     };
-    let kept: Vec<usize> = (0..reference.1.n_frames())
-        .filter(|&index| context.options.keeps_frame(index))
-        .collect();
+    let numbers: Vec<u64> = (0..).take(reference.1.n_frames()).collect();
+    let kept = context.options.wanted(&numbers)?;
     let matched = cameras.iter().zip(&videos).map(|(camera, video)| {
         let found = match video {
             None => Ok(None),

@@ -41,6 +41,14 @@ impl FrameFile {
             })
             .collect()
     }
+
+    /// The frame's number, where its name has one.
+    pub(super) fn number(&self) -> Option<u64> {
+        match files::frame_number(&self.label)? {
+            "" => Some(0),
+            digits => digits.parse().ok(),
+        }
+    }
 }
 
 /// A camera without its pose.
@@ -87,10 +95,15 @@ pub(super) fn load(
         return Ok((context.load_views(planned)?, n_frames));
     };
     check_frames(cameras, &lists)?;
-    let n_frames = (0..lists.first().map_or(0, |list| list.len()))
-        .filter(|&index| context.options.keeps_frame(index))
-        .count();
-    let planned = plan(context, cameras, &lists, held_out)?;
+    let numbers: Vec<u64> = lists.first().map_or_else(Vec::new, |list| {
+        (0..)
+            .zip(*list)
+            .map(|(place, frame)| frame.number().unwrap_or(place))
+            .collect()
+    });
+    let wanted = context.options.wanted(&numbers)?;
+    let n_frames = wanted.len();
+    let planned = plan(context, cameras, &lists, &wanted, held_out)?;
     Ok((context.load_views(planned)?, n_frames))
 }
 
@@ -156,14 +169,12 @@ fn plan(
     context: &Context,
     cameras: &[RigCamera],
     lists: &[&[FrameFile]],
+    wanted: &[usize],
     held_out: &[bool],
 ) -> Result<Vec<PlannedView>, DatasetError> {
     let mut planned = Vec::new();
     for (camera_index, (rig_camera, images)) in cameras.iter().zip(lists).enumerate() {
-        let kept: Vec<&FrameFile> = (0..images.len())
-            .filter(|&index| context.options.keeps_frame(index))
-            .map(|index| &images[index])
-            .collect();
+        let kept: Vec<&FrameFile> = wanted.iter().map(|&place| &images[place]).collect();
         let (Some(first), Some(size)) = (
             kept.first(),
             first_size(context, kept.iter().map(|frame| frame.file.as_path())),

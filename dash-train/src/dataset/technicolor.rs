@@ -25,7 +25,7 @@ const TEST_CAMERA: &str = "cam10";
 /// The rig has this many; prepared folders with more are another rig's.
 const MOST_CAMERAS: usize = 16;
 /// The frames that published results are of, by scene.
-const PUBLISHED: [(&str, RangeInclusive<u32>); 5] = [
+const PUBLISHED: [(&str, RangeInclusive<u64>); 5] = [
     ("birthday", 151..=200),
     ("train", 151..=200),
     ("fabien", 51..=100),
@@ -93,7 +93,7 @@ fn read_prepared(context: &Context) -> Result<(Vec<RigCamera>, bool), DatasetErr
     let root = context.root.canonicalize();
     let scene = root.unwrap_or_else(|_| context.root.to_path_buf());
     let scene = scene.file_name().unwrap_or_default().to_string_lossy();
-    let range = published(&scene);
+    let range = published(context, &scene);
     for source in &mut sources {
         keep_published(source, &scene, range.as_ref());
     }
@@ -107,7 +107,7 @@ fn read_raw(context: &Context, path: &Path) -> Result<Vec<RigCamera>, DatasetErr
     let bytes = fs::read(path).map_err(DatasetError::io(path))?;
     let rows = parse(path, &String::from_utf8_lossy(&bytes))?;
     let (scene, frames) = raw_frames(context.root)?;
-    let range = published(&scene);
+    let range = published(context, &scene);
     let mut cameras = Vec::with_capacity(frames.len());
     for (number, images) in frames {
         let name = format!("cam{number:02}");
@@ -196,7 +196,11 @@ fn camera_number(name: &str) -> Option<usize> {
     name[3..].parse().ok()
 }
 
-fn published(scene: &str) -> Option<RangeInclusive<u32>> {
+/// The frames that results are published of, unless others are asked for.
+fn published(context: &Context, scene: &str) -> Option<RangeInclusive<u64>> {
+    if context.options.frames.is_some() {
+        return None;
+    }
     let scene = scene.to_lowercase();
     let mut known = PUBLISHED.iter();
     known
@@ -205,18 +209,15 @@ fn published(scene: &str) -> Option<RangeInclusive<u32>> {
 }
 
 /// Drops a camera's other frames where it has all of the published ones.
-fn keep_published(source: &mut Source, scene: &str, range: Option<&RangeInclusive<u32>>) {
+fn keep_published(source: &mut Source, scene: &str, range: Option<&RangeInclusive<u64>>) {
     let (Frames::Images(images), Some(range)) = (&mut source.frames, range) else {
         return;
     };
-    let inside = |image: &FrameFile| {
-        let number = files::frame_number(&image.label).map(|digits| digits.parse().unwrap_or(0));
-        number.is_some_and(|number: u32| range.contains(&number))
-    };
+    let inside = |image: &FrameFile| image.number().is_some_and(|n| range.contains(&n));
     let n_inside = images.iter().filter(|image| inside(image)).count();
     if n_inside == range.clone().count() && n_inside < images.len() {
         tracing::info!(
-            "{}: only the published frames of {scene}, {} to {}",
+            "{}: only the published frames of {scene}, {} to {} (--frames all takes the others too)",
             source.path.display(),
             range.start(),
             range.end()

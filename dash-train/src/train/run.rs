@@ -17,7 +17,7 @@ use super::config::TrainConfig;
 use super::leave_out::Decision;
 use super::trainer::{StepReport, Trainer};
 use crate::TrainError;
-use crate::dataset::{Dataset, Layout, LoadOptions};
+use crate::dataset::{Dataset, FrameRange, Layout, LoadOptions};
 use crate::evaluate::{CurveLine, CurveProbe};
 
 /// Steps between two lines of `log.jsonl`.
@@ -48,6 +48,9 @@ pub struct DataConfig {
     pub downscale: f64,
     /// Cameras of the test split, where they are not the layout's own.
     pub test_cameras: Option<Vec<usize>>,
+    /// Which of its frames, where not the usual ones.
+    #[serde(default)]
+    pub frames: Option<FrameRange>,
     /// Whether white in the dataset's `masks/` marks what does not count, instead of what does.
     #[serde(default)]
     pub invert_masks: bool,
@@ -65,6 +68,7 @@ impl DataConfig {
             layout: self.layout,
             downscale: self.downscale,
             test_cameras: self.test_cameras.clone(),
+            frames: self.frames,
             invert_masks: self.invert_masks,
             skip_broken: self.skip_broken,
             ..Default::default()

@@ -330,6 +330,7 @@ fn config_toml() -> Vec<u8> {
             downscale: 1.0,
             test_cameras: Some(vec![0]),
             invert_masks: false,
+            frames: None,
             skip_broken: false,
             device: "flex".into(),
         },

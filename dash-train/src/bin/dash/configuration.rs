@@ -4,7 +4,7 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 use clap::ValueEnum;
-use dash_train::dataset::Layout;
+use dash_train::dataset::{FrameRange, Layout};
 use dash_train::train::{Keep, Preset, TrainConfig};
 use serde::Deserialize;
 use toml::{Table, Value};
@@ -49,6 +49,8 @@ pub struct DataSection {
     pub downscale: Option<f64>,
     /// Cameras of the test split.
     pub test_cameras: Option<Vec<usize>>,
+    /// Which frames.
+    pub frames: Option<FrameRange>,
     /// Whether masks are to be inverted.
     pub invert_masks: Option<bool>,
     /// Whether views whose image cannot be read are left out.

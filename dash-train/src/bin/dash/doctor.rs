@@ -5,7 +5,7 @@ use std::path::PathBuf;
 
 use clap::Args;
 use dash_train::TrainError;
-use dash_train::dataset::{Layout, LoadOptions};
+use dash_train::dataset::{FrameRange, Layout, LoadOptions};
 use dash_train::doctor::{Diagnosis, Severity, examine};
 
 use crate::failure::Failure;
@@ -36,6 +36,9 @@ pub struct DoctorArgs {
     /// Indices of the cameras to hold out, such as 0,7, or none; the layout's own choice when left out
     #[arg(long, value_name = "LIST")]
     test_cameras: Option<CameraList>,
+    /// Frames to use, such as 151-200, or all, as `dash train` takes them
+    #[arg(long, value_name = "FIRST-LAST")]
+    frames: Option<FrameRange>,
     /// Make images smaller by this factor [default: 1]
     #[arg(long, value_name = "K", value_parser = values::downscale)]
     downscale: Option<f64>,
@@ -48,6 +51,7 @@ pub fn run(args: &DoctorArgs) -> Result<String, Failure> {
     let options = LoadOptions {
         layout: args.layout,
         downscale: args.downscale.unwrap_or(1.0),
+        frames: args.frames,
         test_cameras: args.test_cameras.as_ref().map(|list| list.0.clone()),
         ..LoadOptions::default()
     };

@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use burn::tensor::Device;
 use clap::Args;
 use dash_model::{GaussianRows, read_splat_ply};
-use dash_train::dataset::{Dataset, Layout, LoadOptions, Split, load};
+use dash_train::dataset::{Dataset, FrameRange, Layout, LoadOptions, Split, load};
 use dash_train::evaluate::{read_results, storage_bytes};
 use dash_train::ply::{PointCloud, read_points};
 use dash_train::train::config::Selection;
@@ -27,6 +27,9 @@ pub struct InfoArgs {
     /// Force the dataset's layout instead of recognising it by its files
     #[arg(long, value_enum)]
     layout: Option<Layout>,
+    /// Of a dataset, the frames to look at, such as 151-200, or all, as `dash train` takes them
+    #[arg(long, value_name = "FIRST-LAST")]
+    frames: Option<FrameRange>,
 }
 
 pub fn run(args: &InfoArgs, shared: &Shared) -> Result<String, Failure> {
@@ -41,6 +44,7 @@ pub fn run(args: &InfoArgs, shared: &Shared) -> Result<String, Failure> {
     } else {
         let options = LoadOptions {
             layout: args.layout,
+            frames: args.frames,
             on_demand: true,
             ..Default::default()
         };

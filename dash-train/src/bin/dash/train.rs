@@ -4,7 +4,7 @@ use std::path::PathBuf;
 use std::sync::Arc;
 
 use clap::Args;
-use dash_train::dataset::{Dataset, Layout, Split, load};
+use dash_train::dataset::{Dataset, FrameRange, Layout, Split, load};
 use dash_train::device::DeviceChoice;
 use dash_train::evaluate::{CurveProbe, PerceptualFiles, Process, evaluate_run};
 use dash_train::train::{
@@ -50,6 +50,10 @@ pub struct TrainArgs {
     /// out
     #[arg(long, value_name = "LIST")]
     test_cameras: Option<CameraList>,
+    /// Frames to use, such as 151-200, or all; times are over them. Numbers are those of the files, or
+    /// count from 0 [default: all, of published Technicolor scenes the published ones]
+    #[arg(long, value_name = "FIRST-LAST")]
+    frames: Option<FrameRange>,
     /// Make images smaller by this factor [default: 1]
     #[arg(long, value_name = "K", value_parser = values::downscale)]
     downscale: Option<f64>,
@@ -150,6 +154,7 @@ fn start(
         layout: args.layout.or(file.data.layout),
         downscale: args.downscale.or(file.data.downscale).unwrap_or(1.0),
         test_cameras: test_cameras(args).or_else(|| file.data.test_cameras.clone()),
+        frames: args.frames.or(file.data.frames),
         invert_masks: args.invert_masks || file.data.invert_masks.unwrap_or(false),
         skip_broken: args.skip_broken || file.data.skip_broken.unwrap_or(false),
         device: choice.to_string(),
@@ -215,6 +220,12 @@ fn check_same(
         .is_some_and(|downscale| downscale != data.downscale)
     {
         return refuse("--downscale", data.downscale.to_string());
+    }
+    if args.frames.is_some() && args.frames != data.frames {
+        let found = data
+            .frames
+            .map_or("the usual ones".into(), |f| f.to_string());
+        return refuse("--frames", found);
     }
     if args.layout.is_some() && args.layout != data.layout {
         return refuse(

@@ -470,6 +470,25 @@ fn videos_are_decoded_frame_by_frame() {
         names,
         ["cam00/0000", "cam00/0002", "cam01/0000", "cam01/0002"]
     );
+    let later = LoadOptions {
+        frames: Some("2-9".parse().expect("a range")),
+        max_frames: None,
+        ..some.clone()
+    };
+    let views = fixture.load_with(&later).expect("loads").views;
+    let found: Vec<_> = views
+        .iter()
+        .map(|v| (v.name.as_str(), v.frame, v.time))
+        .collect();
+    assert_eq!(
+        found,
+        [
+            ("cam00/0002", 0, 0.0),
+            ("cam00/0004", 1, 1.0),
+            ("cam01/0002", 0, 0.0),
+            ("cam01/0004", 1, 1.0)
+        ]
+    );
     let whole = std::fs::read(fixture.path("cam01.mp4")).expect("written above");
     for end in [0, 10, 300, whole.len() / 2, whole.len() - 40] {
         fixture.write("cam01.mp4", &whole[..end]);
@@ -550,4 +569,29 @@ fn masks_say_which_pixels_count() {
         .save(fixture.path("masks/cam1/0001.png"))
         .expect("writes");
     fixture.refuses(&["masks", "0001.png", "8x6", "9x6"]);
+}
+
+#[test]
+fn frames_are_chosen_by_the_numbers_of_their_files() {
+    let fixture = rig(2, 6);
+    // The capture begins at 0002 in both cameras.
+    for (camera, frame) in [(0, 0), (0, 1), (1, 0), (1, 1)] {
+        let path = fixture.path(&format!("cam{camera}/images/{frame:04}.png"));
+        std::fs::remove_file(path).expect("written above");
+    }
+    let with = |range: &str| {
+        fixture.load_with(&LoadOptions {
+            frames: Some(range.parse().expect("a range")),
+            ..LoadOptions::default()
+        })
+    };
+    let dataset = with("3-4").expect("loads");
+    let names: Vec<&str> = dataset.views.iter().map(|v| v.name.as_str()).collect();
+    assert_eq!(names, ["cam0/0003", "cam0/0004", "cam1/0003", "cam1/0004"]);
+    assert_eq!(dataset.n_frames, 2);
+    assert_eq!(with("all").expect("loads").n_frames, 4);
+    let message = with("7-8").expect_err("none of these").to_string();
+    for part in ["--frames", "2 to 5", "7-8"] {
+        assert!(message.contains(part), "{message}");
+    }
 }

@@ -94,8 +94,14 @@ fn the_published_files_give_exact_cameras_times_and_the_test_camera() {
 
 #[test]
 fn only_the_published_frames_of_known_scenes_are_used() {
-    let first_and_last = |fixture: &Fixture| {
-        let views = fixture.load().expect("loads").views;
+    let first_and_last_of = |fixture: &Fixture, frames: Option<&str>| {
+        let options = LoadOptions {
+            frames: frames.map(|text| text.parse().expect("a range")),
+            ..LoadOptions::default()
+        };
+        let views = fixture.load_with(&options).expect("loads").views;
+        let times: Vec<f32> = views.iter().map(|view| view.time).collect();
+        assert_eq!((times[0], times[times.len() - 1]), (0.0, 1.0));
         let of_camera = views.iter().filter(|view| view.camera_index == 1);
         let names: Vec<String> = of_camera.map(|view| view.name.clone()).collect();
         (
@@ -104,7 +110,13 @@ fn only_the_published_frames_of_known_scenes_are_used() {
             names.len(),
         )
     };
-    let found = first_and_last(&raw("Fabien", 2, 50..103));
+    let first_and_last = |fixture: &Fixture| first_and_last_of(fixture, None);
+    let fabien = raw("Fabien", 2, 50..103);
+    let found = first_and_last_of(&fabien, Some("all"));
+    assert_eq!(found, ("cam01/00050".into(), "cam01/00102".into(), 53));
+    let found = first_and_last_of(&fabien, Some("49-51"));
+    assert_eq!(found, ("cam01/00050".into(), "cam01/00051".into(), 2));
+    let found = first_and_last(&fabien);
     assert_eq!(found, ("cam01/00051".into(), "cam01/00100".into(), 50));
     let found = first_and_last(&raw("Painter", 2, 99..151));
     assert_eq!(found, ("cam01/00100".into(), "cam01/00149".into(), 50));

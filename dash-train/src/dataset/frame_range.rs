@@ -1,0 +1,98 @@
+//! Which frames of a capture to load.
+
+use std::fmt;
+use std::str::FromStr;
+
+use serde::{Deserialize, Serialize};
+
+/// A choice of frames, by the numbers in their files' names; where frames have no files or names no
+/// numbers, counted from 0. As text `all` or `FIRST-LAST`, such as `151-200`.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(try_from = "String", into = "String")]
+pub enum FrameRange {
+    /// All that there are, also where results are published of a part of them.
+    All,
+    /// From one to another, both included.
+    Between {
+        /// The first.
+        first: u64,
+        /// The last; not before the first.
+        last: u64,
+    },
+}
+
+impl FrameRange {
+    /// Whether the frame of this number is chosen.
+    pub fn contains(self, number: u64) -> bool {
+        match self {
+            Self::All => true,
+            Self::Between { first, last } => (first..=last).contains(&number),
+        }
+    }
+}
+
+impl fmt::Display for FrameRange {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::All => f.write_str("all"),
+            Self::Between { first, last } => write!(f, "{first}-{last}"),
+        }
+    }
+}
+
+impl FromStr for FrameRange {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        if text == "all" {
+            return Ok(Self::All);
+        }
+        let wrong = || {
+            format!("expected frame numbers FIRST-LAST, such as 151-200, or all, found `{text}`")
+        };
+        let (first, last) = text.split_once('-').ok_or_else(wrong)?;
+        let number = |text: &str| match text.bytes().all(|b| b.is_ascii_digit()) {
+            true => text.parse().map_err(|_| wrong()),
+            false => Err(wrong()),
+        };
+        let (first, last) = (number(first)?, number(last)?);
+        if first > last {
+            return Err(wrong());
+        }
+        Ok(Self::Between { first, last })
+    }
+}
+
+impl TryFrom<String> for FrameRange {
+    type Error = String;
+
+    fn try_from(text: String) -> Result<Self, String> {
+        text.parse()
+    }
+}
+
+impl From<FrameRange> for String {
+    fn from(range: FrameRange) -> Self {
+        range.to_string()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn ranges_are_read_as_they_are_written() {
+        for text in ["all", "0-0", "151-200"] {
+            let range: FrameRange = text.parse().expect("a range");
+            assert_eq!(range.to_string(), text);
+        }
+        for bad in [
+            "", "7", "-", "5-", "-5", "9-3", "+1-2", "1-2-3", "All", "1- 2",
+        ] {
+            assert!(bad.parse::<FrameRange>().is_err(), "{bad}");
+        }
+        let too_large = "0-99999999999999999999";
+        assert!(too_large.parse::<FrameRange>().is_err());
+    }
+}
