@@ -163,12 +163,17 @@ pub(super) fn evaluate_views(
     render_timed(scene, &first.camera, first.time, Layer::Full)?;
     let (mut per_view, mut seconds) = (Vec::with_capacity(views.len()), 0.0);
     let mut counts: Option<SplitCounts> = None;
-    for view in views {
+    for (place, view) in views.iter().enumerate() {
         let (picture, secs) = render_timed(scene, &view.camera, view.time, Layer::Full)?;
         seconds += secs;
         let moving = match masks.entry(view.camera_index) {
             Entry::Occupied(known) => known.into_mut(),
-            Entry::Vacant(new) => new.insert(camera_moving_pixels(dataset, view, background)?),
+            Entry::Vacant(new) => {
+                let moving = new.insert(camera_moving_pixels(dataset, view, background)?);
+                // So that a group of pictures of a video is decoded once for all of its frames.
+                dataset.announce(views[place..].iter().copied());
+                moving
+            }
         };
         per_view.push(score(view, &picture, moving, background, perceptual)?);
         if let Some(truth) = view.motion_mask()? {
