@@ -14,9 +14,13 @@ fn a_clean_dataset_is_one_line_per_finding_and_exit_0() {
         assert!(severity == Some("ok") || severity == Some("note"), "{line}");
     }
     assert!(lines.contains("4 cameras x 3 frames"), "{lines}");
+    for part in ["--preset quick", "--preset default", "timed steps"] {
+        assert!(lines.contains(part), "{part} in {lines}");
+    }
     assert!(!bench.path("doctor.png").exists(), "only when asked");
 
-    bench.ok(&["doctor", "room", "--picture"]);
+    let untimed = bench.ok(&["doctor", "room", "--picture", "--no-timing"]);
+    assert!(!untimed.contains("--preset"), "{untimed}");
     assert_eq!(
         image::image_dimensions(bench.path("doctor.png")).expect("a picture"),
         (1600, 800)

@@ -4,7 +4,7 @@
 //! and gives [`Finding`]s. All checks are deterministic, and look at samples where there is much.
 //!
 //! # Map
-//! - `finding`: a finding; `contents`: layout, counts, sizes, times; `memory`.
+//! - `finding`: a finding; `contents`: layout, counts, sizes, times; `memory`, `timing`.
 //! - `cloud`: the points and the training box; `agreement`: points against the pictures' colours.
 //! - `poses`: poses by colours and by axes; `conventions`, `misplaced`: mistakes that would explain them.
 //! - `tracks`: one pass over all pictures, for `brightness`, `sync` and `motion`.
@@ -25,6 +25,7 @@ mod raster;
 mod sync;
 #[cfg(test)]
 mod tests;
+mod timing;
 mod tracks;
 
 use std::collections::BTreeMap;
@@ -34,6 +35,7 @@ use dash_kernels::Camera;
 use serde::Serialize;
 
 pub use finding::{Finding, Severity};
+pub use timing::TimedOn;
 
 use crate::dataset::{
     Dataset, DatasetError, Layout, LoadOptions, Split, View, load_decodable, poses_alone,
@@ -82,6 +84,17 @@ impl Diagnosis {
 /// Loads the dataset in the folder `root` as training would, and examines it. What can't be loaded is a
 /// finding, and what is left is examined all the same. `memory`: what the pictures may take.
 pub fn examine(root: &Path, options: &LoadOptions, memory: Option<u64>) -> Diagnosis {
+    examine_timed(root, options, memory, None)
+}
+
+/// [`examine`], and where something to train on is named, how long training would take on it. That is
+/// measured, which takes some seconds, and differs from one time to the next.
+pub fn examine_timed(
+    root: &Path,
+    options: &LoadOptions,
+    memory: Option<u64>,
+    on: Option<TimedOn>,
+) -> Diagnosis {
     let mut findings = Vec::new();
     let mut sketch = Sketch::default();
     let layout = match options.layout {
@@ -95,10 +108,13 @@ pub fn examine(root: &Path, options: &LoadOptions, memory: Option<u64>) -> Diagn
             match load_decodable(root, options) {
                 Ok((dataset, broken)) => {
                     sketch = all_checks(&dataset, &broken, memory, &mut findings);
+                    findings.extend(on.map(|on| timing::check(&dataset, on)));
                 }
                 Err(error) => {
                     findings.push(Finding::refused("load", &error));
                     sketch.cameras = poses_only(root, layout, &mut findings);
+                    let text = "not estimated, because the dataset can't be loaded";
+                    findings.extend(on.map(|_| Finding::note("time", text)));
                 }
             }
         }

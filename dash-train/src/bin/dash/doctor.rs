@@ -6,8 +6,9 @@ use std::path::PathBuf;
 use clap::Args;
 use dash_train::TrainError;
 use dash_train::dataset::{FrameRange, Layout, LoadOptions};
-use dash_train::doctor::{Diagnosis, Severity, examine};
+use dash_train::doctor::{Diagnosis, Severity, TimedOn, examine_timed};
 
+use crate::Shared;
 use crate::failure::Failure;
 use crate::values::{self, CameraList};
 
@@ -45,9 +46,12 @@ pub struct DoctorArgs {
     /// Memory that the dataset's images may take in training, such as 2GiB
     #[arg(long, value_name = "BYTES", value_parser = values::bytes)]
     memory: Option<u64>,
+    /// Don't time steps of training, which takes about ten seconds, to say how long it would take
+    #[arg(long)]
+    no_timing: bool,
 }
 
-pub fn run(args: &DoctorArgs) -> Result<String, Failure> {
+pub fn run(args: &DoctorArgs, shared: &Shared) -> Result<String, Failure> {
     let options = LoadOptions {
         layout: args.layout,
         downscale: args.downscale.unwrap_or(1.0),
@@ -55,7 +59,14 @@ pub fn run(args: &DoctorArgs) -> Result<String, Failure> {
         test_cameras: args.test_cameras.as_ref().map(|list| list.0.clone()),
         ..LoadOptions::default()
     };
-    let diagnosis = examine(&args.dataset, &options, args.memory);
+    let choice = shared.device.unwrap_or_default().resolved();
+    let device = match args.no_timing {
+        true => None,
+        false => Some((choice.device()?, choice.to_string())),
+    };
+    let on = device.as_ref();
+    let on = on.map(|(device, name)| TimedOn { device, name });
+    let diagnosis = examine_timed(&args.dataset, &options, args.memory, on);
     if let Some(path) = &args.picture {
         diagnosis.write_picture(path).map_err(TrainError::from)?;
     }

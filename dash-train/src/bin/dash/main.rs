@@ -143,7 +143,7 @@ fn run(cli: &Cli) -> Result<String, Failure> {
     match &cli.command {
         Command::Synth(args) => synth::run(args),
         Command::Prepare(args) => prepare::run(args),
-        Command::Doctor(args) => doctor::run(args),
+        Command::Doctor(args) => doctor::run(args, shared),
         Command::Train(args) => train::run(args, shared),
         Command::Compare(args) => compare::run(args, shared),
         Command::Eval(args) => eval::run(args, shared),
