@@ -5,15 +5,15 @@ use std::sync::Arc;
 
 use clap::Args;
 use dash_train::compare::{ComparedRun, Comparison, Method, Observer};
-use dash_train::dataset::{Layout, load};
-use dash_train::train::{DataConfig, Preset, StepReport};
+use dash_train::train::{Preset, StepReport};
 
 use crate::Shared;
 use crate::configuration::{ConfigFile, Overrides};
+use crate::data::DataArgs;
 use crate::failure::Failure;
 use crate::progress::TrainProgress;
 use crate::summary;
-use crate::values::{self, CameraList};
+use crate::values;
 
 /// Train several methods on the same data for the same time, and compare them
 #[derive(Args)]
@@ -52,18 +52,8 @@ pub struct CompareArgs {
     /// One value that replaces the preset's and the file's; may be repeated
     #[arg(long, value_name = "KEY=VALUE")]
     set: Vec<String>,
-    /// Indices of the cameras to hold out, such as 0,7; the layout's own choice when left out
-    #[arg(long, value_name = "LIST")]
-    test_cameras: Option<CameraList>,
-    /// Make images smaller by this factor
-    #[arg(long, value_name = "K", value_parser = values::downscale, default_value = "1")]
-    downscale: f64,
-    /// Memory that the dataset's images may take, such as 2GiB
-    #[arg(long, value_name = "BYTES", value_parser = values::bytes)]
-    memory: Option<u64>,
-    /// Force the dataset's layout instead of recognising it by its files
-    #[arg(long, value_enum)]
-    layout: Option<Layout>,
+    #[command(flatten)]
+    data: DataArgs,
 }
 
 pub fn run(args: &CompareArgs, shared: &Shared) -> Result<String, Failure> {
@@ -79,18 +69,8 @@ pub fn run(args: &CompareArgs, shared: &Shared) -> Result<String, Failure> {
     let preset = overrides.resolve(&file)?;
     let choice = shared.device.unwrap_or_default().resolved();
     let device = choice.device()?;
-    let data = DataConfig {
-        dataset: values::absolute(&args.dataset)?,
-        layout: args.layout,
-        downscale: args.downscale,
-        test_cameras: args.test_cameras.as_ref().map(|list| list.0.clone()),
-        invert_masks: false,
-        skip_broken: false,
-        device: choice.to_string(),
-    };
-    let mut options = data.load_options();
-    options.memory = args.memory;
-    let dataset = Arc::new(load(&args.dataset, &options)?);
+    let (data, dataset) = args.data.load(&args.dataset, &file.data, choice)?;
+    let dataset = Arc::new(dataset);
     let comparison = Comparison {
         budget_secs: args.budget,
         curve: args.curve,

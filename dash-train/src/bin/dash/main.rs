@@ -1,11 +1,13 @@
 //! The `dash` command line: arguments in, one library call, a few lines out.
 //!
-//! Each command has a file of its own. `configuration` resolves the training configuration from
-//! its sources, `values` parses what the arguments hold, `progress` reports long work, `summary`
-//! lays out what is printed, `failure` is how a command fails.
+//! Each command has a file of its own. `data` holds the options of a dataset, `configuration`
+//! resolves the training configuration from its sources, `values` parses what the arguments hold,
+//! `progress` reports long work, `summary` lays out what is printed, `failure` is how a command
+//! fails.
 
 mod compare;
 mod configuration;
+mod data;
 mod doctor;
 mod eval;
 mod export;

@@ -4,20 +4,19 @@ use std::path::PathBuf;
 use std::sync::Arc;
 
 use clap::Args;
-use dash_train::dataset::{Dataset, FrameRange, Layout, Split, load};
+use dash_train::dataset::{Dataset, Split};
 use dash_train::device::DeviceChoice;
 use dash_train::evaluate::{CurveProbe, PerceptualFiles, Process, evaluate_run};
-use dash_train::train::{
-    DataConfig, Keep, Preset, RunConfig, RunFolder, TrainConfig, TrainOptions, train,
-};
+use dash_train::train::{Keep, Preset, RunConfig, RunFolder, TrainConfig, TrainOptions, train};
 
 use crate::Shared;
 use crate::configuration::{ConfigFile, Overrides, name};
+use crate::data::{DataArgs, load_dataset};
 use crate::failure::Failure;
 use crate::lpips::LpipsArgs;
 use crate::progress::TrainProgress;
 use crate::summary::{self, Table, duration};
-use crate::values::{self, CameraList};
+use crate::values;
 
 /// Train a scene on a dataset; then score it on the test views
 #[derive(Args)]
@@ -46,24 +45,8 @@ pub struct TrainArgs {
     /// Optimisation steps
     #[arg(long, value_name = "N")]
     iterations: Option<usize>,
-    /// Indices of the cameras to hold out, such as 0,7, or none; the layout's own choice when left
-    /// out
-    #[arg(long, value_name = "LIST")]
-    test_cameras: Option<CameraList>,
-    /// Frames to use, such as 151-200, or all; times are over them. Numbers are those of the files, or
-    /// count from 0 [default: all, of published Technicolor scenes the published ones]
-    #[arg(long, value_name = "FIRST-LAST")]
-    frames: Option<FrameRange>,
-    /// Make images smaller by this factor [default: 1]
-    #[arg(long, value_name = "K", value_parser = values::downscale)]
-    downscale: Option<f64>,
-    /// Memory that the dataset's images may take, such as 2GiB; those that don't fit are decoded when
-    /// they are needed [default: half of what is free]
-    #[arg(long, value_name = "BYTES", value_parser = values::bytes)]
-    memory: Option<u64>,
-    /// White in the pictures of `masks/` marks what does not count, instead of what does
-    #[arg(long)]
-    invert_masks: bool,
+    #[command(flatten)]
+    data: DataArgs,
     /// Whether parts that the scene does not need are left out; RUN/config.toml says which were, and why
     /// [default: the preset's]
     #[arg(long, value_enum)]
@@ -71,12 +54,6 @@ pub struct TrainArgs {
     /// Seed of everything random [default: 0]
     #[arg(long, value_name = "S")]
     seed: Option<u64>,
-    /// Force the dataset's layout instead of recognising it by its files
-    #[arg(long, value_enum)]
-    layout: Option<Layout>,
-    /// Leave out views whose image cannot be read, with a warning, instead of stopping
-    #[arg(long)]
-    skip_broken: bool,
     /// Score up to 12 test views N times along the way, for `dash report`: RUN/curve.jsonl. Costs time
     /// outside the clock of training, and chooses nothing
     #[arg(long, value_name = "N", default_value_t = 0, hide_default_value = true)]
@@ -105,7 +82,7 @@ pub fn run(args: &TrainArgs, shared: &Shared) -> Result<String, Failure> {
         let run = RunFolder::open(&args.out)?;
         let config = run.config()?;
         check_same(args, shared, &overrides, &file, &config)?;
-        let dataset = load_dataset(&config.data, args.memory)?;
+        let dataset = load_dataset(&config.data, args.data.memory)?;
         (run, config, dataset)
     } else {
         start(args, shared, &overrides, &file)?
@@ -149,21 +126,10 @@ fn start(
     let train = overrides.resolve(file)?;
     let choice = shared.device.unwrap_or_default().resolved();
     choice.device()?;
-    let mut data = DataConfig {
-        dataset: args.dataset.clone(),
-        layout: args.layout.or(file.data.layout),
-        downscale: args.downscale.or(file.data.downscale).unwrap_or(1.0),
-        test_cameras: test_cameras(args).or_else(|| file.data.test_cameras.clone()),
-        frames: args.frames.or(file.data.frames),
-        invert_masks: args.invert_masks || file.data.invert_masks.unwrap_or(false),
-        skip_broken: args.skip_broken || file.data.skip_broken.unwrap_or(false),
-        device: choice.to_string(),
-    };
-    let dataset = load_dataset(&data, args.memory)?;
+    let (data, dataset) = args.data.load(&args.dataset, &file.data, choice)?;
     if args.curve > 0 {
         CurveProbe::check(&dataset)?;
     }
-    data.dataset = values::absolute(&args.dataset)?;
     let config = RunConfig {
         data,
         train,
@@ -171,23 +137,6 @@ fn start(
     };
     let run = RunFolder::create(&args.out, &config)?;
     Ok((run, config, dataset))
-}
-
-fn load_dataset(data: &DataConfig, memory: Option<u64>) -> Result<Dataset, Failure> {
-    let mut options = data.load_options();
-    options.memory = memory;
-    let dataset = load(&data.dataset, &options)?;
-    tracing::debug!(
-        "{}: {} views, {}",
-        data.dataset.display(),
-        dataset.views.len(),
-        summary::bytes(dataset.image_bytes())
-    );
-    Ok(dataset)
-}
-
-fn test_cameras(args: &TrainArgs) -> Option<Vec<usize>> {
-    args.test_cameras.as_ref().map(|list| list.0.clone())
 }
 
 /// A resumed run is the one that was begun: options may repeat its values, not change them.
@@ -216,35 +165,36 @@ fn check_same(
         return refuse("--preset", name(config.train.preset));
     }
     if args
+        .data
         .downscale
         .is_some_and(|downscale| downscale != data.downscale)
     {
         return refuse("--downscale", data.downscale.to_string());
     }
-    if args.frames.is_some() && args.frames != data.frames {
+    if args.data.frames.is_some() && args.data.frames != data.frames {
         let found = data
             .frames
             .map_or("the usual ones".into(), |f| f.to_string());
         return refuse("--frames", found);
     }
-    if args.layout.is_some() && args.layout != data.layout {
+    if args.data.layout.is_some() && args.data.layout != data.layout {
         return refuse(
             "--layout",
             data.layout
                 .map_or("none".into(), |layout| layout.to_string()),
         );
     }
-    if args.skip_broken && !data.skip_broken {
+    if args.data.skip_broken && !data.skip_broken {
         return refuse("--skip-broken", "every view".into());
     }
-    if args.test_cameras.is_some() && test_cameras(args) != data.test_cameras {
+    if args.data.test_cameras().is_some() && args.data.test_cameras() != data.test_cameras {
         let found = data
             .test_cameras
             .as_ref()
             .map_or("the layout's own".into(), |c| format!("{c:?}"));
         return refuse("--test-cameras", found);
     }
-    if args.invert_masks && !data.invert_masks {
+    if args.data.invert_masks && !data.invert_masks {
         return refuse("--invert-masks", "masks as they are".into());
     }
     if shared

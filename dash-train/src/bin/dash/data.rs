@@ -1,0 +1,86 @@
+//! Options of the commands that train: which data, and how it is loaded.
+
+use std::path::Path;
+
+use clap::Args;
+use dash_train::dataset::{Dataset, FrameRange, Layout, load};
+use dash_train::device::DeviceChoice;
+use dash_train::train::DataConfig;
+
+use crate::configuration::DataSection;
+use crate::failure::Failure;
+use crate::summary;
+use crate::values::{self, CameraList};
+
+/// How a dataset is loaded.
+#[derive(Args)]
+pub struct DataArgs {
+    /// Indices of the cameras to hold out, such as 0,7, or none; the layout's own choice when left
+    /// out
+    #[arg(long, value_name = "LIST")]
+    test_cameras: Option<CameraList>,
+    /// Frames to use, such as 151-200, or all; times are over them. Numbers are those of the files, or
+    /// count from 0 [default: all, of published Technicolor scenes the published ones]
+    #[arg(long, value_name = "FIRST-LAST")]
+    pub frames: Option<FrameRange>,
+    /// Make images smaller by this factor [default: 1]
+    #[arg(long, value_name = "K", value_parser = values::downscale)]
+    pub downscale: Option<f64>,
+    /// Memory that the dataset's images may take, such as 2GiB; those that don't fit are decoded when
+    /// they are needed [default: half of what is free]
+    #[arg(long, value_name = "BYTES", value_parser = values::bytes)]
+    pub memory: Option<u64>,
+    /// White in the pictures of `masks/` marks what does not count, instead of what does
+    #[arg(long)]
+    pub invert_masks: bool,
+    /// Force the dataset's layout instead of recognising it by its files
+    #[arg(long, value_enum)]
+    pub layout: Option<Layout>,
+    /// Leave out views whose image cannot be read, with a warning, instead of stopping
+    #[arg(long)]
+    pub skip_broken: bool,
+}
+
+impl DataArgs {
+    /// `--test-cameras`.
+    pub fn test_cameras(&self) -> Option<Vec<usize>> {
+        self.test_cameras.as_ref().map(|list| list.0.clone())
+    }
+
+    /// The dataset, and what a run's `config.toml` says of it; what is not on the command line is taken
+    /// from a configuration file's section.
+    pub fn load(
+        &self,
+        dataset: &Path,
+        file: &DataSection,
+        device: DeviceChoice,
+    ) -> Result<(DataConfig, Dataset), Failure> {
+        let mut data = DataConfig {
+            dataset: dataset.to_path_buf(),
+            layout: self.layout.or(file.layout),
+            downscale: self.downscale.or(file.downscale).unwrap_or(1.0),
+            test_cameras: self.test_cameras().or_else(|| file.test_cameras.clone()),
+            frames: self.frames.or(file.frames),
+            invert_masks: self.invert_masks || file.invert_masks.unwrap_or(false),
+            skip_broken: self.skip_broken || file.skip_broken.unwrap_or(false),
+            device: device.to_string(),
+        };
+        let loaded = load_dataset(&data, self.memory)?;
+        data.dataset = values::absolute(dataset)?;
+        Ok((data, loaded))
+    }
+}
+
+/// The dataset of a run.
+pub fn load_dataset(data: &DataConfig, memory: Option<u64>) -> Result<Dataset, Failure> {
+    let mut options = data.load_options();
+    options.memory = memory;
+    let dataset = load(&data.dataset, &options)?;
+    tracing::debug!(
+        "{}: {} views, {}",
+        data.dataset.display(),
+        dataset.views.len(),
+        summary::bytes(dataset.image_bytes())
+    );
+    Ok(dataset)
+}
