@@ -1,0 +1,65 @@
+//! `dash compare`: runs of several methods, taken up again where they were left.
+
+mod common;
+
+use common::{Bench, TINY};
+
+const METHODS: &str = "dash,hexplane,embedding,static";
+
+fn arguments<'a>(methods: &'a str, budget: &'a str) -> Vec<&'a str> {
+    let mut args = vec![
+        "compare",
+        "room",
+        "--out",
+        "all",
+        "--methods",
+        methods,
+        "--budget",
+        budget,
+        "--curve",
+        "2",
+    ];
+    args.extend(TINY);
+    args
+}
+
+#[test]
+fn methods_are_trained_once_and_told_in_one_table() {
+    let bench = Bench::with_room("n3dv");
+    // Short enough that the first trial is the last.
+    let told = bench.ok(&arguments(METHODS, "0.3"));
+    for method in METHODS.split(',') {
+        let line = told.lines().find(|line| line.starts_with(method));
+        let line = line.unwrap_or_else(|| panic!("no line for {method}:\n{told}"));
+        let columns: Vec<&str> = line.split_whitespace().collect();
+        assert_eq!(columns[1], "1", "{line}");
+        let psnr: f64 = columns[4].parse().unwrap_or_else(|e| panic!("{line}: {e}"));
+        assert!(psnr > 3.0, "{line}");
+        let run = format!("all/{method}/seed-0");
+        let curve = String::from_utf8(bench.read(&format!("{run}/curve.jsonl"))).expect("UTF-8");
+        assert_eq!(curve.lines().count(), 2, "{method}");
+        assert!(bench.path(&format!("{run}/scene/scene.json")).is_file());
+    }
+    let scene = "all/dash/seed-0/results.json";
+    let before = bench.read(scene);
+    let again = bench.ok(&arguments(METHODS, "0.3"));
+    assert_eq!(again, told);
+    assert_eq!(bench.read(scene), before);
+    // A run that was interrupted is trained again.
+    std::fs::remove_file(bench.path(scene)).expect("removed");
+    bench.ok(&arguments("dash", "0.3"));
+    assert!(bench.path(scene).is_file());
+    bench.fails(&arguments("dash", "0.4"), "compare.toml differs");
+}
+
+#[test]
+fn what_cannot_be_compared_is_refused() {
+    let bench = Bench::with_room("n3dv");
+    let none = [&arguments("dash", "1")[..], &["--test-cameras", "none"]].concat();
+    bench.fails(&none, "--test-cameras");
+    bench.write("all/notes.txt", "mine");
+    bench.fails(&arguments("dash", "1"), "new or empty folder");
+    for (methods, budget) in [("dash,hexplan", "1"), ("dash", "0"), ("dash", "soon")] {
+        bench.is_wrong_usage(&arguments(methods, budget));
+    }
+}
