@@ -8,10 +8,12 @@
 //! - `doctor`: what is wrong with a dataset, and how to mend it.
 //! - `compare`: other methods on the same data, at the same cost.
 //! - `device`: devices by name; `evaluate`: `results.json`; `render`: pictures of a scene.
+//! - `bench`: errors and times of kernels; `report`: what was measured, as a page, CSV and PNG.
 //! - `metrics`: picture quality; `video`: pictures and videos on disk.
 //!
 //! Conventions are those of [`dash_kernels`] and [`dash_model`].
 
+pub mod bench;
 pub mod cameras;
 pub mod compare;
 pub mod dataset;
@@ -25,6 +27,7 @@ pub mod metrics;
 pub mod ply;
 pub mod prepare;
 pub mod render;
+pub mod report;
 pub mod synth;
 pub mod train;
 pub mod video;

@@ -21,6 +21,10 @@ const MASK_HALF: u8 = 127;
 /// Steps of an 8-bit channel.
 const LEVELS: f32 = 255.0;
 
+/// How rendered values were rounded.
+pub(crate) const ROUNDING_RULE: &str =
+    "rendered values clamped to [0, 1] and rounded to 8 bits, as a saved PNG";
+
 /// Scores of one view. A score is absent where it is not defined or not finite.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct ViewScores {
@@ -292,17 +296,20 @@ pub(super) fn camera_moving_pixels(
     Ok(moving)
 }
 
+/// How images got their size.
+pub(crate) fn resize_rule(downscale: f64) -> String {
+    if downscale == 1.0 {
+        return "none: the images' own size".into();
+    }
+    format!(
+        "images made smaller by {downscale} on loading, averaging over the area of each new pixel"
+    )
+}
+
 fn settings(background: [f32; 3], downscale: f64, width: usize, height: usize) -> MetricSettings {
-    let resize = if downscale == 1.0 {
-        "none: the images' own size".into()
-    } else {
-        format!(
-            "images made smaller by {downscale} on loading, averaging over the area of each new pixel"
-        )
-    };
     MetricSettings {
-        resize,
-        rounding: "rendered values clamped to [0, 1] and rounded to 8 bits, as a saved PNG".into(),
+        resize: resize_rule(downscale),
+        rounding: ROUNDING_RULE.into(),
         background,
         psnr: PSNR_RULE.into(),
         moving_pixels: MOVING_PIXELS_RULE.into(),

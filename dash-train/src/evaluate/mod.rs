@@ -10,6 +10,7 @@ mod results;
 
 pub use curve::{CurveLine, CurveProbe, MAX_CURVE_VIEWS};
 pub use measure::{DecompositionScores, Evaluation, MetricSettings, ViewScores, evaluate};
+pub(crate) use measure::{ROUNDING_RULE, resize_rule};
 pub use perceptual::{Perceptual, PerceptualFiles};
 pub use results::{
     Process, Results, evaluate_run, peak_memory_bytes, read_results, reset_peak_memory,

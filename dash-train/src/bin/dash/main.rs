@@ -5,6 +5,7 @@
 //! `progress` reports long work, `summary` lays out what is printed, `failure` is how a command
 //! fails.
 
+mod bench;
 mod compare;
 mod configuration;
 mod data;
@@ -17,6 +18,7 @@ mod lpips;
 mod prepare;
 mod progress;
 mod render;
+mod report;
 mod summary;
 mod synth;
 mod train;
@@ -79,6 +81,8 @@ enum Command {
     Eval(eval::EvalArgs),
     Render(render::RenderArgs),
     Export(export::ExportArgs),
+    Report(report::ReportArgs),
+    Bench(bench::BenchArgs),
     Info(info::InfoArgs),
 }
 
@@ -151,6 +155,8 @@ fn run(cli: &Cli) -> Result<String, Failure> {
         Command::Eval(args) => eval::run(args, shared),
         Command::Render(args) => render::run(args, shared),
         Command::Export(args) => export::run(args, shared),
+        Command::Report(args) => report::run(args),
+        Command::Bench(args) => bench::run(args, shared),
         Command::Info(args) => info::run(args, shared),
     }
 }

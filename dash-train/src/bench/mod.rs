@@ -1,0 +1,254 @@
+//! Kernels against their f64 references: how wrong and how fast every variant is on every backend.
+//!
+//! [`run`] measures; `dash report` draws what it writes. Inputs are random f32 values of a fixed
+//! seed, which the reference takes as the exact f64 values that they are, so that an error is the
+//! kernel's own.
+//!
+//! # Map
+//! - this file: what is asked for and the loop over it; `file`: what is written.
+//! - `error`: errors of many values; `timing`: medians and quartiles.
+//! - `hash_encode`, `project`, `rasterize`, `ssim`, `adam`: one operation each;
+//!   `determinant`: two forms of one formula, on the host; `stiffness`: inputs made harder and harder.
+
+mod adam;
+mod determinant;
+mod error;
+mod file;
+mod hash_encode;
+mod project;
+mod rasterize;
+mod ssim;
+mod stiffness;
+mod timing;
+
+use std::fmt;
+
+use burn::tensor::{Device, Tensor, TensorData};
+use dash_kernels::{KernelError, is_deterministic, limits, set_deterministic};
+use rand::{Rng, SeedableRng};
+use rand_pcg::Pcg64;
+
+use crate::TrainError;
+use error::Errors;
+pub use error::{ErrorStats, Norms};
+pub use file::{FORMAT, KernelBench, Measurement, Pass, StiffnessPoint, read_bench};
+pub use timing::Timing;
+use timing::time;
+
+const SEED: u64 = 7;
+/// Name of what runs without a backend.
+const HOST: &str = "host";
+
+/// An operation of `dash-kernels`.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
+#[value(rename_all = "snake_case")]
+pub enum Op {
+    /// Multiresolution hash encoding.
+    HashEncode,
+    /// Projection of Gaussians.
+    Project,
+    /// Rasterization of splats.
+    Rasterize,
+    /// Structural similarity.
+    Ssim,
+    /// A step of Adam.
+    Adam,
+}
+
+impl Op {
+    /// All of them.
+    pub const ALL: [Self; 5] = [
+        Self::HashEncode,
+        Self::Project,
+        Self::Rasterize,
+        Self::Ssim,
+        Self::Adam,
+    ];
+
+    /// Its name in `dash-kernels`.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::HashEncode => "hash_encode",
+            Self::Project => "project",
+            Self::Rasterize => "rasterize",
+            Self::Ssim => "ssim",
+            Self::Adam => "adam",
+        }
+    }
+}
+
+impl fmt::Display for Op {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(self.name())
+    }
+}
+
+/// What is to be measured.
+pub struct BenchOptions {
+    /// The operations.
+    pub ops: Vec<Op>,
+    /// Points, Gaussians, pixels or values that they are measured with.
+    pub sizes: Vec<usize>,
+    /// The devices and their names.
+    pub devices: Vec<(String, Device)>,
+    /// Whether to measure errors of harder and harder inputs, too.
+    pub stiffness: bool,
+}
+
+/// Measures everything; `on_part` is told what is measured next.
+///
+/// What a device has no buffer for is left out and named in the result.
+///
+/// # Errors
+/// When a kernel refuses its input for another reason, or a device breaks down.
+pub fn run(
+    options: &BenchOptions,
+    on_part: &mut dyn FnMut(&str),
+) -> Result<KernelBench, TrainError> {
+    let deterministic = is_deterministic();
+    let mut bench = Bench {
+        on_part,
+        found: KernelBench::new(rayon::current_num_threads()),
+    };
+    let measured = bench.run(options);
+    set_deterministic(deterministic);
+    measured?;
+    Ok(bench.found)
+}
+
+struct Bench<'a> {
+    on_part: &'a mut dyn FnMut(&str),
+    found: KernelBench,
+}
+
+impl Bench<'_> {
+    fn run(&mut self, options: &BenchOptions) -> Result<(), TrainError> {
+        for (name, device) in &options.devices {
+            let target = Target { name, device };
+            for &op in &options.ops {
+                for &size in &options.sizes {
+                    (self.on_part)(&format!("{name}: {op}, {size}"));
+                    let measured = match op {
+                        Op::HashEncode => hash_encode::measure(self, target, size),
+                        Op::Project => project::measure(self, target, size),
+                        Op::Rasterize => rasterize::measure(self, target, size),
+                        Op::Ssim => ssim::measure(self, target, size),
+                        Op::Adam => adam::measure(self, target, size),
+                    };
+                    self.unless_too_large(measured, &format!("{name}: {op}, {size}"))?;
+                }
+            }
+        }
+        if options.ops.contains(&Op::Project) {
+            for &size in &options.sizes {
+                determinant::measure(self, size);
+            }
+        }
+        if options.stiffness {
+            stiffness::measure(self, options)?;
+        }
+        Ok(())
+    }
+
+    /// Notes what a device has no room for and goes on.
+    fn unless_too_large(
+        &mut self,
+        measured: Result<(), TrainError>,
+        what: &str,
+    ) -> Result<(), TrainError> {
+        match measured {
+            Err(TrainError::Kernel(error @ KernelError::Limit { .. })) => {
+                self.found.left_out.push(format!("{what}: {error}"));
+                Ok(())
+            }
+            other => other,
+        }
+    }
+
+    fn add(&mut self, measured: Measurement) {
+        self.found.measurements.push(measured);
+    }
+}
+
+/// A device and its name.
+#[derive(Clone, Copy)]
+struct Target<'a> {
+    name: &'a str,
+    device: &'a Device,
+}
+
+impl Target<'_> {
+    /// The ways in which this device sums gradients: its name for each, and whether it is the
+    /// deterministic one. A CPU has one way.
+    fn gradient_variants(&self) -> Vec<(&'static str, bool)> {
+        if limits::largest_buffer_bytes(self.device).is_some() {
+            vec![(", atomic", false), (", deterministic", true)]
+        } else {
+            vec![("", false)]
+        }
+    }
+
+    fn tensor<const R: usize>(&self, values: &[f32], shape: [usize; R]) -> Tensor<R> {
+        Tensor::from_data(TensorData::new(values.to_vec(), shape), self.device)
+    }
+
+    /// The same on a device that differentiates.
+    fn leaf<const R: usize>(&self, values: &[f32], shape: [usize; R]) -> Tensor<R> {
+        let device = self.device.clone().autodiff();
+        Tensor::from_data(TensorData::new(values.to_vec(), shape), &device).require_grad()
+    }
+
+    /// A tensor on a device that differentiates, without a gradient of its own.
+    fn constant<const R: usize>(&self, values: &[f32], shape: [usize; R]) -> Tensor<R> {
+        let device = self.device.clone().autodiff();
+        Tensor::from_data(TensorData::new(values.to_vec(), shape), &device)
+    }
+
+    fn measurement(&self, op: Op, variant: &str, pass: Pass, size: usize) -> Measurement {
+        Measurement {
+            op: op.name().into(),
+            backend: self.name.into(),
+            variant: variant.into(),
+            pass,
+            size,
+            error: ErrorStats::default(),
+            time: None,
+            note: None,
+        }
+    }
+}
+
+fn generator(salt: u64) -> Pcg64 {
+    Pcg64::seed_from_u64(SEED ^ salt << 32)
+}
+
+fn uniform(rng: &mut Pcg64, n: usize, low: f32, high: f32) -> Vec<f32> {
+    (0..n).map(|_| rng.random_range(low..high)).collect()
+}
+
+/// Close enough to a normal distribution here: the sum of twelve uniform values.
+fn normal(rng: &mut Pcg64) -> f32 {
+    (0..12).map(|_| rng.random::<f32>()).sum::<f32>() - 6.0
+}
+
+fn to_f64(values: &[f32]) -> Vec<f64> {
+    values.iter().map(|&v| f64::from(v)).collect()
+}
+
+fn values<const R: usize>(tensor: Tensor<R>) -> Result<Vec<f32>, TrainError> {
+    tensor
+        .into_data()
+        .try_into_vec::<f32>()
+        .map_err(|error| TrainError::DeviceFault(format!("{error:?}")))
+}
+
+/// A leaf's gradient; zeros where nothing came back.
+fn gradient<const R: usize>(
+    leaf: &Tensor<R>,
+    gradients: &burn::tensor::Gradients,
+) -> Result<Vec<f32>, TrainError> {
+    match leaf.grad(gradients) {
+        Some(gradient) => values(gradient),
+        None => Ok(vec![0.0; leaf.dims().iter().product()]),
+    }
+}

@@ -1,0 +1,352 @@
+//! Figures and tables of kernels' errors and times.
+
+use super::Block;
+use super::plot::{Axis, Figure, N_COLORS, Panel, Point, Series, with_separators};
+use super::table::{Cell, Shown, Table};
+use crate::bench::{ErrorStats, KernelBench, Measurement, Norms, Pass, StiffnessPoint};
+
+/// Figures and tables of what `dash bench` measured; `prefix` begins the names of their files.
+pub fn kernel_blocks(bench: &KernelBench, prefix: &str) -> Vec<Block> {
+    let looks = Looks::of(bench);
+    let mut blocks = Vec::new();
+    for (pass, name, title) in [
+        (Pass::Forward, "forward", "Values: error against run time"),
+        (
+            Pass::Gradient,
+            "gradient",
+            "Gradients: error against run time",
+        ),
+    ] {
+        let figure = error_against_time(bench, pass, &looks, &format!("{prefix}{name}"), title);
+        blocks.extend(figure.map(Block::Figure));
+    }
+    let figure = error_against_stiffness(bench, &looks, &format!("{prefix}stiffness"));
+    blocks.extend(figure.map(Block::Figure));
+    if !bench.left_out.is_empty() {
+        blocks.push(Block::Text(format!(
+            "Left out: {}.",
+            bench.left_out.join("; ")
+        )));
+    }
+    blocks.push(Block::Table(measured(bench, &format!("{prefix}kernels"))));
+    blocks.push(Block::Table(stiff(bench, &format!("{prefix}stiffness"))));
+    blocks
+}
+
+/// What each variant looks like: the colour of its backend, the form of its number among the variants
+/// of its operation.
+struct Looks {
+    backends: Vec<String>,
+    variants: Vec<String>,
+}
+
+impl Looks {
+    fn of(bench: &KernelBench) -> Self {
+        let measured = bench.measurements.iter().map(|m| (&m.backend, &m.variant));
+        let stiff = bench.stiffness.iter().map(|m| (&m.backend, &m.variant));
+        let mut looks = Self {
+            backends: Vec::new(),
+            variants: Vec::new(),
+        };
+        for (backend, variant) in measured.chain(stiff) {
+            for (known, name) in [
+                (&mut looks.backends, backend),
+                (&mut looks.variants, variant),
+            ] {
+                if !known.contains(name) {
+                    known.push(name.clone());
+                }
+            }
+        }
+        looks
+    }
+
+    fn series(&self, backend: &str, variant: &str) -> Series {
+        let place = |names: &[String], name: &str| names.iter().position(|n| n == name);
+        let color = place(&self.backends, backend).unwrap_or(0);
+        Series {
+            label: format!("{backend}, {variant}"),
+            color: color % N_COLORS,
+            mark: place(&self.variants, variant).unwrap_or(0),
+            ..Series::default()
+        }
+    }
+}
+
+fn names<'a>(of: impl Iterator<Item = &'a str>) -> Vec<&'a str> {
+    let mut names: Vec<&str> = Vec::new();
+    for name in of {
+        if !names.contains(&name) {
+            names.push(name);
+        }
+    }
+    names
+}
+
+/// The error that figures show, and the range up to the largest.
+fn shown(norms: &Norms) -> Option<(f64, Option<[f64; 2]>)> {
+    let p99 = norms.p99?;
+    Some((p99, norms.max.map(|max| [p99, max])))
+}
+
+fn error_against_time(
+    bench: &KernelBench,
+    pass: Pass,
+    looks: &Looks,
+    name: &str,
+    title: &str,
+) -> Option<Figure> {
+    let of_pass = || {
+        let all = bench.measurements.iter().filter(move |m| m.pass == pass);
+        all.filter_map(|m| Some((m, m.time?, shown(&m.error.relative)?)))
+    };
+    let mut panels = Vec::new();
+    for op in names(of_pass().map(|(m, ..)| m.op.as_str())) {
+        let mut panel = Panel::new(
+            op,
+            Axis::log("median time (ms)"),
+            Axis::log("relative error against f64: 99th percentile, line up to the largest"),
+        );
+        let of_op = || of_pass().filter(|(m, ..)| m.op == op);
+        let mut sizes: Vec<usize> = of_op().map(|(m, ..)| m.size).collect();
+        sizes.sort_unstable();
+        sizes.dedup();
+        let mut on_front: Vec<(usize, [f64; 2])> = Vec::new();
+        for &size in &sizes {
+            let candidates = of_op().filter(|(m, ..)| m.size == size);
+            let front = pareto(candidates.map(|(_, time, error)| [time.median_ms, error.0]));
+            on_front.extend(front.iter().map(|&place| (size, place)));
+            if front.len() > 1 {
+                panel.fronts.push(front);
+            }
+        }
+        for (m, time, (error, range)) in of_op() {
+            let series = looks.series(&m.backend, &m.variant);
+            let place = [time.median_ms, error];
+            let point = Point {
+                x_range: Some([time.first_quartile_ms, time.third_quartile_ms]),
+                y_range: range,
+                name: Some(short(m.size)),
+                ringed: on_front.contains(&(m.size, place)),
+                ..Point::new(time.median_ms, error)
+            };
+            match panel.series.iter_mut().find(|s| s.label == series.label) {
+                Some(known) => known.points.push(point),
+                None => panel.series.push(Series {
+                    points: vec![point],
+                    ..series
+                }),
+            }
+        }
+        panels.push(panel);
+    }
+    let what = match pass {
+        Pass::Forward => "",
+        Pass::Gradient => " The time is that of values and gradients together.",
+    };
+    let notes = names(of_pass().filter_map(|(m, ..)| m.note.as_deref()));
+    let notes: String = notes.iter().map(|note| format!(" Note: {note}.")).collect();
+    (!panels.is_empty()).then(|| Figure {
+        name: name.into(),
+        title: title.into(),
+        caption: format!(
+            "Left and low is better. Numbers at points are sizes: points, Gaussians, pixels or values. Rings: \
+             nothing of the same size is both faster and as accurate, or as fast and more accurate; \
+             dashed lines join them. Horizontal lines: quartiles of the time.{what} Errors: {}. Times: \
+             {}. {} CPU threads.{notes}{}",
+            bench.error_rule,
+            bench.time_rule,
+            bench.threads,
+            without_place(&panels)
+        ),
+        panels,
+        columns: 2,
+    })
+}
+
+fn without_place(panels: &[Panel]) -> String {
+    match panels.iter().map(Panel::n_without_place).sum::<usize>() {
+        0 => String::new(),
+        n => format!(
+            " {n} errors of exactly 0 have no place on these axes and are in the table only."
+        ),
+    }
+}
+
+/// The places that nothing beats: as low in one direction and lower in the other. By rising x.
+fn pareto(places: impl Iterator<Item = [f64; 2]>) -> Vec<[f64; 2]> {
+    let mut places: Vec<[f64; 2]> = places.filter(|p| p.iter().all(|v| v.is_finite())).collect();
+    places.sort_by(|a, b| a[0].total_cmp(&b[0]).then(a[1].total_cmp(&b[1])));
+    let mut front: Vec<[f64; 2]> = Vec::new();
+    for place in places {
+        if front.last().is_none_or(|last| place[1] < last[1]) {
+            front.push(place);
+        }
+    }
+    front
+}
+
+fn short(size: usize) -> String {
+    match size {
+        0..1_000 => size.to_string(),
+        1_000..1_000_000 => format!("{}k", with_separators(size as f64 / 1e3, 0)),
+        _ => format!("{}M", with_separators(size as f64 / 1e6, 0)),
+    }
+}
+
+fn error_against_stiffness(bench: &KernelBench, looks: &Looks, name: &str) -> Option<Figure> {
+    let mut panels = Vec::new();
+    for sweep in names(bench.stiffness.iter().map(|point| point.sweep.as_str())) {
+        let points = || bench.stiffness.iter().filter(|point| point.sweep == sweep);
+        for op in names(points().map(|point| point.op.as_str())) {
+            let of_op = || points().filter(|point| point.op == op);
+            let x = if of_op().any(|point| point.logarithmic) {
+                Axis::log(sweep)
+            } else {
+                Axis::linear(sweep)
+            };
+            let y =
+                Axis::log("relative error against f64: 99th percentile, band up to the largest");
+            let mut panel = Panel::new(op, x, y);
+            for point in of_op() {
+                let Some((error, range)) = shown(&point.error.relative) else {
+                    continue;
+                };
+                let series = looks.series(&point.backend, &point.variant);
+                let place = Point {
+                    y_range: range,
+                    ..Point::new(point.value, error)
+                };
+                match panel.series.iter_mut().find(|s| s.label == series.label) {
+                    Some(known) => known.points.push(place),
+                    None => panel.series.push(Series {
+                        points: vec![place],
+                        joined: true,
+                        ..series
+                    }),
+                }
+            }
+            panels.push(panel);
+        }
+    }
+    (!panels.is_empty()).then(|| Figure {
+        name: name.into(),
+        title: "Error against stiffness".into(),
+        caption: format!(
+            "Inputs that are made harder from left to right. Needles have an axis ratio of 1e8; at 65,000 px \
+             the f64 reference of the projection is itself good to about 1e-6. Errors: {}.{}",
+            bench.error_rule,
+            without_place(&panels)
+        ),
+        panels,
+        columns: 2,
+    })
+}
+
+const ERROR_COLUMNS: [&str; 10] = [
+    "values",
+    "not finite",
+    "relative max",
+    "relative p99",
+    "relative rms",
+    "relative bias",
+    "absolute max",
+    "absolute p99",
+    "absolute rms",
+    "absolute bias",
+];
+
+fn error_cells(error: &ErrorStats) -> Vec<Cell> {
+    let mut cells = vec![
+        Cell::Number(error.n_values as f64, 0),
+        Cell::Number(error.n_not_finite as f64, 0),
+    ];
+    for norms in [&error.relative, &error.absolute] {
+        let values = [norms.max, norms.p99, norms.rms, norms.bias];
+        cells.extend(values.map(|value| Cell::number(value, 2)));
+    }
+    cells
+}
+
+fn columns(first: &[&str], last: &[&str]) -> Vec<String> {
+    let all = first.iter().chain(&ERROR_COLUMNS).chain(last);
+    all.map(ToString::to_string).collect()
+}
+
+fn measured(bench: &KernelBench, name: &str) -> Table {
+    let row = |m: &Measurement| {
+        let pass = match m.pass {
+            Pass::Forward => "values",
+            Pass::Gradient => "gradients",
+        };
+        let text = [&m.op, pass, &m.backend, &m.variant];
+        let mut row: Vec<Cell> = text.map(|t| Cell::Text(t.into())).into();
+        row.push(Cell::Number(m.size as f64, 0));
+        row.extend(error_cells(&m.error));
+        let time = m.time;
+        row.push(Cell::number(time.map(|t| t.median_ms), 3));
+        row.push(Cell::number(time.map(|t| t.first_quartile_ms), 3));
+        row.push(Cell::number(time.map(|t| t.third_quartile_ms), 3));
+        row.push(Cell::number(time.map(|t| t.n_runs as f64), 0));
+        row
+    };
+    Table {
+        name: name.into(),
+        title: "Every kernel that was measured".into(),
+        caption: format!("Errors: {}. Times: {}.", bench.error_rule, bench.time_rule),
+        columns: columns(
+            &["operation", "of", "backend", "variant", "size"],
+            &[
+                "median (ms)",
+                "first quartile (ms)",
+                "third quartile (ms)",
+                "runs",
+            ],
+        ),
+        rows: bench.measurements.iter().map(row).collect(),
+        shown: Shown::Folded,
+    }
+}
+
+fn stiff(bench: &KernelBench, name: &str) -> Table {
+    let row = |p: &StiffnessPoint| {
+        let mut row = vec![Cell::Text(p.sweep.clone()), Cell::Number(p.value, 0)];
+        row.extend([&p.op, &p.backend, &p.variant].map(|t| Cell::Text(t.clone())));
+        row.extend(error_cells(&p.error));
+        row
+    };
+    Table {
+        name: name.into(),
+        title: "Every harder input".into(),
+        caption: format!("Errors: {}.", bench.error_rule),
+        columns: columns(&["series", "at", "operation", "backend", "variant"], &[]),
+        rows: bench.stiffness.iter().map(row).collect(),
+        shown: Shown::Folded,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_front_is_what_nothing_beats() {
+        let places = [
+            [1.0, 5.0],
+            [2.0, 3.0],
+            [2.0, 4.0],
+            [3.0, 3.0],
+            [4.0, 1.0],
+            [f64::NAN, 0.0],
+        ];
+        let front = pareto(places.into_iter());
+        assert_eq!(front, [[1.0, 5.0], [2.0, 3.0], [4.0, 1.0]]);
+        assert!(pareto([].into_iter()).is_empty());
+    }
+
+    #[test]
+    fn sizes_are_short() {
+        let got = [7, 999, 10_000, 2_000_000].map(short);
+        assert_eq!(got, ["7", "999", "10k", "2M"]);
+    }
+}

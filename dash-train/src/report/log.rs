@@ -1,0 +1,108 @@
+//! What every run logs while it trains, measured with `--curve` or not.
+
+use super::groups::RunGroup;
+use super::plot::{Axis, Figure, Panel, Point, Series};
+use super::statistics::spread;
+use super::table::{Cell, Shown, Table};
+use super::training::{runs_of, series};
+use crate::train::LogLine;
+
+type Quantity = (&'static str, fn(&LogLine) -> Option<f64>);
+
+const QUANTITIES: [Quantity; 4] = [
+    ("PSNR of training views (dB)", |line| {
+        Some(f64::from(line.train_psnr))
+    }),
+    ("PSNR of validation views (dB)", |line| line.validation_psnr),
+    ("static Gaussians", |line| Some(line.n_static as f64)),
+    ("dynamic Gaussians", |line| Some(line.n_dynamic as f64)),
+];
+
+/// The logs against seconds; `None` when no run has one.
+pub(super) fn figure(groups: &[RunGroup]) -> Option<Figure> {
+    let mut panels = Vec::new();
+    for (label, of) in QUANTITIES {
+        let mut panel = Panel::new("", Axis::linear("seconds trained"), Axis::linear(label));
+        for (i, group) in groups.iter().enumerate() {
+            let points = median_log(group, of);
+            if !points.is_empty() {
+                panel.series.push(Series {
+                    points,
+                    joined: true,
+                    named_at_end: groups.len() > 1,
+                    ..series(groups, i)
+                });
+            }
+        }
+        if !panel.series.is_empty() {
+            panels.push(panel);
+        }
+    }
+    (!panels.is_empty()).then(|| Figure {
+        name: "log".into(),
+        title: "Progress as the runs logged it".into(),
+        caption: "From log.jsonl. Training views are scored as they come, each in its own step, and \
+                  rounded to nothing; validation views are neither trained on nor tested. Lines are \
+                  medians over the runs of a group, bands lowest to highest."
+            .into(),
+        panels,
+        columns: 2,
+    })
+}
+
+fn median_log(group: &RunGroup, of: fn(&LogLine) -> Option<f64>) -> Vec<Point> {
+    let logs: Vec<&[LogLine]> = group
+        .runs
+        .iter()
+        .map(|run| run.log.as_slice())
+        .filter(|log| !log.is_empty())
+        .collect();
+    let Some((first, others)) = logs.split_first() else {
+        return Vec::new();
+    };
+    first
+        .iter()
+        .filter_map(|line| {
+            let mut lines = vec![line];
+            for log in others {
+                lines.push(log.iter().find(|other| other.step == line.step)?);
+            }
+            let [y, low, high] = spread(lines.iter().filter_map(|line| of(line)))?;
+            let x = spread(lines.iter().map(|line| line.seconds))?[0];
+            Some(Point {
+                y_range: (lines.len() > 1).then_some([low, high]),
+                ..Point::new(x, y)
+            })
+        })
+        .collect()
+}
+
+/// Every line of the logs, for a file; `None` when no run has one.
+pub(super) fn table(groups: &[RunGroup]) -> Option<Table> {
+    let mut columns: Vec<String> = ["runs of", "run", "step", "seconds trained", "loss"]
+        .map(ToString::to_string)
+        .into();
+    columns.extend(QUANTITIES.map(|(label, _)| label.to_string()));
+    let lines =
+        runs_of(groups).flat_map(|(label, run)| run.log.iter().map(move |line| (label, run, line)));
+    let rows: Vec<Vec<Cell>> = lines
+        .map(|(label, run, line)| {
+            let mut row = vec![
+                Cell::Text(label.into()),
+                Cell::Text(run.name.clone()),
+                Cell::Text(line.step.to_string()),
+                Cell::Number(line.seconds, 2),
+                Cell::number(Some(f64::from(line.loss)), 4),
+            ];
+            row.extend(QUANTITIES.map(|(_, of)| Cell::number(of(line), 2)));
+            row
+        })
+        .collect();
+    (!rows.is_empty()).then(|| Table {
+        name: "log".into(),
+        columns,
+        rows,
+        shown: Shown::File,
+        ..Table::default()
+    })
+}

@@ -1,0 +1,59 @@
+//! Medians over seeds, and times to a quality.
+
+/// Median, lowest and highest of the values that are numbers; `None` of none.
+pub(super) fn spread(values: impl IntoIterator<Item = f64>) -> Option<[f64; 3]> {
+    let mut sorted: Vec<f64> = values.into_iter().filter(|v| v.is_finite()).collect();
+    sorted.sort_by(f64::total_cmp);
+    let n = sorted.len();
+    let median = match n {
+        0 => return None,
+        n if n % 2 == 1 => sorted[n / 2],
+        n => (sorted[n / 2 - 1] + sorted[n / 2]) / 2.0,
+    };
+    Some([median, sorted[0], sorted[n - 1]])
+}
+
+/// The seconds after which a quality was first measured to be within `margin` of its best.
+pub(super) fn seconds_to_best(
+    curve: impl Iterator<Item = (f64, Option<f64>)>,
+    margin: f64,
+) -> Option<f64> {
+    let curve: Vec<(f64, f64)> = curve
+        .filter_map(|(seconds, value)| Some((seconds, value.filter(|v| v.is_finite())?)))
+        .collect();
+    let best = curve.iter().map(|(_, value)| *value).reduce(f64::max)?;
+    let reached = curve.iter().find(|(_, value)| *value >= best - margin)?;
+    Some(reached.0)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_median_is_the_middle_or_between_the_middle_two() {
+        assert_eq!(spread([3.0, 1.0, 2.0]), Some([2.0, 1.0, 3.0]));
+        assert_eq!(spread([4.0, 1.0]), Some([2.5, 1.0, 4.0]));
+        assert_eq!(spread([f64::NAN, 7.0]), Some([7.0, 7.0, 7.0]));
+        assert_eq!(spread([f64::NAN]), None);
+        assert_eq!(spread([]), None);
+    }
+
+    #[test]
+    fn the_time_to_best_is_that_of_the_first_measurement_near_it() {
+        let curve = [
+            (1.0, Some(20.0)),
+            (2.0, Some(29.6)),
+            (3.0, Some(29.95)),
+            (4.0, None),
+            (5.0, Some(30.0)),
+            (6.0, Some(29.0)),
+        ];
+        let to = |margin| seconds_to_best(curve.into_iter(), margin);
+        assert_eq!(to(0.5), Some(2.0));
+        assert_eq!(to(0.1), Some(3.0));
+        assert_eq!(to(0.0), Some(5.0));
+        assert_eq!(to(100.0), Some(1.0));
+        assert_eq!(seconds_to_best([(1.0, None)].into_iter(), 0.5), None);
+    }
+}

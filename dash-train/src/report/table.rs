@@ -1,0 +1,190 @@
+//! Tables: on the page for people, as CSV for programs.
+
+use super::page::escaped;
+
+/// Rows of text under named columns.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct Table {
+    /// Name of its CSV, without extension.
+    pub name: String,
+    /// Its heading.
+    pub title: String,
+    /// What a reader must know to read it; empty for nothing.
+    pub caption: String,
+    /// Names of the columns, with units.
+    pub columns: Vec<String>,
+    /// The cells.
+    pub rows: Vec<Vec<Cell>>,
+    /// Where it stands.
+    pub shown: Shown,
+}
+
+/// Where a table stands beside its CSV.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum Shown {
+    /// On the page.
+    #[default]
+    Open,
+    /// On the page, when the reader asks for it.
+    Folded,
+    /// In its file alone.
+    File,
+}
+
+/// What stands in a table.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Cell {
+    /// A name.
+    Text(String),
+    /// A measured value, and the digits after the point that the page shows.
+    Number(f64, usize),
+    /// The value and its lowest and highest.
+    Spread([f64; 3], usize),
+    /// Not measured.
+    Missing,
+}
+
+impl Cell {
+    /// A number, where it was measured and is one.
+    pub fn number(value: Option<f64>, decimals: usize) -> Self {
+        match value {
+            Some(value) if value.is_finite() => Self::Number(value, decimals),
+            _ => Self::Missing,
+        }
+    }
+
+    /// As the page shows it.
+    pub(super) fn shown(&self) -> String {
+        match self {
+            Self::Text(text) => text.clone(),
+            Self::Number(value, decimals) => rounded(*value, *decimals),
+            Self::Spread([value, low, high], decimals) => {
+                let [value, low, high] = [value, low, high].map(|v| rounded(*v, *decimals));
+                format!("{value} ({low}–{high})")
+            }
+            Self::Missing => "-".into(),
+        }
+    }
+
+    /// The CSV fields: every digit of a value; its lowest and highest in fields of their own.
+    fn fields(&self, spread: bool) -> Vec<String> {
+        let mut fields = match self {
+            Self::Text(text) => vec![quoted(text)],
+            Self::Number(value, _) => vec![value.to_string()],
+            Self::Spread(values, _) => values.iter().map(ToString::to_string).collect(),
+            Self::Missing => vec![String::new()],
+        };
+        if spread {
+            fields.resize(3, String::new());
+        }
+        fields
+    }
+}
+
+fn rounded(value: f64, decimals: usize) -> String {
+    if value != 0.0 && value.abs() < 0.5 * 10f64.powi(-(decimals as i32)) {
+        return format!("{value:.2e}");
+    }
+    super::plot::with_separators(value, decimals)
+}
+
+impl Table {
+    /// The table with RFC 4180's quoting; a column with spreads becomes three.
+    pub fn csv(&self) -> String {
+        let has_spread = |column: usize| {
+            let cells = self.rows.iter().filter_map(|row| row.get(column));
+            cells
+                .into_iter()
+                .any(|cell| matches!(cell, Cell::Spread(..)))
+        };
+        let spreads: Vec<bool> = (0..self.columns.len()).map(has_spread).collect();
+        let mut header = Vec::new();
+        for (name, &spread) in self.columns.iter().zip(&spreads) {
+            header.push(quoted(name));
+            if spread {
+                header.extend(["lowest", "highest"].map(|end| quoted(&format!("{name} {end}"))));
+            }
+        }
+        let mut lines = vec![header.join(",")];
+        for row in &self.rows {
+            let cells = row.iter().zip(&spreads);
+            let fields: Vec<String> = cells
+                .flat_map(|(cell, &spread)| cell.fields(spread))
+                .collect();
+            lines.push(fields.join(","));
+        }
+        lines.join("\r\n") + "\r\n"
+    }
+
+    /// The table for a page.
+    pub(super) fn html(&self) -> String {
+        let header: String = self
+            .columns
+            .iter()
+            .map(|name| format!("<th>{}</th>", escaped(name)))
+            .collect();
+        let row = |row: &Vec<Cell>| {
+            let cells: String = row
+                .iter()
+                .map(|cell| {
+                    let class = match cell {
+                        Cell::Text(_) => "",
+                        _ => " class=\"number\"",
+                    };
+                    format!("<td{class}>{}</td>", escaped(&cell.shown()))
+                })
+                .collect();
+            format!("<tr>{cells}</tr>\n")
+        };
+        let rows: String = self.rows.iter().map(row).collect();
+        format!(
+            "<div class=\"wide\"><table><thead><tr>{header}</tr></thead>\n<tbody>\n{rows}</tbody></table></div>"
+        )
+    }
+}
+
+fn quoted(text: &str) -> String {
+    if text.contains([',', '"', '\n', '\r']) {
+        format!("\"{}\"", text.replace('"', "\"\""))
+    } else {
+        text.into()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn csv_keeps_every_digit_and_quotes_what_needs_it() {
+        let table = Table {
+            columns: vec!["run, name".into(), "PSNR (dB)".into()],
+            rows: vec![
+                vec![
+                    Cell::Text("a \"b\"".into()),
+                    Cell::Spread([31.25, 30.123456789, 32.0], 2),
+                ],
+                vec![Cell::Text("c".into()), Cell::Number(0.1, 2)],
+                vec![Cell::Text("d".into()), Cell::number(Some(f64::NAN), 2)],
+            ],
+            ..Table::default()
+        };
+        assert_eq!(
+            table.csv(),
+            "\"run, name\",PSNR (dB),PSNR (dB) lowest,PSNR (dB) highest\r\n\
+             \"a \"\"b\"\"\",31.25,30.123456789,32\r\nc,0.1,,\r\nd,,,\r\n"
+        );
+        let page = table.html();
+        assert!(
+            page.contains("31.25 (30.12–32.00)") && page.contains("<td class=\"number\">-</td>")
+        );
+        assert!(page.contains("a &quot;b&quot;"));
+    }
+
+    #[test]
+    fn small_numbers_do_not_become_zero() {
+        assert_eq!(Cell::Number(1.5e-7, 2).shown(), "1.50e-7");
+        assert_eq!(Cell::Number(0.0, 2).shown(), "0.00");
+        assert_eq!(Cell::Number(12345.6, 1).shown(), "12,345.6");
+    }
+}
