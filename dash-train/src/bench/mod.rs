@@ -19,6 +19,8 @@ mod project;
 mod rasterize;
 mod ssim;
 mod stiffness;
+#[cfg(test)]
+mod tests;
 mod timing;
 
 use std::fmt;

@@ -4,6 +4,7 @@
 //! stands still while they are taken.
 
 use std::collections::BTreeMap;
+use std::collections::btree_map::Entry;
 use std::path::Path;
 use std::sync::Arc;
 
@@ -103,9 +104,8 @@ impl CurveProbe {
         let mut moving = BTreeMap::new();
         for &index in &views {
             let view = &dataset.views[index];
-            if !moving.contains_key(&view.camera_index) {
-                let pixels = camera_moving_pixels(&dataset, view, background)?;
-                moving.insert(view.camera_index, pixels);
+            if let Entry::Vacant(new) = moving.entry(view.camera_index) {
+                new.insert(camera_moving_pixels(&dataset, view, background)?);
             }
         }
         Ok(Self {

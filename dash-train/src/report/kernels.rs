@@ -1,13 +1,15 @@
 //! Figures and tables of kernels' errors and times.
 
 use super::Block;
-use super::plot::{Axis, Figure, N_COLORS, Panel, Point, Series, with_separators};
+use super::plot::{Axis, Figure, LegendEntry, N_COLORS, Panel, Point, Series, with_separators};
 use super::table::{Cell, Shown, Table};
 use crate::bench::{ErrorStats, KernelBench, Measurement, Norms, Pass, StiffnessPoint};
 
+/// Errors that differ by less, relatively, are alike.
+const ALIKE: f64 = 0.05;
+
 /// Figures and tables of what `dash bench` measured; `prefix` begins the names of their files.
 pub fn kernel_blocks(bench: &KernelBench, prefix: &str) -> Vec<Block> {
-    let looks = Looks::of(bench);
     let mut blocks = Vec::new();
     for (pass, name, title) in [
         (Pass::Forward, "forward", "Values: error against run time"),
@@ -17,10 +19,10 @@ pub fn kernel_blocks(bench: &KernelBench, prefix: &str) -> Vec<Block> {
             "Gradients: error against run time",
         ),
     ] {
-        let figure = error_against_time(bench, pass, &looks, &format!("{prefix}{name}"), title);
+        let figure = error_against_time(bench, pass, &format!("{prefix}{name}"), title);
         blocks.extend(figure.map(Block::Figure));
     }
-    let figure = error_against_stiffness(bench, &looks, &format!("{prefix}stiffness"));
+    let figure = error_against_stiffness(bench, &format!("{prefix}stiffness"));
     blocks.extend(figure.map(Block::Figure));
     if !bench.left_out.is_empty() {
         blocks.push(Block::Text(format!(
@@ -28,37 +30,30 @@ pub fn kernel_blocks(bench: &KernelBench, prefix: &str) -> Vec<Block> {
             bench.left_out.join("; ")
         )));
     }
-    blocks.push(Block::Table(measured(bench, &format!("{prefix}kernels"))));
+    blocks.push(Block::Table(measured(
+        bench,
+        &format!("{prefix}measurements"),
+    )));
     blocks.push(Block::Table(stiff(bench, &format!("{prefix}stiffness"))));
     blocks
 }
 
-/// What each variant looks like: the colour of its backend, the form of its number among the variants
-/// of its operation.
+/// What each variant of a figure looks like: a colour for its backend, the same in every figure, and a
+/// form for its variant.
 struct Looks {
     backends: Vec<String>,
     variants: Vec<String>,
 }
 
 impl Looks {
-    fn of(bench: &KernelBench) -> Self {
-        let measured = bench.measurements.iter().map(|m| (&m.backend, &m.variant));
-        let stiff = bench.stiffness.iter().map(|m| (&m.backend, &m.variant));
-        let mut looks = Self {
-            backends: Vec::new(),
-            variants: Vec::new(),
-        };
-        for (backend, variant) in measured.chain(stiff) {
-            for (known, name) in [
-                (&mut looks.backends, backend),
-                (&mut looks.variants, variant),
-            ] {
-                if !known.contains(name) {
-                    known.push(name.clone());
-                }
-            }
+    fn new<'a>(bench: &KernelBench, variants: impl Iterator<Item = &'a str>) -> Self {
+        let measured = bench.measurements.iter().map(|m| m.backend.as_str());
+        let stiff = bench.stiffness.iter().map(|p| p.backend.as_str());
+        let owned = |names: Vec<&str>| names.into_iter().map(Into::into).collect();
+        Self {
+            backends: owned(names(measured.chain(stiff))),
+            variants: owned(names(variants)),
         }
-        looks
     }
 
     fn series(&self, backend: &str, variant: &str) -> Series {
@@ -70,6 +65,31 @@ impl Looks {
             mark: place(&self.variants, variant).unwrap_or(0),
             ..Series::default()
         }
+    }
+
+    /// The colours of the backends and the forms of the variants that these panels have.
+    fn legend(&self, panels: &[Panel]) -> Vec<LegendEntry> {
+        let series = || panels.iter().flat_map(|panel| &panel.series);
+        let entry = |label: &String, color, mark| LegendEntry {
+            label: label.clone(),
+            color,
+            mark,
+            joined: false,
+            dashed: false,
+        };
+        // Backends that share a line share an entry: the longest name is that of all of them.
+        let shared = |color: usize| {
+            let own = series().filter(move |s| s.color == color % N_COLORS);
+            let backends = own.filter_map(|s| s.label.split(", ").next());
+            backends.max_by_key(|name| name.len()).map(String::from)
+        };
+        let colors = (0..self.backends.len()).filter_map(|i| Some((i, shared(i)?)));
+        let forms = self.variants.iter().enumerate();
+        let forms = forms.filter(|(i, _)| series().any(|s| s.mark == *i));
+        colors
+            .map(|(i, name)| entry(&name, Some(i), 0))
+            .chain(forms.map(|(i, name)| entry(name, None, i)))
+            .collect()
     }
 }
 
@@ -89,17 +109,12 @@ fn shown(norms: &Norms) -> Option<(f64, Option<[f64; 2]>)> {
     Some((p99, norms.max.map(|max| [p99, max])))
 }
 
-fn error_against_time(
-    bench: &KernelBench,
-    pass: Pass,
-    looks: &Looks,
-    name: &str,
-    title: &str,
-) -> Option<Figure> {
+fn error_against_time(bench: &KernelBench, pass: Pass, name: &str, title: &str) -> Option<Figure> {
     let of_pass = || {
         let all = bench.measurements.iter().filter(move |m| m.pass == pass);
         all.filter_map(|m| Some((m, m.time?, shown(&m.error.relative)?)))
     };
+    let looks = Looks::new(bench, of_pass().map(|(m, ..)| m.variant.as_str()));
     let mut panels = Vec::new();
     for op in names(of_pass().map(|(m, ..)| m.op.as_str())) {
         let mut panel = Panel::new(
@@ -150,15 +165,17 @@ fn error_against_time(
         name: name.into(),
         title: title.into(),
         caption: format!(
-            "Left and low is better. Numbers at points are sizes: points, Gaussians, pixels or values. Rings: \
-             nothing of the same size is both faster and as accurate, or as fast and more accurate; \
-             dashed lines join them. Horizontal lines: quartiles of the time.{what} Errors: {}. Times: \
+            "Left and low is better. Colours are backends, forms are variants. Numbers at points are sizes: \
+             points, Gaussians, pixels or values. Rings: whatever of the same size is faster is less accurate \
+             by more than {:.0} %; dashed lines join them. Horizontal lines: quartiles of the time.{what} Errors: {}. Times: \
              {}. {} CPU threads.{notes}{}",
+            100.0 * ALIKE,
             bench.error_rule,
             bench.time_rule,
             bench.threads,
             without_place(&panels)
         ),
+        legend: looks.legend(&panels),
         panels,
         columns: 2,
     })
@@ -173,13 +190,16 @@ fn without_place(panels: &[Panel]) -> String {
     }
 }
 
-/// The places that nothing beats: as low in one direction and lower in the other. By rising x.
+/// The places that nothing beats, by rising x: each is lower than all to its left of it.
 fn pareto(places: impl Iterator<Item = [f64; 2]>) -> Vec<[f64; 2]> {
     let mut places: Vec<[f64; 2]> = places.filter(|p| p.iter().all(|v| v.is_finite())).collect();
     places.sort_by(|a, b| a[0].total_cmp(&b[0]).then(a[1].total_cmp(&b[1])));
     let mut front: Vec<[f64; 2]> = Vec::new();
     for place in places {
-        if front.last().is_none_or(|last| place[1] < last[1]) {
+        if front
+            .last()
+            .is_none_or(|last| place[1] * (1.0 + ALIKE) < last[1])
+        {
             front.push(place);
         }
     }
@@ -194,7 +214,8 @@ fn short(size: usize) -> String {
     }
 }
 
-fn error_against_stiffness(bench: &KernelBench, looks: &Looks, name: &str) -> Option<Figure> {
+fn error_against_stiffness(bench: &KernelBench, name: &str) -> Option<Figure> {
+    let looks = Looks::new(bench, bench.stiffness.iter().map(|p| p.variant.as_str()));
     let mut panels = Vec::new();
     for sweep in names(bench.stiffness.iter().map(|point| point.sweep.as_str())) {
         let points = || bench.stiffness.iter().filter(|point| point.sweep == sweep);
@@ -208,22 +229,18 @@ fn error_against_stiffness(bench: &KernelBench, looks: &Looks, name: &str) -> Op
             let y =
                 Axis::log("relative error against f64: 99th percentile, band up to the largest");
             let mut panel = Panel::new(op, x, y);
-            for point in of_op() {
-                let Some((error, range)) = shown(&point.error.relative) else {
-                    continue;
-                };
-                let series = looks.series(&point.backend, &point.variant);
-                let place = Point {
-                    y_range: range,
-                    ..Point::new(point.value, error)
-                };
-                match panel.series.iter_mut().find(|s| s.label == series.label) {
-                    Some(known) => known.points.push(place),
-                    None => panel.series.push(Series {
-                        points: vec![place],
+            let variants = names(of_op().map(|point| point.variant.as_str()));
+            for variant in variants {
+                let of_variant = || of_op().filter(|point| point.variant == variant);
+                for backends in alike(of_variant().collect()) {
+                    let first = backends[0];
+                    let points = of_variant().filter(|point| point.backend == first);
+                    panel.series.push(Series {
+                        label: format!("{}, {variant}", backends.join(" and ")),
+                        points: points.filter_map(place).collect(),
                         joined: true,
-                        ..series
-                    }),
+                        ..looks.series(first, variant)
+                    });
                 }
             }
             panels.push(panel);
@@ -233,14 +250,43 @@ fn error_against_stiffness(bench: &KernelBench, looks: &Looks, name: &str) -> Op
         name: name.into(),
         title: "Error against stiffness".into(),
         caption: format!(
-            "Inputs that are made harder from left to right. Needles have an axis ratio of 1e8; at 65,000 px \
+            "Inputs that are made harder from left to right. Colours are backends, forms are variants; backends \
+             whose errors are the same are one line in the colour of the first. An error of 1 is a value \
+             that only the reference has, such as a Gaussian that f32 cannot hold and that is not drawn. \
+             Needles have an axis ratio of 1e8; at 65,000 px \
              the f64 reference of the projection is itself good to about 1e-6. Errors: {}.{}",
             bench.error_rule,
             without_place(&panels)
         ),
+        legend: looks.legend(&panels),
         panels,
         columns: 2,
     })
+}
+
+/// The point's place on its panel.
+fn place(point: &StiffnessPoint) -> Option<Point> {
+    let (error, range) = shown(&point.error.relative)?;
+    Some(Point {
+        y_range: range,
+        ..Point::new(point.value, error)
+    })
+}
+
+/// Backends by their errors: those that run the same code are one line.
+fn alike(points: Vec<&StiffnessPoint>) -> Vec<Vec<&str>> {
+    let of = |backend: &str| -> Vec<(f64, ErrorStats)> {
+        let own = points.iter().filter(|point| point.backend == backend);
+        own.map(|point| (point.value, point.error)).collect()
+    };
+    let mut groups: Vec<Vec<&str>> = Vec::new();
+    for backend in names(points.iter().map(|point| point.backend.as_str())) {
+        match groups.iter_mut().find(|group| of(group[0]) == of(backend)) {
+            Some(group) => group.push(backend),
+            None => groups.push(vec![backend]),
+        }
+    }
+    groups
 }
 
 const ERROR_COLUMNS: [&str; 10] = [
@@ -305,6 +351,7 @@ fn measured(bench: &KernelBench, name: &str) -> Table {
         ),
         rows: bench.measurements.iter().map(row).collect(),
         shown: Shown::Folded,
+        turned: false,
     }
 }
 
@@ -322,6 +369,7 @@ fn stiff(bench: &KernelBench, name: &str) -> Table {
         columns: columns(&["series", "at", "operation", "backend", "variant"], &[]),
         rows: bench.stiffness.iter().map(row).collect(),
         shown: Shown::Folded,
+        turned: false,
     }
 }
 
@@ -332,6 +380,7 @@ mod tests {
     #[test]
     fn the_front_is_what_nothing_beats() {
         let places = [
+            [5.0, 0.99],
             [1.0, 5.0],
             [2.0, 3.0],
             [2.0, 4.0],

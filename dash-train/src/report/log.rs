@@ -34,17 +34,20 @@ pub(super) fn figure(groups: &[RunGroup]) -> Option<Figure> {
                 });
             }
         }
-        if !panel.series.is_empty() {
+        // A single measurement is no progress.
+        if panel.series.iter().any(|series| series.points.len() > 1) {
             panels.push(panel);
         }
     }
     (!panels.is_empty()).then(|| Figure {
         name: "log".into(),
         title: "Progress as the runs logged it".into(),
-        caption: "From log.jsonl. Training views are scored as they come, each in its own step, and \
-                  rounded to nothing; validation views are neither trained on nor tested. Lines are \
+        caption:
+            "From log.jsonl. Training views are scored as they come, each in its own step, and \
+                  not rounded; validation views are neither trained on nor tested. Lines are \
                   medians over the runs of a group, bands lowest to highest."
-            .into(),
+                .into(),
+        legend: Vec::new(),
         panels,
         columns: 2,
     })
@@ -79,7 +82,7 @@ fn median_log(group: &RunGroup, of: fn(&LogLine) -> Option<f64>) -> Vec<Point> {
 
 /// Every line of the logs, for a file; `None` when no run has one.
 pub(super) fn table(groups: &[RunGroup]) -> Option<Table> {
-    let mut columns: Vec<String> = ["runs of", "run", "step", "seconds trained", "loss"]
+    let mut columns: Vec<String> = ["group", "run", "step", "seconds trained", "loss"]
         .map(ToString::to_string)
         .into();
     columns.extend(QUANTITIES.map(|(label, _)| label.to_string()));

@@ -9,7 +9,8 @@
 //! - this file: the report and its files; `page`: the page; `table`: tables and CSV.
 //! - `plot`: figures; `draw`: shapes as SVG and as pixels.
 //! - `inputs`: from paths to a report; `runs`: what a run's folder holds; `groups`: runs of several seeds;
-//!   `statistics`: medians and times to a quality; `training`, `log`, `settings`: their figures and captions.
+//!   `statistics`: medians and times to a quality; `measures`: what is measured of them;
+//!   `training`, `log`, `tables`, `settings`: their figures, tables and captions.
 //! - `kernels`: figures of kernels' errors and times.
 
 mod draw;
@@ -17,12 +18,14 @@ mod groups;
 mod inputs;
 mod kernels;
 mod log;
+mod measures;
 mod page;
 mod plot;
 mod runs;
 mod settings;
 mod statistics;
 mod table;
+mod tables;
 #[cfg(test)]
 mod tests;
 mod training;
@@ -39,7 +42,7 @@ use crate::TrainError;
 pub use groups::{RunGroup, group_by_seed};
 pub use inputs::compared;
 pub use kernels::kernel_blocks;
-pub use plot::{Axis, Figure, Panel, Point, Scale, Series};
+pub use plot::{Axis, Figure, LegendEntry, Panel, Point, Scale, Series};
 pub use runs::{RunRecord, read_run};
 pub use table::{Cell, Shown, Table};
 pub use training::training_blocks;

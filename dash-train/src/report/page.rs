@@ -11,7 +11,7 @@ h1{font-size:1.6em}h2{font-size:1.25em;margin:2em 0 .4em}h3{font-size:1.05em;mar
 svg{max-width:100%;height:auto;display:block}
 figure{margin:1.5em 0}figcaption,.caption{color:#5c6166;font-size:.86em;line-height:1.45;margin:.3em 0}
 .wide{overflow-x:auto}table{border-collapse:collapse;font-size:.86em}
-th{text-align:left;font-weight:600;border-bottom:1px solid #5c6166}
+th{text-align:left;padding-right:.8em;font-weight:600;border-bottom:1px solid #5c6166}
 th,td{padding:.25em .8em .25em 0;vertical-align:top}td{border-bottom:1px solid #e3e5e8}
 .number{text-align:right;font-variant-numeric:tabular-nums;white-space:nowrap}
 summary{cursor:pointer}

@@ -17,6 +17,8 @@ pub struct Table {
     pub rows: Vec<Vec<Cell>>,
     /// Where it stands.
     pub shown: Shown,
+    /// Whether the page shows its columns as rows, as suits a few rows of many columns.
+    pub turned: bool,
 }
 
 /// Where a table stands beside its CSV.
@@ -63,6 +65,13 @@ impl Cell {
                 format!("{value} ({low}–{high})")
             }
             Self::Missing => "-".into(),
+        }
+    }
+
+    fn class(&self) -> &'static str {
+        match self {
+            Self::Text(_) => "",
+            _ => " class=\"number\"",
         }
     }
 
@@ -118,25 +127,35 @@ impl Table {
 
     /// The table for a page.
     pub(super) fn html(&self) -> String {
-        let header: String = self
-            .columns
-            .iter()
-            .map(|name| format!("<th>{}</th>", escaped(name)))
-            .collect();
-        let row = |row: &Vec<Cell>| {
-            let cells: String = row
-                .iter()
-                .map(|cell| {
-                    let class = match cell {
-                        Cell::Text(_) => "",
-                        _ => " class=\"number\"",
-                    };
-                    format!("<td{class}>{}</td>", escaped(&cell.shown()))
-                })
+        let row = |cells: &mut dyn Iterator<Item = (String, &'static str)>| {
+            let cells: String = cells
+                .map(|(text, class)| format!("<td{class}>{}</td>", escaped(&text)))
                 .collect();
             format!("<tr>{cells}</tr>\n")
         };
-        let rows: String = self.rows.iter().map(row).collect();
+        let shown = |cell: &Cell| (cell.shown(), cell.class());
+        let (header, rows): (Vec<String>, String) = if self.turned {
+            let first = self.columns.iter().take(1).cloned();
+            let others = self
+                .rows
+                .iter()
+                .filter_map(|cells| Some(cells.first()?.shown()));
+            let rows = self.columns.iter().enumerate().skip(1).map(|(i, name)| {
+                let cells = self.rows.iter().filter_map(|cells| cells.get(i));
+                row(&mut std::iter::once((name.clone(), "")).chain(cells.map(shown)))
+            });
+            (first.chain(others).collect(), rows.collect())
+        } else {
+            let rows = self
+                .rows
+                .iter()
+                .map(|cells| row(&mut cells.iter().map(shown)));
+            (self.columns.clone(), rows.collect())
+        };
+        let header: String = header
+            .iter()
+            .map(|name| format!("<th>{}</th>", escaped(name)))
+            .collect();
         format!(
             "<div class=\"wide\"><table><thead><tr>{header}</tr></thead>\n<tbody>\n{rows}</tbody></table></div>"
         )
@@ -179,6 +198,27 @@ mod tests {
             page.contains("31.25 (30.12–32.00)") && page.contains("<td class=\"number\">-</td>")
         );
         assert!(page.contains("a &quot;b&quot;"));
+    }
+
+    #[test]
+    fn a_turned_table_has_its_columns_as_rows() {
+        let table = Table {
+            columns: ["group", "PSNR"].map(Into::into).into(),
+            rows: vec![
+                vec![Cell::Text("a".into()), Cell::Number(1.0, 1)],
+                vec![Cell::Text("b".into()), Cell::Missing],
+            ],
+            turned: true,
+            ..Table::default()
+        };
+        let page = table.html();
+        assert!(
+            page.contains("<th>group</th><th>a</th><th>b</th>"),
+            "{page}"
+        );
+        let row = "<tr><td>PSNR</td><td class=\"number\">1.0</td><td class=\"number\">-</td></tr>";
+        assert!(page.contains(row), "{page}");
+        assert_eq!(table.csv(), "group,PSNR\r\na,1\r\nb,\r\n");
     }
 
     #[test]

@@ -42,16 +42,24 @@ pub(super) enum Mark {
     Diamond,
     Triangle,
     Cross,
+    DownTriangle,
+    Plus,
+    LeftTriangle,
+    RightTriangle,
 }
 
 impl Mark {
     /// All forms, in the order in which series take them.
-    pub(super) const ALL: [Self; 5] = [
+    pub(super) const ALL: [Self; 9] = [
         Self::Circle,
         Self::Square,
         Self::Diamond,
         Self::Triangle,
         Self::Cross,
+        Self::DownTriangle,
+        Self::Plus,
+        Self::LeftTriangle,
+        Self::RightTriangle,
     ];
 
     /// The outlines of the form around `at`, closed; empty for the circle.
@@ -65,6 +73,23 @@ impl Mark {
             Self::Circle => Vec::new(),
             Self::Square => around(&[[-0.9, -0.9], [0.9, -0.9], [0.9, 0.9], [-0.9, 0.9]]),
             Self::Diamond => around(&[[0.0, -1.25], [1.25, 0.0], [0.0, 1.25], [-1.25, 0.0]]),
+            Self::DownTriangle => around(&[[0.0, 1.2], [1.15, -0.85], [-1.15, -0.85]]),
+            Self::LeftTriangle => around(&[[-1.2, 0.0], [0.85, -1.15], [0.85, 1.15]]),
+            Self::RightTriangle => around(&[[1.2, 0.0], [-0.85, -1.15], [-0.85, 1.15]]),
+            Self::Plus => around(&[
+                [-0.4, -1.2],
+                [0.4, -1.2],
+                [0.4, -0.4],
+                [1.2, -0.4],
+                [1.2, 0.4],
+                [0.4, 0.4],
+                [0.4, 1.2],
+                [-0.4, 1.2],
+                [-0.4, 0.4],
+                [-1.2, 0.4],
+                [-1.2, -0.4],
+                [-0.4, -0.4],
+            ]),
             Self::Triangle => around(&[[0.0, -1.2], [1.15, 0.85], [-1.15, 0.85]]),
             Self::Cross => around(&[
                 [-1.1, -0.6],

@@ -69,7 +69,11 @@ impl Range {
             .fold([f64::INFINITY, f64::NEG_INFINITY], |[low, high], v| {
                 [low.min(v), high.max(v)]
             });
-        let [mut low, mut high] = if ends[0] <= ends[1] { ends } else { [0.0, 1.0] };
+        let [mut low, mut high] = match ends {
+            [low, high] if low > high => [0.0, 1.0],
+            [0.0, 0.0] if scale == Scale::Linear => [0.0, 1.0],
+            ends => ends,
+        };
         if high - low < 1e-9 * high.abs().max(1e-12) {
             let room = if scale == Scale::Log {
                 0.3

@@ -1,7 +1,7 @@
 //! Panels and their legend on one picture.
 
 use super::panel::{Frame, form};
-use super::{Figure, Series};
+use super::{Figure, LegendEntry};
 use crate::report::draw::{Anchor, Drawing, Ink, Shape, text_width};
 
 const WIDTH: f64 = 900.0;
@@ -40,43 +40,57 @@ impl Figure {
         }
     }
 
-    /// Adds a row or more with a sample of each series, where there are several; its height.
-    fn draw_legend(&self, width: f64, shapes: &mut Vec<Shape>) -> f64 {
-        let mut entries: Vec<&Series> = Vec::new();
+    fn legend_entries(&self) -> Vec<LegendEntry> {
+        if !self.legend.is_empty() {
+            return self.legend.clone();
+        }
+        let mut entries: Vec<LegendEntry> = Vec::new();
         for series in self.panels.iter().flat_map(|panel| &panel.series) {
             if !entries.iter().any(|entry| entry.label == series.label) {
-                entries.push(series);
+                entries.push(LegendEntry {
+                    label: series.label.clone(),
+                    color: Some(series.color),
+                    mark: series.mark,
+                    joined: series.joined,
+                    dashed: series.dashed,
+                });
             }
         }
+        entries
+    }
+
+    /// Adds a row or more with a sample of each entry, where there are several; its height.
+    fn draw_legend(&self, width: f64, shapes: &mut Vec<Shape>) -> f64 {
+        let entries = self.legend_entries();
         if entries.len() < 2 {
             return 0.0;
         }
         let (mut x, mut y) = (MARGIN, MARGIN + 10.0);
-        for series in entries {
-            let sample = if series.joined { SAMPLE } else { 10.0 };
-            let needed = sample + 6.0 + text_width(&series.label, LEGEND_SIZE);
+        for entry in entries {
+            let sample = if entry.joined { SAMPLE } else { 10.0 };
+            let needed = sample + 6.0 + text_width(&entry.label, LEGEND_SIZE);
             if x > MARGIN && x + needed > width - MARGIN {
                 (x, y) = (MARGIN, y + LEGEND_ROW);
             }
-            let ink = Ink::Series(series.color);
-            if series.joined {
+            let ink = entry.color.map_or(Ink::Muted, Ink::Series);
+            if entry.joined {
                 shapes.push(Shape::Line {
                     points: vec![[x, y - 4.0], [x + sample, y - 4.0]],
                     ink,
                     width: 1.8,
-                    dashed: series.dashed,
+                    dashed: entry.dashed,
                 });
             }
             shapes.push(Shape::Point {
                 at: [x + sample / 2.0, y - 4.0],
-                mark: form(series.mark),
+                mark: form(entry.mark),
                 ink,
                 radius: 3.4,
                 tip: String::new(),
             });
             shapes.push(Shape::Text {
                 at: [x + sample + 6.0, y],
-                text: series.label.clone(),
+                text: entry.label,
                 ink: Ink::Text,
                 size: LEGEND_SIZE,
                 anchor: Anchor::Start,

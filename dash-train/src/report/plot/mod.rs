@@ -100,6 +100,21 @@ impl Panel {
     }
 }
 
+/// What a legend explains.
+#[derive(Debug, Clone, PartialEq)]
+pub struct LegendEntry {
+    /// The name.
+    pub label: String,
+    /// The number of the colour that it explains; absent where it explains a form alone.
+    pub color: Option<usize>,
+    /// The number of the form.
+    pub mark: usize,
+    /// Whether a line goes with it.
+    pub joined: bool,
+    /// Whether that line is dashed.
+    pub dashed: bool,
+}
+
 /// Panels with one legend and one caption.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Figure {
@@ -109,6 +124,8 @@ pub struct Figure {
     pub title: String,
     /// What a reader must know to read it.
     pub caption: String,
+    /// The legend; where it is empty, each series is explained.
+    pub legend: Vec<LegendEntry>,
     /// The panels, rows first.
     pub panels: Vec<Panel>,
     /// Panels side by side.

@@ -280,10 +280,10 @@ impl<'a> Frame<'a> {
             let ink = Ink::Series(series.color);
             if right - at[0] > 12.0 || (height - at[1]).abs() > 3.0 {
                 shapes.push(Shape::Line {
-                    points: vec![[at[0] + 4.0, at[1]], [right + 3.0, height]],
-                    ink: Ink::Grid,
-                    width: 1.0,
-                    dashed: false,
+                    points: vec![[at[0] + 5.0, at[1]], [right + 3.0, height]],
+                    ink,
+                    width: 0.7,
+                    dashed: true,
                 });
             }
             shapes.push(Shape::Text {
