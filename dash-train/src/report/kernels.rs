@@ -77,11 +77,11 @@ impl Looks {
             joined: false,
             dashed: false,
         };
-        // Backends that share a line share an entry: the longest name is that of all of them.
+        // Backends that share every line share an entry: the shortest name is what all lines have.
         let shared = |color: usize| {
             let own = series().filter(move |s| s.color == color % N_COLORS);
             let backends = own.filter_map(|s| s.label.split(", ").next());
-            backends.max_by_key(|name| name.len()).map(String::from)
+            backends.min_by_key(|name| name.len()).map(String::from)
         };
         let colors = (0..self.backends.len()).filter_map(|i| Some((i, shared(i)?)));
         let forms = self.variants.iter().enumerate();
@@ -391,6 +391,32 @@ mod tests {
         let front = pareto(places.into_iter());
         assert_eq!(front, [[1.0, 5.0], [2.0, 3.0], [4.0, 1.0]]);
         assert!(pareto([].into_iter()).is_empty());
+    }
+
+    #[test]
+    fn backends_with_the_same_errors_are_one_line() {
+        let point = |backend: &str, max: f64| StiffnessPoint {
+            sweep: "length".into(),
+            value: 1.0,
+            logarithmic: true,
+            op: "project".into(),
+            backend: backend.into(),
+            variant: "f32".into(),
+            error: ErrorStats {
+                relative: Norms {
+                    max: Some(max),
+                    ..Norms::default()
+                },
+                ..ErrorStats::default()
+            },
+        };
+        let points = [
+            point("ndarray", 1e-6),
+            point("flex", 1e-6),
+            point("wgpu", 2e-6),
+        ];
+        let groups = alike(points.iter().collect());
+        assert_eq!(groups, [vec!["ndarray", "flex"], vec!["wgpu"]]);
     }
 
     #[test]
