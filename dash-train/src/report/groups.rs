@@ -45,6 +45,7 @@ pub fn group_by_seed(runs: Vec<RunRecord>) -> Vec<RunGroup> {
 fn same_but_seed(a: &RunRecord, b: &RunRecord) -> bool {
     let mut config = a.config.clone();
     config.train.seed = b.config.train.seed;
+    config.decisions.clone_from(&b.config.decisions);
     config == b.config
 }
 

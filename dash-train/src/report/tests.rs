@@ -17,11 +17,13 @@ fn config(seed: u64, iterations: usize) -> RunConfig {
             layout: None,
             downscale: 2.0,
             test_cameras: None,
+            frames: None,
             invert_masks: false,
             skip_broken: false,
             device: "flex".into(),
         },
         train,
+        decisions: Vec::new(),
     }
 }
 

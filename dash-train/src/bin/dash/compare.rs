@@ -5,6 +5,7 @@ use std::sync::Arc;
 
 use clap::Args;
 use dash_train::compare::{ComparedRun, Comparison, Method, Observer};
+use dash_train::report::{RunGroup, compared, read_run};
 use dash_train::train::{Preset, StepReport};
 
 use crate::Shared;
@@ -24,7 +25,7 @@ use crate::values;
 Methods: dash (the preset); w/o-dec, w/o-ctrl, w/o-reg (without the decomposition, density control of what
 moves, the regulariser); hexplane (4DGaussians' planes), grid4d, grid4d+dec, embedding (E-D3DGS); static
 (3DGS). All use this project's rasterizer, density control and learning rates. Each run is a run's folder,
-OUT/METHOD/seed-S; the same command again trains what is missing.")]
+OUT/METHOD/seed-S; OUT/report.html is a page of all; the same command again trains what is missing.")]
 pub struct CompareArgs {
     /// The dataset's folder, in any of the layouts of `dash train`
     dataset: PathBuf,
@@ -89,10 +90,25 @@ pub fn run(args: &CompareArgs, shared: &Shared) -> Result<String, Failure> {
         &methods, args.seeds, &args.out, &dataset, &device, &mut told,
     )?;
     told.end();
+    let mut groups: Vec<RunGroup> = Vec::new();
+    for run in &runs {
+        let record = read_run(run.run.root())?;
+        let label = run.method.name();
+        match groups.iter_mut().find(|group| group.label == label) {
+            Some(group) => group.runs.push(record),
+            None => groups.push(RunGroup {
+                label: label.into(),
+                runs: vec![record],
+            }),
+        }
+    }
+    let title = format!("{}: methods at {} s of training", dataset.name, args.budget);
+    compared(title, &groups).write(&args.out)?;
     Ok(format!(
-        "{}\nwritten to {}",
+        "{}\nwritten to {}; open {}",
         table(&methods, &runs),
-        args.out.display()
+        args.out.display(),
+        args.out.join("report.html").display()
     ))
 }
 
