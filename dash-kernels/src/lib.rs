@@ -29,6 +29,7 @@ mod camera;
 mod cube;
 mod determinism;
 mod error;
+pub mod finite;
 pub mod hash_encode;
 mod host;
 mod isa;

@@ -7,7 +7,7 @@ use burn_cubecl::CubeBackend;
 use burn_cubecl::tensor::CubeTensor;
 use cubecl::prelude::*;
 
-use crate::cube::{arg, contiguous, is_finite, units};
+use crate::cube::{arg, contiguous, is_finite, own_memory, units};
 
 use super::{AdamStep, AdamUpdate, MAX_GRADIENT};
 
@@ -38,16 +38,6 @@ impl AdamUpdate for CubeBackend {
             settings.skip_zero_grad,
         );
         (param, first_moment, second_moment)
-    }
-}
-
-/// The tensor itself where nobody else holds its memory, else a copy.
-fn own_memory(tensor: CubeTensor) -> CubeTensor {
-    let tensor = contiguous(tensor);
-    if tensor.handle.can_mut() {
-        tensor
-    } else {
-        contiguous(tensor.copy())
     }
 }
 

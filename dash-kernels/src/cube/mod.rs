@@ -26,6 +26,16 @@ pub(crate) fn contiguous(tensor: CubeTensor) -> CubeTensor {
     into_contiguous(tensor)
 }
 
+/// The tensor itself where nobody else holds its memory, else a copy.
+pub(crate) fn own_memory(tensor: CubeTensor) -> CubeTensor {
+    let tensor = contiguous(tensor);
+    if tensor.handle.can_mut() {
+        tensor
+    } else {
+        contiguous(tensor.copy())
+    }
+}
+
 /// A tensor of `shape` beside `like`; its memory holds whatever was there before.
 pub(crate) fn uninitialised<const R: usize>(like: &CubeTensor, shape: [usize; R]) -> CubeTensor {
     let (client, device) = (like.client.clone(), like.device.clone());

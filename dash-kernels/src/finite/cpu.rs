@@ -1,0 +1,37 @@
+//! The look through a tensor on the CPU: one pass at the speed of memory.
+
+use rayon::prelude::*;
+
+use crate::isa::{Kernel, dispatch};
+
+/// Values per parallel piece; a smaller tensor is not worth waking threads for.
+const PIECE: usize = 1 << 16;
+/// Values that are looked at between two chances to stop.
+const GROUP: usize = 1 << 12;
+/// Bits of an infinity without its sign; those of every NaN are greater.
+const INFINITE: u32 = 0x7f80_0000;
+const WITHOUT_SIGN: u32 = 0x7fff_ffff;
+
+/// Whether every value is finite.
+pub(super) fn all_finite(values: &[f32]) -> bool {
+    if values.len() <= PIECE {
+        return dispatch(Piece(values));
+    }
+    values
+        .par_chunks(PIECE)
+        .all(|values| dispatch(Piece(values)))
+}
+
+struct Piece<'a>(&'a [f32]);
+
+impl Kernel for Piece<'_> {
+    type Output = bool;
+
+    #[inline(always)]
+    fn run(self) -> bool {
+        self.0.chunks(GROUP).all(|group| {
+            let bits = group.iter().map(|value| value.to_bits() & WITHOUT_SIGN);
+            bits.fold(0, u32::max) < INFINITE
+        })
+    }
+}
