@@ -67,15 +67,16 @@ pub enum TrainError {
         /// The dataset's folder.
         dataset: PathBuf,
     },
-    /// The loss was NaN or infinite.
+    /// Step after step the loss, a parameter or a gradient was NaN or infinite.
     #[error(
-        "step {step}: the loss of view `{view}` is not finite; lower learning_rates.* or report this"
+        "{n} steps in a row were skipped, expected the loss and every parameter to be finite, \
+         found at last: {last}; lower learning_rates.* or report this"
     )]
     NotFinite {
-        /// The step.
-        step: usize,
-        /// The view trained on.
-        view: String,
+        /// How many steps.
+        n: usize,
+        /// The last of them.
+        last: String,
     },
     /// A checkpoint is damaged.
     #[error(

@@ -168,8 +168,10 @@ fn near_focus(dataset: &Dataset, points: &[[f32; 3]]) -> Vec<[f32; 3]> {
     if !near.is_empty() {
         return near;
     }
+    // Cameras in one place don't say how large the scene is.
+    let reach = if reach > 0.0 { reach } else { 1e-3 };
     [-0.5, 0.5]
-        .map(|side: f64| (focus + side * reach.max(1e-3)).as_vec3().to_array())
+        .map(|side: f64| (focus + side * reach).as_vec3().to_array())
         .to_vec()
 }
 

@@ -4,6 +4,7 @@ mod checkpoint;
 pub(crate) mod coarse;
 pub mod config;
 mod density;
+mod guard;
 pub(crate) mod initial;
 mod leave_out;
 mod loss;
@@ -19,8 +20,12 @@ mod trainer;
 mod update;
 pub(crate) mod validation;
 
+pub(crate) use optimizer::to_host;
+pub(crate) use trainer::{start_from, training_psnr};
+
 pub use checkpoint::{checkpoint_config, latest_checkpoint, load_checkpoint, save_checkpoint};
 pub use config::{Keep, Preset, TrainConfig};
+pub use guard::{MAX_SKIPPED_IN_A_ROW, NonFinite, Part, SkippedStep};
 pub use leave_out::Decision;
 pub use run::{DataConfig, LogLine, RunConfig, RunFolder, TrainOptions, read_config, train};
 pub use trainer::{StepReport, Trainer};

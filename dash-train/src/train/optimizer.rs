@@ -137,6 +137,11 @@ impl Optimizer {
 
     /// Appends rows of zero moments to the parameters under `prefix`, now of `rows` rows.
     pub(crate) fn extend_rows(&mut self, prefix: &str, rows: usize, added: usize) {
+        if rows == 0 {
+            // Nothing is left that says how wide a row is: all of them start anew.
+            self.forget(prefix);
+            return;
+        }
         for (_, moments) in self
             .moments
             .range_mut(prefix.to_string()..)
@@ -333,6 +338,25 @@ mod tests {
             module = optimizer.step("", module, &mut loss.backward(), |_| pace);
         }
         to_host(module.values.val())
+    }
+
+    #[test]
+    fn rows_added_to_none_start_anew() {
+        let device = Device::flex();
+        let mut optimizer = Optimizer::default();
+        for (name, n) in [("a.empty", 0), ("b.other", 3)] {
+            let zeros = || upload(vec![0.0; n], &device);
+            let moments = Moments {
+                first: zeros(),
+                second: zeros(),
+                steps: 5,
+            };
+            optimizer.moments.insert(name.into(), moments);
+        }
+        optimizer.extend_rows("a.", 0, 4);
+        optimizer.extend_rows("b.", 3, 4);
+        assert!(!optimizer.moments.contains_key("a.empty"));
+        assert_eq!(optimizer.moments["b.other"].first.dims(), [7]);
     }
 
     #[test]

@@ -14,6 +14,7 @@ use serde::{Deserialize, Serialize};
 
 use super::checkpoint::{latest_checkpoint, load_checkpoint, save_checkpoint};
 use super::config::TrainConfig;
+use super::guard::SkippedStep;
 use super::leave_out::Decision;
 use super::trainer::{StepReport, Trainer};
 use crate::TrainError;
@@ -103,6 +104,10 @@ pub struct LogLine {
     /// PSNR of views that are neither trained on nor tested, dB, where measured.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub validation_psnr: Option<f64>,
+    /// Steps since the last line that changed nothing because something was not finite; they do not count
+    /// in the means.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub skipped_steps: Vec<SkippedStep>,
 }
 
 impl RunFolder {
@@ -310,13 +315,16 @@ pub fn train(
         let start = Instant::now();
         let report = trainer.step()?;
         seconds += start.elapsed().as_secs_f64();
-        loss += report.loss;
-        psnr += report.psnr;
-        count += 1;
+        if !report.skipped {
+            loss += report.loss;
+            psnr += report.psnr;
+            count += 1;
+        }
         (options.on_step)(&report, seconds);
         let step = report.step;
         let last = trainer.is_finished();
-        if step.is_multiple_of(LOG_INTERVAL) || last {
+        // A line of skipped steps alone has no means and waits for more.
+        if (step.is_multiple_of(LOG_INTERVAL) || last) && count > 0 {
             let measured = step.is_multiple_of(trainer.config().validation_interval) || last;
             let line = LogLine {
                 step,
@@ -331,6 +339,7 @@ pub fn train(
                 } else {
                     None
                 },
+                skipped_steps: trainer.take_skipped_steps(),
             };
             (loss, psnr, count) = (0.0, 0.0, 0);
             append(&mut log, &line, &run.log_path())?;

@@ -1,5 +1,6 @@
 //! The three stages: warm-up, decomposition, 4D.
 
+use std::ops::RangeInclusive;
 use std::sync::Arc;
 
 use burn::tensor::{Device, Tensor, TensorData};
@@ -13,6 +14,7 @@ use rand_pcg::Pcg64;
 use super::coarse::Stages;
 use super::config::TrainConfig;
 use super::density::DensityStatistics;
+use super::guard::{self, Skipped, SkippedStep};
 use super::initial::{Core, initial_points, near_plane};
 use super::leave_out::{self, Decision};
 use super::loss::{opacity, photometric, smoothness, static_motion, visible_motion, where_counted};
@@ -32,6 +34,10 @@ pub(crate) const DYNAMIC: &str = "scene.dynamic.gaussians.";
 const FAR_IN_FIELD: f32 = 0.2;
 /// The same once every Gaussian has a trajectory of its own.
 const FAR_ALONE: f32 = 0.05;
+/// Sizes of scenes that are measured in their own units.
+const ORDINARY_EXTENTS: RangeInclusive<f32> = 0.05..=2000.0;
+/// The size of a room, metres.
+const ROOM: f32 = 4.0;
 
 /// What one step did.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -46,6 +52,9 @@ pub struct StepReport {
     pub n_static: usize,
     /// Dynamic Gaussians.
     pub n_dynamic: usize,
+    /// Whether the step changed nothing because something was not finite; `loss` and `psnr` then need not
+    /// be finite either.
+    pub skipped: bool,
 }
 
 /// A training run in memory.
@@ -79,6 +88,8 @@ pub struct Trainer {
     pub(crate) held_still: Vec<bool>,
     /// What was kept and left out so far.
     pub(crate) decisions: Vec<Decision>,
+    /// Steps left out because something was not finite.
+    pub(crate) skipped: Skipped,
 }
 
 /// What a forward pass leaves for the backward pass and the statistics.
@@ -166,6 +177,7 @@ impl Trainer {
             motion_statistics: MotionStatistics::default(),
             held_still: Vec::new(),
             decisions: Vec::new(),
+            skipped: Skipped::default(),
         })
     }
 
@@ -219,8 +231,12 @@ impl Trainer {
 
     /// One optimisation step, with what its step number brings: stage changes, density control.
     ///
+    /// A step in which the loss, a parameter or a gradient is not finite changes no parameter and no
+    /// moment: what is at fault is removed or cleared, and told by a warning and by
+    /// [`Trainer::take_skipped_steps`].
+    ///
     /// # Errors
-    /// When the loss is not finite, or a kernel refuses its input.
+    /// When too many steps in a row had to be skipped, or a kernel refuses its input.
     pub fn step(&mut self) -> Result<StepReport, TrainError> {
         leave_out::before_training(self)?;
         coarse::enter_stage(self)?;
@@ -235,21 +251,23 @@ impl Trainer {
         let forward = self.forward(view)?;
         self.waited_secs += self.waiting() - waited;
         let loss = to_host(forward.loss.clone())[0];
-        if !loss.is_finite() {
-            return Err(TrainError::NotFinite {
-                step: self.step,
-                view: view.name.clone(),
-            });
-        }
         let mse = to_host(
             (forward.image.clone() - forward.target.clone())
                 .powi_scalar(2)
                 .mean(),
         )[0];
         let mut gradients = forward.loss.backward();
-        statistics::gather(self, &forward, view, &mut gradients)?;
-        drop(forward);
-        update::parameters(self, view.time, &mut gradients);
+        let faults = guard::look(self, &gradients, loss)?;
+        let skipped = faults.is_some();
+        match faults {
+            None => {
+                statistics::gather(self, &forward, view, &mut gradients)?;
+                drop(forward);
+                update::parameters(self, view.time, &mut gradients);
+                self.skipped.end_row();
+            }
+            Some(faults) => guard::skip(self, faults, &view.name, loss)?,
+        }
         self.step += 1;
         update::densities(self);
         self.review()?;
@@ -261,7 +279,13 @@ impl Trainer {
             psnr: -10.0 * mse.max(1e-10).log10(),
             n_static,
             n_dynamic,
+            skipped,
         })
+    }
+
+    /// The steps skipped since the last call, because something in them was not finite.
+    pub fn take_skipped_steps(&mut self) -> Vec<SkippedStep> {
+        self.skipped.take()
     }
 
     /// The view to train on.
@@ -310,7 +334,7 @@ impl Trainer {
                 let means = self.scene.static_set.means.val();
                 let moved = means + basis.displacement(coefficients.clone(), time);
                 let splats = self.scene.static_splats_at(moved, camera)?;
-                regularisers.extend(self.motion_cost(basis.extent(coefficients), &splats, camera));
+                regularisers.extend(self.motion_cost(self.extents(coefficients), &splats, camera));
                 splats
             }
         };
@@ -368,6 +392,17 @@ impl Trainer {
         Tensor::zeros(splats.dims(), &self.device).require_grad()
     }
 
+    /// How far the trajectories of `coefficients [N, B * 3]` go, `[N]`, world units. The smallest length
+    /// that this tells from rest is a millionth, so that scenes of an extraordinary size are measured in
+    /// units that suit them.
+    pub(crate) fn extents(&self, coefficients: Tensor<2>) -> Tensor<1> {
+        let basis = self.config.decomposition.basis;
+        match motion_unit(self.extent) {
+            None => basis.extent(coefficients),
+            Some(unit) => basis.extent(coefficients / unit) * unit,
+        }
+    }
+
     /// The cost of motions `[N]`: Eq. 5 while the field looks for motion; of every Gaussian as it
     /// appears in this view, once each has a trajectory of its own.
     fn motion_cost(
@@ -413,4 +448,23 @@ impl Trainer {
             .iter()
             .filter(|view| view.split == Split::Test)
     }
+}
+
+/// What makes a scene that is much smaller or larger than a room or a town about as large as a room: a power of
+/// two, so that dividing by it rounds nothing.
+fn motion_unit(extent: f32) -> Option<f32> {
+    let extraordinary = !ORDINARY_EXTENTS.contains(&extent) && extent > 0.0 && extent.is_finite();
+    extraordinary.then(|| (extent / ROOM).log2().round().exp2())
+}
+
+/// Replaces the first Gaussians of a run that has not begun.
+pub(crate) fn start_from(trainer: &mut Trainer, rows: &GaussianRows) {
+    trainer.scene.static_set = Gaussians::from_rows(rows, &trainer.device);
+    trainer.density_static = DensityStatistics::new(rows.len());
+}
+
+/// Mean PSNR of the training views, dB.
+pub(crate) fn training_psnr(trainer: &Trainer) -> Result<f64, TrainError> {
+    let psnr = validation::psnr(&trainer.scene, &trainer.dataset, &trainer.train_views)?;
+    Ok(psnr.unwrap_or(f64::NAN))
 }

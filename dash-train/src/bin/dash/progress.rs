@@ -79,6 +79,7 @@ impl TrainProgress {
     /// One step is done; `secs` of training so far.
     pub fn step(&mut self, report: &StepReport, secs: f64) {
         let (loss, psnr) = match self.smoothed {
+            Some(before) if report.skipped => before,
             None => (report.loss, report.psnr),
             Some((loss, psnr)) => (
                 loss + SMOOTHING * (report.loss - loss),

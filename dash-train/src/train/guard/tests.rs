@@ -1,0 +1,281 @@
+//! What is not finite is put into a run, and must be found, named and mended within a step.
+
+use std::sync::{Arc, OnceLock};
+
+use burn::tensor::Device;
+use dash_model::parameters::{named_parameters, with_parameters};
+use dash_model::{GaussianRows, Gaussians};
+
+use super::*;
+use crate::dataset::{Dataset, LoadOptions, load};
+use crate::synth::{self, SynthConfig};
+use crate::train::{Preset, TrainConfig};
+
+/// The split of [`config`].
+const SPLIT: usize = 12;
+
+fn devices() -> Vec<Device> {
+    vec![
+        #[cfg(feature = "flex")]
+        Device::flex(),
+        #[cfg(feature = "wgpu")]
+        Device::wgpu(burn::tensor::DeviceKind::DefaultDevice),
+    ]
+}
+
+/// `bounce`, 4 cameras, 4 frames, 32x24 pixels.
+fn dataset() -> Arc<Dataset> {
+    static LOADED: OnceLock<Arc<Dataset>> = OnceLock::new();
+    LOADED
+        .get_or_init(|| {
+            let folder = tempfile::tempdir().expect("a scratch folder");
+            let config = SynthConfig {
+                cameras: 4,
+                frames: 4,
+                width: 32,
+                height: 24,
+                ..SynthConfig::default()
+            };
+            synth::write(folder.path(), &config).expect("writes");
+            Arc::new(load(folder.path(), &LoadOptions::default()).expect("sound"))
+        })
+        .clone()
+}
+
+fn config() -> TrainConfig {
+    let mut config = TrainConfig::preset(Preset::Quick);
+    for assignment in [
+        "iterations=40",
+        "max_initial_points=300",
+        "min_initial_points=0",
+        "stages.warmup=0.1",
+        "stages.settle=0.5",
+        "stages.decomposition=0.3",
+        "decomposition.floor=0",
+        "decomposition.quantile=0.5",
+        "decomposition.review_interval=0",
+        "decomposition.encoder.log2_hashmap_size=8",
+        "field.deformation.encoder.log2_hashmap_size=8",
+        "field.deformation.hidden=8",
+        "density_static.until=0",
+        "density_dynamic.until=0",
+    ] {
+        config.set(assignment).expect("a known key");
+    }
+    config
+}
+
+/// A run after `steps` steps, none of them skipped.
+fn trained(steps: usize, device: &Device) -> Trainer {
+    let mut trainer = Trainer::new(config(), dataset(), device).expect("valid");
+    for _ in 0..steps {
+        assert!(!trainer.step().expect("trains").skipped);
+    }
+    trainer
+}
+
+/// The names and values of all parameters.
+fn parameters(trainer: &Trainer) -> Vec<(String, Vec<u32>)> {
+    let all = named_parameters(&trainer.scene).into_iter();
+    all.map(|(name, tensor)| {
+        let bits = tensor.values.iter().map(|value| value.to_bits()).collect();
+        (name, bits)
+    })
+    .collect()
+}
+
+fn edit_static(trainer: &mut Trainer, edit: impl FnOnce(&mut GaussianRows)) {
+    let mut rows = trainer.scene.static_set.to_rows();
+    edit(&mut rows);
+    trainer.scene.static_set = Gaussians::from_rows(&rows, &trainer.device);
+}
+
+/// The one step that is skipped; the next one is not.
+fn skipped_once(trainer: &mut Trainer) -> SkippedStep {
+    let step = trainer.steps_done() + 1;
+    assert!(trainer.step().expect("goes on").skipped);
+    let mut skipped = trainer.take_skipped_steps();
+    assert_eq!(skipped.len(), 1);
+    assert!(!trainer.step().expect("goes on").skipped, "mended");
+    assert!(trainer.take_skipped_steps().is_empty(), "told once");
+    let skipped = skipped.remove(0);
+    assert_eq!(skipped.step, step);
+    skipped
+}
+
+#[test]
+fn a_lost_mean_costs_its_gaussian_and_one_step() {
+    for device in devices() {
+        let mut trainer = trained(3, &device);
+        let n = trainer.scene.static_set.len();
+        edit_static(&mut trainer, |rows| rows.means[17][1] = f32::NAN);
+        let skipped = skipped_once(&mut trainer);
+        assert!(skipped.loss_is_finite, "a lost Gaussian is not drawn");
+        assert_eq!(
+            skipped.found,
+            [NonFinite {
+                tensor: "scene.static_set.means".into(),
+                part: Part::Values,
+                n_rows: 1,
+                of: n,
+                rows: vec![17],
+            }]
+        );
+        assert_eq!(trainer.scene.static_set.len(), n - 1);
+        assert_eq!(skipped.remedies, ["1 static Gaussian removed"]);
+        let text = skipped.to_string();
+        assert!(
+            text.contains("scene.static_set.means in 1 of") && text.contains("(17)"),
+            "{text}"
+        );
+    }
+}
+
+/// A NaN opacity makes the regulariser and with it the loss NaN: the cause is named, not what follows.
+#[test]
+fn a_lost_loss_is_traced_to_its_gaussians() {
+    for device in devices() {
+        let mut trainer = trained(3, &device);
+        trainer.config.loss.static_opacity = 0.01;
+        let n = trainer.scene.static_set.len();
+        edit_static(&mut trainer, |rows| {
+            rows.opacity_logits[5] = f32::NAN;
+            rows.opacity_logits[9] = f32::NAN;
+        });
+        let skipped = skipped_once(&mut trainer);
+        assert!(!skipped.loss_is_finite);
+        let values: Vec<&NonFinite> = skipped
+            .found
+            .iter()
+            .filter(|found| found.part == Part::Values)
+            .collect();
+        assert_eq!(values.len(), 1);
+        assert_eq!(values[0].rows, [5, 9]);
+        assert_eq!(trainer.scene.static_set.len(), n - 2);
+    }
+}
+
+#[test]
+fn the_skipped_step_changes_no_other_parameter_and_no_moment() {
+    let device = devices().remove(0);
+    let mut trainer = trained(SPLIT + 3, &device);
+    let before = parameters(&trainer);
+    let (moments, steps) = trainer.optimizer.to_tensors();
+    let table = "scene.dynamic.field.encoder.table";
+    spoil(&mut trainer, table, &[6], f32::INFINITY);
+    assert!(trainer.step().expect("goes on").skipped);
+    for ((name, before), (_, after)) in before.iter().zip(parameters(&trainer)) {
+        for (i, (before, after)) in before.iter().zip(after).enumerate() {
+            let expected = match format!("scene.{name}") == table && i == 6 {
+                true => 0,
+                false => *before,
+            };
+            assert_eq!(after, expected, "{name}[{i}]");
+        }
+    }
+    let (moments_after, steps_after) = trainer.optimizer.to_tensors();
+    let others = |name: &&String| !name.ends_with(table);
+    assert!(moments_after.keys().eq(moments.keys().filter(others)));
+    assert!(steps_after.keys().eq(steps.keys().filter(others)));
+    for (name, after) in &moments_after {
+        assert_eq!(after, &moments[name], "{name}");
+    }
+}
+
+/// Puts `value` into places of a parameter of the scene.
+fn spoil(trainer: &mut Trainer, tensor: &str, places: &[usize], value: f32) {
+    let mut all = named_parameters(&trainer.scene);
+    let name = tensor.strip_prefix("scene.").expect("of the scene");
+    let parameter = all.get_mut(name).expect("a parameter's name");
+    for &place in places {
+        parameter.values[place] = value;
+    }
+    trainer.scene = with_parameters(trainer.scene.clone(), all).expect("its own parameters");
+}
+
+#[test]
+fn lost_entries_of_tables_and_networks_start_from_zero() {
+    for device in devices() {
+        let mut trainer = trained(SPLIT + 3, &device);
+        for (tensor, row) in [
+            ("scene.dynamic.field.encoder.table", 3),
+            ("scene.dynamic.field.head_means.weight", 0),
+        ] {
+            let width = match row {
+                3 => 2,
+                _ => 1,
+            };
+            spoil(&mut trainer, tensor, &[row * width], f32::INFINITY);
+            let skipped = skipped_once(&mut trainer);
+            let found = skipped
+                .found
+                .iter()
+                .find(|found| found.part == Part::Values);
+            let found = found.expect("named");
+            assert_eq!((found.tensor.as_str(), found.rows[0]), (tensor, row));
+            let all = named_parameters(&trainer.scene);
+            let finite = |values: &[f32]| values.iter().all(|value| value.is_finite());
+            assert!(all.values().all(|tensor| finite(&tensor.values)));
+        }
+    }
+}
+
+/// Nothing is lost yet, but a trajectory has grown so far that its cost overflows: the gradient tells.
+#[test]
+fn a_gradient_that_overflows_costs_its_gaussian() {
+    for device in devices() {
+        let mut trainer = trained(10, &device);
+        assert!(trainer.scene.static_set.trajectories.is_some(), "settled");
+        trainer.config.loss.visible_motion = 1.0;
+        let n = trainer.scene.static_set.len();
+        edit_static(&mut trainer, |rows| {
+            let width = rows.trajectory_width;
+            rows.trajectories[7 * width..8 * width].fill(1e30);
+            rows.opacity_logits[7] = 2.0;
+        });
+        let skipped = skipped_once(&mut trainer);
+        assert!(!skipped.loss_is_finite);
+        assert!(
+            skipped
+                .found
+                .iter()
+                .any(|found| found.tensor.ends_with("trajectories")
+                    && found.part == Part::Gradient
+                    && found.rows == [7]),
+            "{skipped}"
+        );
+        assert_eq!(trainer.scene.static_set.len(), n - 1);
+    }
+}
+
+#[test]
+fn dynamic_gaussians_are_removed_down_to_none() {
+    let device = devices().remove(0);
+    let mut trainer = trained(SPLIT + 3, &device);
+    let (_, n) = trainer.scene.counts();
+    assert!(n > 1, "some move");
+    let tensor = "scene.dynamic.gaussians.log_scales";
+    spoil(&mut trainer, tensor, &[0], f32::NAN);
+    assert_eq!(skipped_once(&mut trainer).found[0].rows, [0]);
+    assert_eq!(trainer.scene.counts().1, n - 1);
+    let all: Vec<usize> = (0..3 * (n - 1)).collect();
+    spoil(&mut trainer, tensor, &all, f32::NEG_INFINITY);
+    skipped_once(&mut trainer);
+    assert!(trainer.scene.dynamic.is_none());
+}
+
+#[test]
+fn what_cannot_be_mended_ends_the_run_with_its_name() {
+    let device = devices().remove(0);
+    let mut trainer = trained(2, &device);
+    // The regulariser's weight is at fault, which no parameter shows.
+    trainer.config.loss.static_opacity = f32::INFINITY;
+    let error = (0..MAX_SKIPPED_IN_A_ROW).find_map(|k| trainer.step().err().map(|e| (k, e)));
+    let (steps, error) = error.expect("gives up");
+    assert_eq!(steps, MAX_SKIPPED_IN_A_ROW - 1);
+    let text = error.to_string();
+    assert!(
+        text.contains("20 steps in a row") && text.contains("the loss"),
+        "{text}"
+    );
+}
