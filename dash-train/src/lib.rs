@@ -5,6 +5,7 @@
 //! - `prepare`: datasets from recordings of a rig.
 //! - `synth`: ray-traced scenes with exact truth.
 //! - `train`: configuration, stages, losses, density control, checkpoints, runs on disk.
+//! - `stress`: extreme inputs for all of it.
 //! - `doctor`: what is wrong with a dataset, and how to mend it.
 //! - `compare`: other methods on the same data, at the same cost.
 //! - `device`: devices by name; `evaluate`: `results.json`; `render`: pictures of a scene.
@@ -28,6 +29,7 @@ pub mod ply;
 pub mod prepare;
 pub mod render;
 pub mod report;
+pub mod stress;
 pub mod synth;
 pub mod train;
 pub mod video;

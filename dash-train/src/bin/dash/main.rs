@@ -19,6 +19,7 @@ mod prepare;
 mod progress;
 mod render;
 mod report;
+mod stress;
 mod summary;
 mod synth;
 mod train;
@@ -84,6 +85,7 @@ enum Command {
     Report(report::ReportArgs),
     Bench(bench::BenchArgs),
     Info(info::InfoArgs),
+    Stress(stress::StressArgs),
 }
 
 /// Makes the allocator keep what is freed. A training step takes and gives back gradients as large as
@@ -158,6 +160,7 @@ fn run(cli: &Cli) -> Result<String, Failure> {
         Command::Report(args) => report::run(args),
         Command::Bench(args) => bench::run(args, shared),
         Command::Info(args) => info::run(args, shared),
+        Command::Stress(args) => stress::run(args, shared),
     }
 }
 
