@@ -57,6 +57,7 @@ fn log_line(step: usize) -> LogLine {
         n_dynamic: 0,
         waited_seconds: None,
         validation_psnr: None,
+        skipped_steps: Vec::new(),
     }
 }
 

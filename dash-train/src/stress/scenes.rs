@@ -7,7 +7,8 @@ use dash_kernels::rasterize::{N_CHANNELS, reference};
 use dash_kernels::splats::NEAR_PLANE;
 use dash_model::{
     Camera, DeformationConfig, DeformationField, DynamicPart, DynamicScene, GaussianRows,
-    Gaussians, HashEncoderConfig, OffsetPlacement, SceneSettings, SpaceBox, TrajectoryBasis,
+    Gaussians, HashEncoderConfig, Heads, OffsetPlacement, Representation, SceneSettings, SpaceBox,
+    TrajectoryBasis,
 };
 use rand::Rng;
 
@@ -146,6 +147,8 @@ impl Make {
 
 fn field(scale: f32, device: &Device) -> Result<DeformationField, TrainError> {
     let config = DeformationConfig {
+        representation: Representation::Hash,
+        heads: Heads::default(),
         encoder: HashEncoderConfig {
             n_levels: 4,
             n_features_per_level: 2,

@@ -149,19 +149,19 @@ struct Watch<'a> {
 
 impl Watch<'_> {
     fn visit<M: Module>(&mut self, prefix: &str, module: &M) {
-        self.path.push(prefix);
+        self.path.enter(prefix, "");
         module.visit(self);
-        self.path.pop();
+        self.path.exit("");
     }
 }
 
 impl ModuleVisitor for Watch<'_> {
-    fn enter_module(&mut self, name: &str, _container_type: &str) {
-        self.path.push(name);
+    fn enter_module(&mut self, name: &str, container_type: &str) {
+        self.path.enter(name, container_type);
     }
 
-    fn exit_module(&mut self, _name: &str, _container_type: &str) {
-        self.path.pop();
+    fn exit_module(&mut self, _name: &str, container_type: &str) {
+        self.path.exit(container_type);
     }
 
     fn visit_float<const D: usize>(&mut self, param: &Param<Tensor<D>>) {
@@ -342,7 +342,7 @@ fn keep_static(trainer: &mut Trainer, stay: &[usize]) {
 /// The module with zeros in place of what is not finite in the named parameters.
 fn clear<M: Module>(names: &BTreeSet<&str>, prefix: &str, module: M) -> M {
     let mut path = Path::default();
-    path.push(prefix);
+    path.enter(prefix, "");
     module.map(&mut Clear { path, names })
 }
 
@@ -352,12 +352,12 @@ struct Clear<'a> {
 }
 
 impl ModuleMapper for Clear<'_> {
-    fn enter_module(&mut self, name: &str, _container_type: &str) {
-        self.path.push(name);
+    fn enter_module(&mut self, name: &str, container_type: &str) {
+        self.path.enter(name, container_type);
     }
 
-    fn exit_module(&mut self, _name: &str, _container_type: &str) {
-        self.path.pop();
+    fn exit_module(&mut self, _name: &str, container_type: &str) {
+        self.path.exit(container_type);
     }
 
     fn map_float<const D: usize>(&mut self, param: Param<Tensor<D>>) -> Param<Tensor<D>> {
