@@ -11,6 +11,9 @@ use crate::train::config::{Selection, TimeWindow};
 /// A base resolution of time above any finest: all levels get the same.
 const SAME_TIME: u32 = 1 << 16;
 
+/// Steps after which no run goes on.
+const NEVER: usize = 1 << 40;
+
 /// A method for dynamic scenes: DASH, its ablations, and the Gaussian-based systems that the paper
 /// compares it with, all with this project's rasterizer, density control and learning rates.
 #[derive(
@@ -95,7 +98,10 @@ impl Method {
         match self {
             Self::Dash => {}
             Self::WithoutDecomposition => everything_moves(&mut config),
-            Self::WithoutControl => config.density_dynamic.until = 0.0,
+            Self::WithoutControl => {
+                config.density_dynamic.interval = NEVER;
+                config.density_dynamic.opacity_reset_interval = 0;
+            }
             Self::WithoutRegulariser => config.loss.smoothness = 0.0,
             Self::HexPlane => {
                 everything_moves(&mut config);

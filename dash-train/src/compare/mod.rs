@@ -132,15 +132,14 @@ impl Comparison {
         device: &Device,
         observer: &mut dyn Observer,
     ) -> Result<(RunFolder, Results), TrainError> {
-        // What an interrupted comparison left of this run.
-        if root.exists() {
-            fs::remove_dir_all(root).map_err(|e| TrainError::io(root, "remove", e))?;
-        }
         let config = RunConfig {
             data: self.data.clone(),
             train: config,
             decisions: Vec::new(),
         };
+        if is_left_of(root, &config) {
+            fs::remove_dir_all(root).map_err(|e| TrainError::io(root, "remove", e))?;
+        }
         let run = RunFolder::create(root, &config)?;
         reset_peak_memory();
         let options = TrainOptions {
@@ -194,6 +193,18 @@ impl Comparison {
     fn path(out: &Path) -> PathBuf {
         out.join("compare.toml")
     }
+}
+
+/// Whether a folder holds what an interrupted comparison left of this run. What is anything else is not
+/// touched.
+fn is_left_of(root: &Path, config: &RunConfig) -> bool {
+    let found = RunFolder::open(root).and_then(|run| run.config());
+    found.is_ok_and(|mut found| {
+        // How many steps fit the budget is found anew.
+        found.train.iterations = config.train.iterations;
+        found.decisions.clear();
+        found == *config
+    })
 }
 
 /// A run that was trained and scored.

@@ -14,7 +14,7 @@ use super::finding::{Finding, median};
 use crate::TrainError;
 use crate::dataset::Dataset;
 use crate::train::coarse::Stages;
-use crate::train::{Preset, TrainConfig, Trainer};
+use crate::train::{Keep, Preset, TrainConfig, Trainer};
 
 /// Gaussians of the two runs.
 const SIZES: [usize; 2] = [3_000, 9_000];
@@ -112,6 +112,7 @@ fn time(
     config.decomposition.quantile = 1.0 - MOVING;
     config.decomposition.floor = 0.0;
     config.decomposition.review_interval = 0;
+    config.keep = Keep::All;
     let mut trainer = Trainer::new(config, dataset.clone(), device)?;
     let mut secs: [Vec<f64>; N_STAGES] = Default::default();
     let mut n = 0;

@@ -9,6 +9,7 @@ use std::path::Path;
 use std::sync::Arc;
 
 use burn::module::Module;
+use dash_model::scene_file::TablePrecision;
 use dash_model::{DynamicScene, ModelError};
 use serde::{Deserialize, Serialize};
 
@@ -21,7 +22,8 @@ use crate::dataset::{Dataset, Split, View};
 /// Most test views that a measurement scores.
 pub const MAX_CURVE_VIEWS: usize = 12;
 
-/// One line of `curve.jsonl`. A score is absent where it is not defined or not finite.
+/// One line of `curve.jsonl`: the scene as it would be stored then, whole but for the last line, which is
+/// about what is left of it. A score is absent where it is not defined or not finite.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct CurveLine {
     /// Steps done.
@@ -134,7 +136,7 @@ impl CurveProbe {
     /// When a kernel refuses its input or the scratch files can't be written.
     pub fn measure(
         &mut self,
-        scene: &DynamicScene,
+        (scene, precision): (&DynamicScene, TablePrecision),
         step: usize,
         seconds: f64,
         scratch: &Path,
@@ -150,7 +152,7 @@ impl CurveProbe {
             // The factor is for the record, which a line does not keep; LPIPS takes too long for this.
             (1.0, &Perceptual::default()),
         )?;
-        let storage = stored_size(&scene, scratch)?;
+        let storage = stored_size(&scene, precision, scratch)?;
         Ok(line(step, seconds, storage, &scores))
     }
 }
@@ -175,12 +177,16 @@ fn line(step: usize, seconds: f64, storage_bytes: u64, scores: &Evaluation) -> C
     }
 }
 
-fn stored_size(scene: &DynamicScene, scratch: &Path) -> Result<u64, TrainError> {
+fn stored_size(
+    scene: &DynamicScene,
+    precision: TablePrecision,
+    scratch: &Path,
+) -> Result<u64, TrainError> {
     let folder = tempfile::Builder::new()
         .prefix("curve-")
         .tempdir_in(scratch)
         .map_err(|e| ModelError::io(scratch, "write", e))?;
-    scene.save(folder.path())?;
+    scene.save_with(folder.path(), precision)?;
     storage_bytes(folder.path())
 }
 

@@ -163,6 +163,8 @@ pub(super) fn evaluate_views(
 ) -> Result<Evaluation, TrainError> {
     let first = views[0];
     let background = scene.settings.background;
+    // A group of pictures of a video is decoded once for all of its frames.
+    dataset.announce(views.iter().copied());
     // The first rendering pays for what later ones find ready.
     render_timed(scene, &first.camera, first.time, Layer::Full)?;
     let (mut per_view, mut seconds) = (Vec::with_capacity(views.len()), 0.0);
@@ -174,7 +176,6 @@ pub(super) fn evaluate_views(
             Entry::Occupied(known) => known.into_mut(),
             Entry::Vacant(new) => {
                 let moving = new.insert(camera_moving_pixels(dataset, view, background)?);
-                // So that a group of pictures of a video is decoded once for all of its frames.
                 dataset.announce(views[place..].iter().copied());
                 moving
             }

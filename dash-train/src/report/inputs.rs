@@ -84,8 +84,9 @@ fn by_data(runs: Vec<RunRecord>) -> Vec<(String, Vec<RunRecord>)> {
     let mut sections: Vec<(String, Vec<RunRecord>)> = Vec::new();
     for run in runs {
         let same = |other: &RunRecord| {
-            let (a, b) = (&other.config.data, &run.config.data);
-            a.dataset == b.dataset && a.downscale == b.downscale && a.test_cameras == b.test_cameras
+            let mut data = other.config.data.clone();
+            data.device.clone_from(&run.config.data.device);
+            data == run.config.data
         };
         match sections.iter_mut().find(|(_, others)| same(&others[0])) {
             Some((_, others)) => others.push(run),
@@ -94,6 +95,9 @@ fn by_data(runs: Vec<RunRecord>) -> Vec<(String, Vec<RunRecord>)> {
                 let mut title = format!("Training on {}", stem(&data.dataset));
                 if data.downscale != 1.0 {
                     title.push_str(&format!(", made smaller by {}", data.downscale));
+                }
+                if let Some(frames) = data.frames {
+                    title.push_str(&format!(", frames {frames}"));
                 }
                 sections.push((title, vec![run]));
             }

@@ -2,7 +2,7 @@
 
 use super::groups::RunGroup;
 use super::runs::RunRecord;
-use crate::evaluate::{ROUNDING_RULE, resize_rule};
+use crate::evaluate::{MetricSettings, ROUNDING_RULE, resize_rule};
 use crate::metrics::{MOVING_PIXELS_RULE, MS_SSIM_RULE, PSNR_RULE, SSIM_RULE};
 
 /// How the pictures were made and measured. Where runs differ, it says so.
@@ -29,9 +29,11 @@ pub(super) fn pinned(groups: &[RunGroup]) -> String {
 /// How each score is taken, one sentence each.
 pub(super) fn rules(groups: &[RunGroup]) -> Vec<(String, String)> {
     let rule = |of: fn(&RunRecord) -> String| of_all(groups, of);
-    let settings = |run: &RunRecord| {
-        let results = run.results.as_ref()?;
-        Some(results.evaluation.metric_settings.clone())
+    let settings = |of: fn(&MetricSettings) -> &String| {
+        of_all(groups, |run| match &run.results {
+            Some(results) => of(&results.evaluation.metric_settings).clone(),
+            None => "not scored".into(),
+        })
     };
     let from = |name: &str, value: String| (name.to_string(), value);
     let mut rules = vec![
@@ -40,11 +42,11 @@ pub(super) fn rules(groups: &[RunGroup]) -> Vec<(String, String)> {
         from("SSIM", rule(ssim_window)),
         from("MS-SSIM", MS_SSIM_RULE.into()),
     ];
-    let runs = || groups.iter().flat_map(|group| &group.runs);
-    if let Some(known) = runs().find_map(settings) {
-        rules.push(from("LPIPS", known.lpips));
-        rules.push(from("rendering speed", known.render_fps));
-        rules.push(from("memory", known.peak_memory));
+    let mut runs = groups.iter().flat_map(|group| &group.runs);
+    if runs.any(|run| run.results.is_some()) {
+        rules.push(from("LPIPS", settings(|of| &of.lpips)));
+        rules.push(from("rendering speed", settings(|of| &of.render_fps)));
+        rules.push(from("memory", settings(|of| &of.peak_memory)));
     }
     rules
 }

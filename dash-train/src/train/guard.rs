@@ -27,6 +27,9 @@ const NAMED_ROWS: usize = 8;
 /// Gaussians whose gradient alone is not finite are removed where they are at most this share of their
 /// set: more of them suffer from something else.
 const MAX_REMOVED_SHARE: f64 = 0.01;
+/// Where more than this share of a set has values that are not finite, the set is lost, and what is left of
+/// it would pass for the scene.
+const MAX_LOST_SHARE: f64 = 0.1;
 
 /// What of a tensor is not finite.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
@@ -226,14 +229,19 @@ pub(crate) fn look(
 /// Mends what is at fault and takes note of the step that is left out.
 ///
 /// # Errors
-/// [`TrainError::NotFinite`] once [`MAX_SKIPPED_IN_A_ROW`] steps were skipped in a row.
+/// [`TrainError::NotFinite`] once [`MAX_SKIPPED_IN_A_ROW`] steps were skipped in a row, and at once where
+/// more than [`MAX_LOST_SHARE`] of a set of Gaussians are lost.
 pub(crate) fn skip(
     trainer: &mut Trainer,
     faults: Vec<Fault>,
     view: &str,
     loss: f32,
 ) -> Result<(), TrainError> {
-    let remedies = mend(trainer, &faults);
+    let lost = too_much_lost(&faults);
+    let remedies = match lost {
+        true => Vec::new(),
+        false => mend(trainer, &faults),
+    };
     let found = faults.into_iter().map(|fault| NonFinite {
         tensor: fault.tensor,
         part: fault.part,
@@ -251,7 +259,7 @@ pub(crate) fn skip(
     tracing::warn!("{skipped}");
     trainer.skipped.in_a_row += 1;
     let n = trainer.skipped.in_a_row;
-    if n >= MAX_SKIPPED_IN_A_ROW {
+    if lost || n >= MAX_SKIPPED_IN_A_ROW {
         return Err(TrainError::NotFinite {
             n,
             last: skipped.to_string(),
@@ -259,6 +267,17 @@ pub(crate) fn skip(
     }
     trainer.skipped.untold.push(skipped);
     Ok(())
+}
+
+/// Whether so many Gaussians have values that are not finite that the cause is none of theirs.
+fn too_much_lost(faults: &[Fault]) -> bool {
+    faults.iter().any(|fault| {
+        let of_gaussians = [STATIC, DYNAMIC]
+            .iter()
+            .any(|set| fault.tensor.starts_with(set));
+        let most = (MAX_LOST_SHARE * fault.of as f64) as usize;
+        of_gaussians && fault.part == Part::Values && fault.rows.len() > most.max(1)
+    })
 }
 
 /// Removes Gaussians, clears entries and moments; what was done. Where values are not finite, gradients

@@ -8,7 +8,7 @@ use std::time::Instant;
 
 use burn::tensor::Device;
 use dash_model::DynamicScene;
-use dash_model::scene_file::write_atomically;
+use dash_model::scene_file::{TablePrecision, write_atomically};
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 
@@ -344,8 +344,10 @@ pub fn train(
             (loss, psnr, count) = (0.0, 0.0, 0);
             append(&mut log, &line, &run.log_path())?;
         }
-        if let Some((probe, file)) = curve.as_mut().filter(|(probe, _)| probe.is_due(step)) {
-            let line = probe.measure(trainer.scene(), step, seconds, &run.root)?;
+        let due = |(probe, _): &&mut (CurveProbe, File)| probe.is_due(step) && !last;
+        if let Some((probe, file)) = curve.as_mut().filter(due) {
+            let scene = (trainer.scene(), TablePrecision::Single);
+            let line = probe.measure(scene, step, seconds, &run.root)?;
             append(file, &line, &run.curve_path())?;
         }
         if step.is_multiple_of(trainer.config().checkpoint_interval) || last {
@@ -355,6 +357,12 @@ pub fn train(
     let (scene, precision, decisions) = trainer.needed_scene()?;
     scene.save_with(&run.scene_path(), precision)?;
     run.record(&decisions)?;
+    // The last line is about what is left of the scene.
+    if let Some((probe, file)) = &mut curve {
+        let step = trainer.steps_done();
+        let line = probe.measure((&scene, precision), step, seconds, &run.root)?;
+        append(file, &line, &run.curve_path())?;
+    }
     Ok((trainer, seconds))
 }
 
@@ -384,7 +392,10 @@ fn reopen_curve(
         return Ok(None);
     }
     let done = trainer.steps_done();
-    let file = reopen(&path, lines.iter().filter(|line| line.step <= done))?;
+    // The last line is written anew with the finished scene.
+    let end = trainer.config().iterations;
+    let stays = |line: &&CurveLine| line.step <= done && line.step < end;
+    let file = reopen(&path, lines.iter().filter(stays))?;
     if n_measurements == 0 {
         return Ok(None);
     }

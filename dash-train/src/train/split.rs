@@ -106,7 +106,8 @@ pub(crate) fn drop_hidden(trainer: &mut Trainer) -> Result<(), TrainError> {
     if n_dynamic == 0 {
         return Ok(());
     }
-    let shares = statistics::largest_shares(trainer)?.split_off(n_static);
+    let shares =
+        statistics::largest_shares(trainer, statistics::witnesses(trainer))?.split_off(n_static);
     let (shown, hidden): (Vec<usize>, Vec<usize>) =
         (0..shares.len()).partition(|&row| shares[row] >= MIN_SHARE);
     if !hidden.is_empty() {

@@ -88,19 +88,28 @@ pub(crate) fn moving(trainer: &Trainer) -> Result<Vec<bool>, TrainError> {
 
 /// Some training views of all cameras and times.
 pub(crate) fn witnesses(trainer: &Trainer) -> impl Iterator<Item = &View> {
+    spread(trainer, WITNESSES)
+}
+
+/// At most `most` training views of all cameras and times; all of them where there are no more.
+pub(crate) fn spread(trainer: &Trainer, most: usize) -> impl Iterator<Item = &View> {
     let views = &trainer.train_views;
-    (0..WITNESSES.min(views.len())).map(move |k| {
+    let all = views.len() <= most;
+    (0..most.min(views.len())).map(move |k| {
         let place = (k as f64 * WITNESS_STEP).fract() * views.len() as f64;
-        &trainer.dataset.views[views[place as usize]]
+        let place = if all { k } else { place as usize };
+        &trainer.dataset.views[views[place]]
     })
 }
 
-/// For each Gaussian, static ones first, the most pixels' worth of it that one of several training views
-/// shows: its blending weights summed over the picture.
-pub(crate) fn largest_shares(trainer: &Trainer) -> Result<Vec<f32>, TrainError> {
+/// For each Gaussian, static ones first, the most pixels' worth of it that one of the views shows: its blending weights summed over the picture.
+pub(crate) fn largest_shares<'a>(
+    trainer: &Trainer,
+    views: impl Iterator<Item = &'a View>,
+) -> Result<Vec<f32>, TrainError> {
     let (n_static, n_dynamic) = trainer.scene.counts();
     let mut largest = vec![0.0f32; n_static + n_dynamic];
-    for view in witnesses(trainer) {
+    for view in views {
         let mut splats = vec![trainer.scene.static_splats(&view.camera)?];
         splats.extend(trainer.scene.dynamic_splats(&view.camera, view.time)?);
         // The red of a splat enters a pixel with its weight: the gradient of the sum of all red.

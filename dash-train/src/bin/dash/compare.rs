@@ -80,7 +80,12 @@ pub fn run(args: &CompareArgs, shared: &Shared) -> Result<String, Failure> {
     };
     let methods = match args.methods.as_slice() {
         [] => Method::ALL.to_vec(),
-        chosen => chosen.to_vec(),
+        chosen => {
+            let mut methods = chosen.to_vec();
+            methods.sort();
+            methods.dedup();
+            methods
+        }
     };
     let mut told = Told {
         shared,

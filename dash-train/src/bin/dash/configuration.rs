@@ -91,7 +91,11 @@ impl ConfigFile {
         table.remove("decisions");
         let train = match table.remove("train") {
             None => table,
-            Some(Value::Table(train)) if table.is_empty() => train,
+            Some(Value::Table(mut train)) if table.is_empty() => {
+                // A run of a time at which every part was kept.
+                train.entry("keep").or_insert("all".into());
+                train
+            }
             Some(_) => {
                 return Err(refuse(
                     "expected all training values under [train], or none; found both".into(),

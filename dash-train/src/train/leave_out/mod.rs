@@ -98,9 +98,9 @@ pub(crate) fn after_training(
         scene = without;
         decisions.push(decision);
     }
-    if let Some(decision) = trials::table_bits(trainer, &scene)? {
+    if let Some((rounded, decision)) = trials::table_bits(trainer, &scene)? {
         if decision.left_out {
-            precision = TablePrecision::Half;
+            (scene, precision) = (rounded, TablePrecision::Half);
         }
         decisions.push(decision);
     }

@@ -6,15 +6,20 @@ use dash_model::{DynamicScene, Gaussians};
 
 use super::{Decision, MAX_LOSS, MIN_SAVING};
 use crate::TrainError;
-use crate::metrics::psnr;
+use crate::metrics::{masked_psnr, psnr};
 use crate::train::optimizer::to_host;
-use crate::train::statistics::{largest_shares, witnesses};
+use crate::train::statistics::{largest_shares, spread};
 use crate::train::trainer::Trainer;
 
 /// Largest share of the Gaussians that is tried at once.
 const MOST: f64 = 0.6;
 /// Halvings of the range in which the share lies.
 const ROUNDS: usize = 5;
+
+/// Most training views that are asked what they show of each Gaussian.
+const RANKING_VIEWS: usize = 256;
+/// Most training views on which a scene is scored.
+const SCORED_VIEWS: usize = 64;
 
 /// How a scene without a part does, against the scene with it.
 pub(super) struct Outcome {
@@ -28,14 +33,21 @@ impl Outcome {
     }
 }
 
-/// PSNR of a scene on the witnesses, dB.
+/// PSNR of a scene on training views, over the pixels that count, dB.
 fn scores(trainer: &Trainer, scene: &DynamicScene) -> Result<Vec<f64>, TrainError> {
-    witnesses(trainer)
-        .map(|view| {
-            let image = to_host(scene.render(&view.camera, view.time)?.rgb().detach());
-            Ok(psnr(&image, &view.rgb(scene.settings.background)?))
-        })
-        .collect()
+    let mut scores = Vec::new();
+    for view in spread(trainer, SCORED_VIEWS) {
+        let image = to_host(scene.render(&view.camera, view.time)?.rgb().detach());
+        let (truth, counted) = view.rgb_and_counted(scene.settings.background)?;
+        scores.extend(match counted {
+            None => Some(psnr(&image, &truth)),
+            Some(counted) => {
+                let counts: Vec<bool> = counted.iter().map(|&c| c > 0.0).collect();
+                masked_psnr(&image, &truth, &counts)
+            }
+        });
+    }
+    Ok(scores)
 }
 
 /// A scene without a part against the scene with it.
@@ -68,8 +80,12 @@ pub(super) fn gaussians(
     scene: DynamicScene,
 ) -> Result<(DynamicScene, Decision), TrainError> {
     let with = scores(trainer, &scene)?;
-    let shares = largest_shares(trainer)?;
-    let mut order: Vec<usize> = (0..shares.len()).collect();
+    let shares = largest_shares(trainer, spread(trainer, RANKING_VIEWS))?;
+    // What no view shows may be shown by one that was not asked.
+    let all_asked = trainer.train_views.len() <= RANKING_VIEWS;
+    let mut order: Vec<usize> = (0..shares.len())
+        .filter(|&row| all_asked || shares[row] > 0.0)
+        .collect();
     order.sort_by(|&a, &b| shares[a].total_cmp(&shares[b]).then(a.cmp(&b)));
     let (mut low, mut high) = (0.0, MOST);
     let mut best: Option<(DynamicScene, usize, Outcome)> = None;
@@ -77,7 +93,7 @@ pub(super) fn gaussians(
     for round in 0..ROUNDS {
         let share = if round == 0 { MOST } else { 0.5 * (low + high) };
         let gone = (share * order.len() as f64) as usize;
-        let mut stays = vec![true; order.len()];
+        let mut stays = vec![true; shares.len()];
         for &row in &order[..gone] {
             stays[row] = false;
         }
@@ -105,7 +121,7 @@ pub(super) fn gaussians(
         }
         return Ok((scene, decision));
     };
-    decision.left_out = gone as f64 >= MIN_SAVING * order.len() as f64;
+    decision.left_out = gone as f64 >= MIN_SAVING * shares.len() as f64;
     decision.reason = format!("{gone} of {} can go for at most {MAX_LOSS} dB", order.len());
     decision.measured(&outcome);
     decision.bytes = Some((parameter_bytes(&scene) - parameter_bytes(&without)) as u64);
@@ -162,11 +178,12 @@ pub(super) fn directions(
     Ok((scene, decision))
 }
 
-/// Half the bits of the field's tables; `None` without tables.
+/// The scene with its field's tables rounded to half their bits, and whether it may be; `None` without
+/// tables.
 pub(super) fn table_bits(
     trainer: &Trainer,
     scene: &DynamicScene,
-) -> Result<Option<Decision>, TrainError> {
+) -> Result<Option<(DynamicScene, Decision)>, TrainError> {
     let Some(rounded) = scene.with_half_tables() else {
         return Ok(None);
     };
@@ -178,7 +195,7 @@ pub(super) fn table_bits(
     decision.reason = format!("as 16-bit floats they may cost at most {MAX_LOSS} dB");
     decision.measured(&outcome);
     decision.bytes = Some(saved);
-    Ok(Some(decision))
+    Ok(Some((rounded, decision)))
 }
 
 #[cfg(test)]
