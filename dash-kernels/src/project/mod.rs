@@ -22,10 +22,6 @@ pub use view::View;
 
 const OP: &str = "project";
 
-/// From this ratio of the product of a projected covariance's variances to its determinant on, its
-/// gradient is worked out in the form for needles. Below, the plain form loses no more than two digits.
-pub(crate) const STIFF: f32 = 100.0;
-
 /// What the scales and opacities given to [`project`] have still to pass through.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum Activation {

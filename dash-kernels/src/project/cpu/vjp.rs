@@ -3,9 +3,9 @@
 use crate::splats::{self, N_COLUMNS, is_finite};
 
 use super::super::sh::sh_basis_vjp;
-use super::super::{Activation, Gaussians, STIFF, View};
-use super::linear::{cross, dot, mat_mul, rotation_from_quat_vjp, transpose};
-use super::{Footprint, LOW_PASS, all_finite, clamped_colour_vjp, direction};
+use super::super::{Activation, Gaussians, View};
+use super::linear::{dot, mat_mul, rotation_from_quat_vjp, transpose};
+use super::{Footprint, all_finite, clamped_colour_vjp, direction};
 
 /// Gradients of one Gaussian.
 pub struct Gradients {
@@ -95,28 +95,10 @@ fn footprint_vjp(
     let v_yy = -(left[1][0] * b + left[1][1] * c);
 
     let [g0, g1] = f.rows;
-    let mut v_rows: [[f32; 3]; 2] = [
+    let v_rows: [[f32; 3]; 2] = [
         std::array::from_fn(|k| 2.0 * (v_xx * g0[k] + v_xy * g1[k])),
         std::array::from_fn(|k| 2.0 * (v_xy * g0[k] + v_yy * g1[k])),
     ];
-    // Of a needle, the conic times the rows cancels to next to nothing: taken as cross products, which
-    // have components along the Gaussian's own axes, it does not.
-    let normal = cross(g0, g1);
-    let det = dot(normal, normal) + LOW_PASS * (dot(g0, g0) + dot(g1, g1)) + LOW_PASS * LOW_PASS;
-    let stiff = a * c * det > STIFF;
-    let mut v_log_scale = [0.0; 3];
-    if stiff {
-        let (across0, across1) = (cross(g1, normal), cross(normal, g0));
-        let inverse_det = 1.0 / det;
-        for k in 0..3 {
-            let h0 = (across0[k] + LOW_PASS * g0[k]) * inverse_det;
-            let h1 = (across1[k] + LOW_PASS * g1[k]) * inverse_det;
-            let (v_h0, v_h1) = (v_a * h0 + v_b * h1, v_b * h0 + v_c * h1);
-            v_rows[0][k] = -2.0 * (a * v_h0 + b * v_h1);
-            v_rows[1][k] = -2.0 * (b * v_h0 + c * v_h1);
-            v_log_scale[k] = -2.0 * (h0 * v_h0 + h1 * v_h1);
-        }
-    }
     let inverse_z = 1.0 / f.point[2];
     let mut v_point = [0.0; 3];
     let mut v_axes = [[0.0; 3]; 3];
@@ -137,12 +119,6 @@ fn footprint_vjp(
             v_point[k] += v_slope * inverse_z;
             v_point[2] -= v_slope * f.slope[k] * inverse_z;
         }
-    }
-    if stiff {
-        v_scale = std::array::from_fn(|k| match f.scale[k] {
-            0.0 => 0.0,
-            scale => v_log_scale[k] / scale,
-        });
     }
     (v_point, v_axes, v_scale)
 }

@@ -5,7 +5,6 @@ use cubecl::prelude::*;
 use crate::cube::is_finite;
 use crate::splats::{self, N_COLUMNS};
 
-use super::super::STIFF;
 use super::Form;
 use super::footprint::{Mat3, Quat, Vec3, ViewConstants, footprint_of};
 use super::sh::colour_vjp;
@@ -21,27 +20,6 @@ fn clamped_colour_vjp(splats: &[f32], v_splats: &[f32], at: usize) -> Vec3 {
         y: select(green, v_splats[at + splats::GREEN], 0.0f32),
         z: select(blue, v_splats[at + splats::BLUE], 0.0f32),
     }
-}
-
-/// The first where the flag is up, else the second.
-#[cube]
-fn either(flag: bool, a: &Vec3, b: &Vec3) -> Vec3 {
-    Vec3 {
-        x: select(flag, a.x, b.x),
-        y: select(flag, a.y, b.y),
-        z: select(flag, a.z, b.z),
-    }
-}
-
-/// `-2 v / scale`; zero for a scale of zero, which moves nothing.
-#[cube]
-fn per_scale(v: f32, scale: f32) -> f32 {
-    let is_zero = scale == 0.0f32;
-    select(
-        is_zero,
-        0.0f32,
-        -2.0f32 * v / select(is_zero, 1.0f32, scale),
-    )
 }
 
 #[cube(launch)]
@@ -93,40 +71,14 @@ pub(super) fn project_vjp_kernel(
         let v_xx = -(left_xx * a + left_xy * b);
         let v_xy = -(left_xx * b + left_xy * c);
         let v_yy = -(left_yx * b + left_yy * c);
-        let plain_row0 = f
+        let v_row0 = f
             .row0
             .scaled(2.0f32 * v_xx)
             .plus(&f.row1.scaled(2.0f32 * v_xy));
-        let plain_row1 = f
+        let v_row1 = f
             .row0
             .scaled(2.0f32 * v_xy)
             .plus(&f.row1.scaled(2.0f32 * v_yy));
-        // Of a needle, the conic times the rows cancels to next to nothing: taken as cross products,
-        // which have components along the Gaussian's own axes, it does not.
-        let normal = f.row0.cross(&f.row1);
-        let low_pass = view.low_pass;
-        let trace = f.row0.dot(&f.row0) + f.row1.dot(&f.row1);
-        let det = normal.dot(&normal) + low_pass * trace + low_pass * low_pass;
-        let stiff = a * c * det > STIFF;
-        let inverse_det = 1.0f32 / det;
-        let across0 = f.row1.cross(&normal);
-        let across1 = normal.cross(&f.row0);
-        let h0 = across0.plus(&f.row0.scaled(low_pass)).scaled(inverse_det);
-        let h1 = across1.plus(&f.row1.scaled(low_pass)).scaled(inverse_det);
-        let v_h0 = h0.scaled(v_a).plus(&h1.scaled(v_b));
-        let v_h1 = h0.scaled(v_b).plus(&h1.scaled(v_c));
-        let stiff_row0 = v_h0.scaled(-2.0f32 * a).plus(&v_h1.scaled(-2.0f32 * b));
-        let stiff_row1 = v_h0.scaled(-2.0f32 * b).plus(&v_h1.scaled(-2.0f32 * c));
-        let v_row0 = either(stiff, &stiff_row0, &plain_row0);
-        let v_row1 = either(stiff, &stiff_row1, &plain_row1);
-        let plain_scale = v_row0.times(&f.unscaled0).plus(&v_row1.times(&f.unscaled1));
-        let v_log_scale = h0.times(&v_h0).plus(&h1.times(&v_h1));
-        let stiff_scale = Vec3 {
-            x: per_scale(v_log_scale.x, f.scale.x),
-            y: per_scale(v_log_scale.y, f.scale.y),
-            z: per_scale(v_log_scale.z, f.scale.z),
-        };
-        let mut v_scale = either(stiff, &stiff_scale, &plain_scale);
 
         let inverse_z = 1.0f32 / f.point.z;
         let v_unscaled0 = v_row0.times(&f.scale).scaled(view.focal_x * inverse_z);
@@ -176,6 +128,7 @@ pub(super) fn project_vjp_kernel(
             y: (v_unit.y - along * f.unit_quat.y) * norm,
             z: (v_unit.z - along * f.unit_quat.z) * norm,
         };
+        let mut v_scale = v_row0.times(&f.unscaled0).plus(&v_row1.times(&f.unscaled1));
         let mut v_opacity = v_splats[at + splats::OPACITY];
         if comptime!(form.exp) {
             let value = splats[at + splats::OPACITY];
