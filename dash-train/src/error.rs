@@ -69,8 +69,8 @@ pub enum TrainError {
     },
     /// Step after step the loss, a parameter or a gradient was NaN or infinite.
     #[error(
-        "{n} steps in a row were skipped, expected the loss and every parameter to be finite, \
-         found at last: {last}; lower learning_rates.* or report this"
+        "training cannot go on after skipped steps ({n} in a row): expected the loss and every \
+         parameter to be finite, found at last: {last}; lower learning_rates.* or report this"
     )]
     NotFinite {
         /// How many steps.

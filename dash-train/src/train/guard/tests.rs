@@ -249,7 +249,7 @@ fn a_gradient_that_overflows_costs_its_gaussian() {
 }
 
 #[test]
-fn dynamic_gaussians_are_removed_down_to_none() {
+fn a_lost_dynamic_gaussian_is_removed_and_a_lost_set_ends_the_run() {
     let device = devices().remove(0);
     let mut trainer = trained(SPLIT + 3, &device);
     let (_, n) = trainer.scene.counts();
@@ -260,8 +260,13 @@ fn dynamic_gaussians_are_removed_down_to_none() {
     assert_eq!(trainer.scene.counts().1, n - 1);
     let all: Vec<usize> = (0..3 * (n - 1)).collect();
     spoil(&mut trainer, tensor, &all, f32::NEG_INFINITY);
-    skipped_once(&mut trainer);
-    assert!(trainer.scene.dynamic.is_none());
+    let error = trainer.step().expect_err("nothing is left to train");
+    assert!(error.to_string().contains(tensor), "{error}");
+    assert_eq!(
+        trainer.scene.counts().1,
+        n - 1,
+        "nothing passes for the scene"
+    );
 }
 
 #[test]
@@ -275,7 +280,7 @@ fn what_cannot_be_mended_ends_the_run_with_its_name() {
     assert_eq!(steps, MAX_SKIPPED_IN_A_ROW - 1);
     let text = error.to_string();
     assert!(
-        text.contains("20 steps in a row") && text.contains("the loss"),
+        text.contains("20 in a row") && text.contains("the loss"),
         "{text}"
     );
 }
