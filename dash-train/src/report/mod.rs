@@ -16,6 +16,7 @@
 mod draw;
 mod groups;
 mod inputs;
+mod kernel_tables;
 mod kernels;
 mod log;
 mod measures;

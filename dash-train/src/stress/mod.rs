@@ -6,7 +6,8 @@
 //! out must be finite.
 //!
 //! # Map
-//! `measured`: what a case finds; `inputs`: random inputs and tensors; `projection`,
+//! `measured`: what a case finds; `inputs`: random inputs and tensors; `projected`: Gaussians on a
+//! device and in `f64`; `projection`,
 //! `rasterization`, `hash_grid`, `similarity`, `optimiser`, `selection`, `scenes`, `training`: the
 //! cases of each family.
 
@@ -14,6 +15,7 @@ mod hash_grid;
 mod inputs;
 mod measured;
 mod optimiser;
+mod projected;
 mod projection;
 mod rasterization;
 mod scenes;

@@ -1,14 +1,16 @@
 //! Gaussians that are hard to project.
 
+use std::ops::Range;
+
 use burn::tensor::Device;
-use dash_kernels::Camera;
-use dash_kernels::project::{Gaussians, ProjectOptions, View, project, reference, sh};
-use dash_kernels::splats::{CONIC_A, N_COLUMNS, N_DIFFERENTIABLE, NEAR_PLANE, RADIUS_X, RADIUS_Y};
+use dash_kernels::project::{ProjectOptions, View};
+use dash_kernels::splats::{CONIC_A, N_COLUMNS, NEAR_PLANE, RADIUS_X, RADIUS_Y};
 use rand::Rng;
 
 use super::Case;
-use super::inputs::{gradient, rng, tensor, to_host, tracked, uniform, widen};
-use super::measured::Measured;
+use super::inputs::{rng, uniform};
+use super::measured::{Measured, worst_of};
+use super::projected::{Set, camera, compare};
 use crate::TrainError;
 
 const FAMILY: &str = "projection";
@@ -19,11 +21,14 @@ const DETERMINANT: f64 = 5e-5;
 /// Relative error of a packed splat: single precision's 6e-8 over the fifty operations of a
 /// projection, and the determinant's own.
 const SPLAT: f64 = DETERMINANT;
-/// Error of a centre as a share of the picture's width or of its own place, whichever is more: a few
-/// roundings.
-const CENTRE: f64 = 1e-6;
 /// Relative error of a Gaussian's gradient where nothing cancels.
 const GRADIENT: f64 = 1e-3;
+/// Error of the gradient of a short needle as a share of its length, or of [`NEEDLE_FLOOR`] where that is more.
+const NEEDLE_GRADIENT: f64 = 0.01;
+/// What counts as a gradient of a needle, for cotangents of 1: that of its length falls with the square
+/// of it, to nothing.
+const NEEDLE_FLOOR: f64 = 1e-2;
+
 pub(super) const CASES: &[Case] = &[
     Case {
         family: FAMILY,
@@ -69,192 +74,28 @@ pub(super) const CASES: &[Case] = &[
     },
 ];
 
-/// A set of Gaussians in the precision of the kernels.
-struct Set {
-    means: Vec<f32>,
-    quats: Vec<f32>,
-    scales: Vec<f32>,
-    opacities: Vec<f32>,
-    sh_coeffs: Vec<f32>,
-    sh_degree: usize,
-}
-
-impl Set {
-    /// Ordinary ones, at depths of 1 to 6 in front of [`camera`].
-    fn ordinary(seed: u64, n: usize, sh_degree: usize) -> Self {
-        let mut rng = rng(seed);
-        let mut means = Vec::with_capacity(3 * n);
-        for _ in 0..n {
-            let z: f32 = rng.random_range(1.0..6.0);
-            means.extend([
-                z * rng.random_range(-0.3..0.3),
-                z * rng.random_range(-0.2..0.2),
-                z,
-            ]);
-        }
-        Self {
-            means,
-            quats: uniform(&mut rng, 4 * n, -1.0, 1.0),
-            scales: uniform(&mut rng, 3 * n, -5.0, -2.0),
-            opacities: uniform(&mut rng, n, -1.0, 3.0),
-            sh_coeffs: uniform(&mut rng, 3 * n * sh::N_COEFFS[sh_degree], -0.3, 0.3),
-            sh_degree,
-        }
-    }
-
-    fn len(&self) -> usize {
-        self.opacities.len()
-    }
-}
-
-fn camera() -> Camera {
-    Camera::new(1000.0, 1000.0, 320.0, 240.0, 640, 480)
-}
-
-/// What came out for each Gaussian, and what should have.
-struct Compared {
-    splats: Vec<f32>,
-    expected: Vec<f64>,
-    /// Rows that the device and the reference both draw.
-    both: Vec<usize>,
-    /// Rows that one of them draws.
-    either_alone: usize,
-    /// Of means, quaternions, scales, opacities, colours: width, gradient, expected.
-    gradients: Vec<(&'static str, usize, Vec<f32>, Vec<f64>)>,
-}
-
-/// Projects on the device and in `f64`, with random cotangents.
-fn compare(set: &Set, near_plane: f64, device: &Device) -> Result<Compared, TrainError> {
-    let (n, k) = (set.len(), sh::N_COEFFS[set.sh_degree]);
-    let options = ProjectOptions {
-        near_plane,
-        ..ProjectOptions::default()
-    };
-    let means = tracked(&set.means, [n, 3], device);
-    let quats = tracked(&set.quats, [n, 4], device);
-    let scales = tracked(&set.scales, [n, 3], device);
-    let opacities = tracked(&set.opacities, [n], device);
-    let sh_coeffs = tracked(&set.sh_coeffs, [n, k, 3], device);
-    let out = project(
-        means.clone(),
-        quats.clone(),
-        scales.clone(),
-        opacities.clone(),
-        sh_coeffs.clone(),
-        &camera(),
-        &options,
-    )?;
-    let splats = to_host(out.clone().inner());
-    let v_splats = uniform(&mut rng(7), n * N_COLUMNS, -1.0, 1.0);
-    let v_out = tensor(&v_splats, [n, N_COLUMNS], &device.clone().autodiff());
-    let gradients = (out * v_out).sum().backward();
-
-    let wide = [
-        &set.means,
-        &set.quats,
-        &set.scales,
-        &set.opacities,
-        &set.sh_coeffs,
-    ]
-    .map(|v| widen(v));
-    let gaussians = Gaussians {
-        means: &wide[0],
-        quats: &wide[1],
-        scales: &wide[2],
-        opacities: &wide[3],
-        sh_coeffs: &wide[4],
-        n_coeffs: k,
-    };
-    let view = View::<f64>::new(&camera(), &options, set.sh_degree);
-    let expected = reference::project(&gaussians, &view);
-    let v = reference::project_vjp(&gaussians, &view, &widen(&v_splats));
-    let drawn = |row: usize| {
-        let at = row * N_COLUMNS + RADIUS_X;
-        [splats[at] > 0.0, expected[at] > 0.0]
-    };
-    let gradients = vec![
-        ("means", 3, gradient(&means, &gradients), v.v_means),
-        ("quats", 4, gradient(&quats, &gradients), v.v_quats),
-        ("scales", 3, gradient(&scales, &gradients), v.v_scales),
-        (
-            "opacities",
-            1,
-            gradient(&opacities, &gradients),
-            v.v_opacities,
-        ),
-        (
-            "sh_coeffs",
-            3 * k,
-            gradient(&sh_coeffs, &gradients),
-            v.v_sh_coeffs,
-        ),
-    ];
-    Ok(Compared {
-        both: (0..n).filter(|&row| drawn(row) == [true, true]).collect(),
-        either_alone: (0..n).filter(|&row| drawn(row)[0] != drawn(row)[1]).count(),
-        splats,
-        expected,
-        gradients,
-    })
-}
-
-impl Compared {
-    /// Everything that came out is finite; rows that both draw agree.
-    fn judge(&self, splat: f64, gradient: f64) -> Measured {
-        let mut measured = Measured::default();
-        measured.saw(&self.splats);
-        let pick = |got: &[f32], expected: &[f64], width: usize, used: usize| {
-            let rows = self.both.iter();
-            let (mut a, mut b) = (Vec::new(), Vec::new());
-            for at in rows.map(|row| row * width) {
-                a.extend_from_slice(&got[at..at + used]);
-                b.extend_from_slice(&expected[at..at + used]);
-            }
-            (a, b)
-        };
-        // Columns differ in size and unit: each is judged by itself.
-        let (got, expected) = pick(&self.splats, &self.expected, N_COLUMNS, N_DIFFERENTIABLE);
-        // A centre is off by roundings of its own size and of the principal point's.
-        let rows = got.chunks_exact(N_DIFFERENTIABLE);
-        let rows = rows.zip(expected.chunks_exact(N_DIFFERENTIABLE));
-        let centres = rows.flat_map(|(got, expected)| {
-            let width = camera().width as f64;
-            [0, 1].map(|k| (f64::from(got[k]) - expected[k]).abs() / (expected[k].abs() + width))
-        });
-        measured.judge("centres", centres.fold(0.0, f64::max), CENTRE);
-        for (name, columns) in [("conics", 2..5), ("colours", 5..9)] {
-            let (mut a, mut b) = (Vec::new(), Vec::new());
-            for at in (0..got.len()).step_by(N_DIFFERENTIABLE) {
-                a.extend_from_slice(&got[at + columns.start..at + columns.end]);
-                b.extend_from_slice(&expected[at + columns.start..at + columns.end]);
-            }
-            measured.agree_by_row(name, &a, &b, columns.len(), splat);
-        }
-        for (name, width, got, expected) in &self.gradients {
-            measured.saw(got);
-            let (got, expected) = pick(got, expected, *width, *width);
-            let name = format!("gradient of {name}");
-            measured.agree_by_row(&name, &got, &expected, *width, gradient);
-        }
-        measured
-    }
-}
-
-fn needles(device: &Device) -> Result<Measured, TrainError> {
-    let n = 1000;
-    let mut set = Set::ordinary(1, n, 0);
+/// Needles of axis ratios of 1e2 to 1e8.
+fn needles_of(lengths_px: Range<f64>) -> Set {
+    let mut set = Set::ordinary(1, 1000, 0);
     let mut rng = rng(2);
     for (mean, scale) in set
         .means
         .chunks_exact(3)
         .zip(set.scales.chunks_exact_mut(3))
     {
-        let length_px = 10f64.powf(rng.random_range(1.0..65_000f64.log10()));
+        let exponents = lengths_px.start.log10()..lengths_px.end.log10();
+        let length_px = 10f64.powf(rng.random_range(exponents));
         let ratio = 10f64.powf(rng.random_range(2.0..8.0));
         let length = length_px * f64::from(mean[2]) / camera().fx;
         scale.copy_from_slice(&[length, length / ratio, length / ratio].map(|s| s.ln() as f32));
     }
     set.opacities.fill(2.0);
+    set
+}
+
+fn needles(device: &Device) -> Result<Measured, TrainError> {
+    let set = needles_of(10.0..65_000.0);
+    let n = set.len();
     let compared = compare(&set, NEAR_PLANE, device)?;
     let mut measured = Measured::default();
     measured.saw(&compared.splats);
@@ -269,9 +110,22 @@ fn needles(device: &Device) -> Result<Measured, TrainError> {
     measured.none("drawn by one alone", compared.either_alone);
     measured.none("not drawn", usize::from(compared.both.len() < n / 2));
     // The gradient of a needle's scales and rotation is rounding, in single precision, from about 10 px on:
-    // conic v_conic conic cancels. It has to be finite.
+    // conic v_conic conic cancels. It has to be finite, and right where that does not happen.
     for (_, _, got, _) in &compared.gradients {
         measured.saw(got);
+    }
+    let short = compare(&needles_of(1.0..5.0), NEAR_PLANE, device)?;
+    for (name, width, got, expected) in &short.gradients {
+        measured.saw(got);
+        let rows = got.chunks(*width).zip(expected.chunks(*width));
+        let errors = rows.map(|(got, expected)| {
+            let differences = got.iter().zip(expected);
+            let difference = differences.map(|(&g, e)| (f64::from(g) - e).powi(2));
+            let size: f64 = expected.iter().map(|e| e * e).sum();
+            (difference.sum::<f64>() / size.max(NEEDLE_FLOOR * NEEDLE_FLOOR)).sqrt()
+        });
+        let name = format!("up to 5 px: gradient of {name}");
+        measured.judge(name, worst_of(errors), NEEDLE_GRADIENT);
     }
     Ok(measured)
 }

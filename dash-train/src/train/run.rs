@@ -1,6 +1,6 @@
 //! A run on disk: `config.toml`, `log.jsonl`, `curve.jsonl`, `checkpoints/`, `scene/`.
 
-use std::fs::{self, File, OpenOptions};
+use std::fs::{self, File};
 use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -9,13 +9,12 @@ use std::time::Instant;
 use burn::tensor::Device;
 use dash_model::DynamicScene;
 use dash_model::scene_file::{TablePrecision, write_atomically};
-use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 
 use super::checkpoint::{latest_checkpoint, load_checkpoint, save_checkpoint};
 use super::config::TrainConfig;
-use super::guard::SkippedStep;
 use super::leave_out::Decision;
+use super::lines::{LogLine, append, read_lines, reopen_curve, reopen_log};
 use super::trainer::{StepReport, Trainer};
 use crate::TrainError;
 use crate::dataset::{Dataset, FrameRange, Layout, LoadOptions};
@@ -81,33 +80,6 @@ impl DataConfig {
 #[derive(Debug, Clone)]
 pub struct RunFolder {
     root: PathBuf,
-}
-
-/// One line of `log.jsonl`.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-pub struct LogLine {
-    /// Steps done.
-    pub step: usize,
-    /// Seconds trained, evaluation and file writing excluded.
-    pub seconds: f64,
-    /// Mean loss since the last line.
-    pub loss: f32,
-    /// Mean PSNR of the training views since the last line, dB.
-    pub train_psnr: f32,
-    /// Static Gaussians.
-    pub n_static: usize,
-    /// Dynamic Gaussians.
-    pub n_dynamic: usize,
-    /// Seconds that steps have waited for images so far, where these are decoded on demand.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub waited_seconds: Option<f64>,
-    /// PSNR of views that are neither trained on nor tested, dB, where measured.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub validation_psnr: Option<f64>,
-    /// Steps since the last line that changed nothing because something was not finite; they do not count
-    /// in the means.
-    #[serde(default, skip_serializing_if = "Vec::is_empty")]
-    pub skipped_steps: Vec<SkippedStep>,
 }
 
 impl RunFolder {
@@ -248,20 +220,6 @@ impl RunFolder {
     }
 }
 
-/// The lines of a file that are whole; none when there is no such file.
-fn read_lines<T: DeserializeOwned>(path: &Path) -> Result<Vec<T>, TrainError> {
-    let text = match fs::read(path) {
-        Ok(text) => text,
-        Err(e) if e.kind() == std::io::ErrorKind::NotFound => return Ok(Vec::new()),
-        Err(e) => return Err(TrainError::io(path, "read", e)),
-    };
-    // A line that was cut off need not even be UTF-8.
-    let lines = text.split(|&byte| byte == b'\n');
-    Ok(lines
-        .filter_map(|line| serde_json::from_slice(line).ok())
-        .collect())
-}
-
 /// Reads a `config.toml`.
 ///
 /// # Errors
@@ -311,9 +269,14 @@ pub fn train(
     let mut curve = reopen_curve(run, &trainer, options.curve)?;
     fs::create_dir_all(&checkpoints).map_err(|e| TrainError::io(&checkpoints, "create", e))?;
     let (mut loss, mut psnr, mut count) = (0.0, 0.0, 0);
+    let mut finished = None;
     while !trainer.is_finished() {
         let start = Instant::now();
         let report = trainer.step()?;
+        let last = trainer.is_finished();
+        if last {
+            finished = Some(trainer.needed_scene()?);
+        }
         seconds += start.elapsed().as_secs_f64();
         if !report.skipped {
             loss += report.loss;
@@ -322,7 +285,6 @@ pub fn train(
         }
         (options.on_step)(&report, seconds);
         let step = report.step;
-        let last = trainer.is_finished();
         // A line of skipped steps alone has no means and waits for more.
         if (step.is_multiple_of(LOG_INTERVAL) || last) && count > 0 {
             let measured = step.is_multiple_of(trainer.config().validation_interval) || last;
@@ -354,7 +316,11 @@ pub fn train(
             save_checkpoint(&trainer, &checkpoints, seconds)?;
         }
     }
-    let (scene, precision, decisions) = trainer.needed_scene()?;
+    // A run that was resumed at its end has done that before, outside this clock.
+    let (scene, precision, decisions) = match finished {
+        Some(finished) => finished,
+        None => trainer.needed_scene()?,
+    };
     scene.save_with(&run.scene_path(), precision)?;
     run.record(&decisions)?;
     // The last line is about what is left of the scene.
@@ -364,61 +330,4 @@ pub fn train(
         append(file, &line, &run.curve_path())?;
     }
     Ok((trainer, seconds))
-}
-
-fn append(file: &mut File, line: &impl Serialize, path: &Path) -> Result<(), TrainError> {
-    let text = serde_json::to_string(line).map_err(|e| TrainError::Config(e.to_string()))?;
-    writeln!(file, "{text}").map_err(|e| TrainError::io(path, "write", e))
-}
-
-/// The log without lines that a resumed run will write again.
-fn reopen_log(run: &RunFolder, step: usize) -> Result<File, TrainError> {
-    let lines = run.log()?;
-    reopen(
-        &run.log_path(),
-        lines.iter().filter(|line| line.step <= step),
-    )
-}
-
-/// The same for the curve, and what measures it; `None` when nothing is to be measured.
-fn reopen_curve(
-    run: &RunFolder,
-    trainer: &Trainer,
-    n_measurements: usize,
-) -> Result<Option<(CurveProbe, File)>, TrainError> {
-    let path = run.curve_path();
-    let lines = run.curve()?;
-    if n_measurements == 0 && !path.is_file() {
-        return Ok(None);
-    }
-    let done = trainer.steps_done();
-    // The last line is written anew with the finished scene.
-    let end = trainer.config().iterations;
-    let stays = |line: &&CurveLine| line.step <= done && line.step < end;
-    let file = reopen(&path, lines.iter().filter(stays))?;
-    if n_measurements == 0 {
-        return Ok(None);
-    }
-    let background = trainer.scene().settings.background;
-    let iterations = trainer.config().iterations;
-    let dataset = trainer.dataset.clone();
-    let probe = CurveProbe::new(dataset, background, iterations, n_measurements)?;
-    Ok(Some((probe, file)))
-}
-
-/// The file with these lines alone, to be added to.
-fn reopen<'a, T: Serialize + 'a>(
-    path: &Path,
-    kept: impl Iterator<Item = &'a T>,
-) -> Result<File, TrainError> {
-    write_atomically(path, |mut file| {
-        for line in kept {
-            writeln!(file, "{}", serde_json::to_string(line)?)?;
-        }
-        Ok(())
-    })?;
-    OpenOptions::new()
-        .append(true)
-        .open(path)
-        .map_err(|e| TrainError::io(path, "open", e))
 }

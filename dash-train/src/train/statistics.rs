@@ -7,8 +7,9 @@ use dash_model::decomposition::select_dynamic;
 
 use super::coarse;
 use super::config::MotionMeasure;
+use super::forward::Forward;
 use super::optimizer::to_host;
-use super::trainer::{Forward, Trainer};
+use super::trainer::Trainer;
 use crate::TrainError;
 use crate::dataset::View;
 

@@ -1,10 +1,8 @@
 //! The three stages: warm-up, decomposition, 4D.
 
-use std::ops::RangeInclusive;
 use std::sync::Arc;
 
-use burn::tensor::{Device, Tensor, TensorData};
-use dash_kernels::Camera;
+use burn::tensor::Device;
 use dash_model::decomposition::MotionStatistics;
 use dash_model::scene_file::TablePrecision;
 use dash_model::{DynamicScene, GaussianRows, Gaussians, MotionField, SceneSettings, SpaceBox};
@@ -17,7 +15,6 @@ use super::density::DensityStatistics;
 use super::guard::{self, Skipped, SkippedStep};
 use super::initial::{Core, initial_points, near_plane};
 use super::leave_out::{self, Decision};
-use super::loss::{opacity, photometric, smoothness, static_motion, visible_motion, where_counted};
 use super::optimizer::{Optimizer, to_host};
 use super::sampler::ViewSampler;
 use super::{coarse, review, statistics, update, validation};
@@ -28,16 +25,6 @@ use crate::dataset::{Dataset, Split, View};
 pub(crate) const STATIC: &str = "scene.static_set.";
 /// Path prefix of the dynamic Gaussians' parameters.
 pub(crate) const DYNAMIC: &str = "scene.dynamic.gaussians.";
-
-/// Motion from which on more of it costs little more, in shares of the image's width, while the field
-/// looks for it.
-const FAR_IN_FIELD: f32 = 0.2;
-/// The same once every Gaussian has a trajectory of its own.
-const FAR_ALONE: f32 = 0.05;
-/// Sizes of scenes that are measured in their own units.
-const ORDINARY_EXTENTS: RangeInclusive<f32> = 0.05..=2000.0;
-/// The size of a room, metres.
-const ROOM: f32 = 4.0;
 
 /// What one step did.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -90,16 +77,6 @@ pub struct Trainer {
     pub(crate) decisions: Vec<Decision>,
     /// Steps left out because something was not finite.
     pub(crate) skipped: Skipped,
-}
-
-/// What a forward pass leaves for the backward pass and the statistics.
-pub(crate) struct Forward {
-    loss: Tensor<1>,
-    image: Tensor<3>,
-    target: Tensor<3>,
-    /// Zero leaves whose gradients are those of the packed splats, and the splats.
-    pub(crate) static_probe: (Tensor<2>, Tensor<2>),
-    pub(crate) dynamic_probe: Option<(Tensor<2>, Tensor<2>)>,
 }
 
 impl Trainer {
@@ -324,108 +301,6 @@ impl Trainer {
         }
     }
 
-    fn forward(&mut self, view: &View) -> Result<Forward, TrainError> {
-        let (camera, time) = (&view.camera, view.time);
-        let mut regularisers = Vec::new();
-        let static_splats = match coarse::coefficients(self)? {
-            None => self.scene.static_splats(camera)?,
-            Some(coefficients) => {
-                let basis = self.config.decomposition.basis;
-                let means = self.scene.static_set.means.val();
-                let moved = means + basis.displacement(coefficients.clone(), time);
-                let splats = self.scene.static_splats_at(moved, camera)?;
-                regularisers.extend(self.motion_cost(self.extents(coefficients), &splats, camera));
-                splats
-            }
-        };
-        let static_leaf = self.probe(&static_splats);
-        let joined = static_splats.clone() + static_leaf.clone();
-        let mut dynamic_probe = None;
-        let splats = match self.scene.dynamic_splats(camera, time)? {
-            None => joined,
-            Some(splats) => {
-                let leaf = self.probe(&splats);
-                let probed = splats.clone() + leaf.clone();
-                dynamic_probe = Some((leaf, splats));
-                Tensor::cat(vec![joined, probed], 0)
-            }
-        };
-        let rendering = self.scene.rasterize(splats, camera)?;
-        let image = rendering.rgb();
-        let (target, counted) = view.rgb_and_counted(self.scene.settings.background)?;
-        let target = TensorData::new(target, [camera.height, camera.width, 3]);
-        let target = Tensor::<3>::from_data(target, &self.device);
-        let (image, target) = match counted {
-            None => (image, target),
-            Some(counted) => where_counted(image, target, counted),
-        };
-        let mut loss = photometric(image.clone(), target.clone(), self.config.loss.dssim)?;
-        if self.config.loss.smoothness > 0.0
-            && let Some(dynamic) = self
-                .scene
-                .dynamic
-                .as_ref()
-                .filter(|d| !d.gaussians.is_empty())
-        {
-            let step = self.config.loss.smoothness_step;
-            let term = smoothness(dynamic, time, step, &mut self.rng)?;
-            regularisers.push(term * self.config.loss.smoothness);
-        }
-        let weight = self.config.loss.static_opacity;
-        if weight > 0.0 {
-            regularisers.extend(opacity(&self.scene.static_set).map(|mean| mean * weight));
-        }
-        for term in regularisers {
-            loss = loss + term;
-        }
-        Ok(Forward {
-            loss,
-            image: image.detach(),
-            target,
-            static_probe: (static_leaf, static_splats),
-            dynamic_probe,
-        })
-    }
-
-    /// A leaf of zeros: added to packed splats, its gradient is theirs.
-    fn probe(&self, splats: &Tensor<2>) -> Tensor<2> {
-        Tensor::zeros(splats.dims(), &self.device).require_grad()
-    }
-
-    /// How far the trajectories of `coefficients [N, B * 3]` go, `[N]`, world units. The smallest length
-    /// that this tells from rest is a millionth, so that scenes of an extraordinary size are measured in
-    /// units that suit them.
-    pub(crate) fn extents(&self, coefficients: Tensor<2>) -> Tensor<1> {
-        let basis = self.config.decomposition.basis;
-        match motion_unit(self.extent) {
-            None => basis.extent(coefficients),
-            Some(unit) => basis.extent(coefficients / unit) * unit,
-        }
-    }
-
-    /// The cost of motions `[N]`: Eq. 5 while the field looks for motion; of every Gaussian as it
-    /// appears in this view, once each has a trajectory of its own.
-    fn motion_cost(
-        &self,
-        extents: Tensor<1>,
-        splats: &Tensor<2>,
-        camera: &Camera,
-    ) -> Option<Tensor<1>> {
-        let (space, loss) = (self.motion_space.as_ref()?, &self.config.loss);
-        // A cost of no weight is not worked out.
-        let visible = |weight: f32, far: f32| {
-            (weight > 0.0).then(|| visible_motion(extents.clone(), splats, camera, far) * weight)
-        };
-        if self.motion.is_none() {
-            return visible(loss.visible_motion, FAR_ALONE);
-        }
-        let held = static_motion(extents.clone(), &self.held_still, space) * loss.static_motion;
-        Some(match visible(loss.field_motion, FAR_IN_FIELD) {
-            Some(cost) => held + cost,
-            None => held,
-        })
-    }
-
     /// Lets dynamic Gaussians that do not move become static.
     fn review(&mut self) -> Result<(), TrainError> {
         let interval = self.config.decomposition.review_interval;
@@ -448,13 +323,6 @@ impl Trainer {
             .iter()
             .filter(|view| view.split == Split::Test)
     }
-}
-
-/// What makes a scene that is much smaller or larger than a room or a town about as large as a room: a power of
-/// two, so that dividing by it rounds nothing.
-fn motion_unit(extent: f32) -> Option<f32> {
-    let extraordinary = !ORDINARY_EXTENTS.contains(&extent) && extent > 0.0 && extent.is_finite();
-    extraordinary.then(|| (extent / ROOM).log2().round().exp2())
 }
 
 /// Replaces the first Gaussians of a run that has not begun.

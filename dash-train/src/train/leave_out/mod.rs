@@ -85,24 +85,13 @@ pub(crate) fn after_training(
     trainer: &Trainer,
 ) -> Result<(DynamicScene, TablePrecision, Vec<Decision>), TrainError> {
     let mut decisions = trainer.decisions.clone();
-    let mut scene = trainer.scene.clone();
-    let mut precision = TablePrecision::Single;
     if trainer.config.keep == Keep::All {
-        return Ok((scene, precision, decisions));
+        return Ok((trainer.scene.clone(), TablePrecision::Single, decisions));
     }
-    let (without, decision) = trials::gaussians(trainer, scene)?;
-    scene = without;
-    decisions.push(decision);
-    if scene.static_set.sh_degree() > 0 {
-        let (without, decision) = trials::directions(trainer, scene)?;
-        scene = without;
-        decisions.push(decision);
-    }
-    if let Some((rounded, decision)) = trials::table_bits(trainer, &scene)? {
-        if decision.left_out {
-            (scene, precision) = (rounded, TablePrecision::Half);
-        }
-        decisions.push(decision);
-    }
-    Ok((scene, precision, decisions))
+    let mut trials = trials::Trials::new(trainer)?;
+    trials.gaussians()?;
+    trials.directions()?;
+    let precision = trials.table_bits()?;
+    decisions.extend(trials.decisions);
+    Ok((trials.scene, precision, decisions))
 }

@@ -1,7 +1,8 @@
 //! Trials when training is over: the scene without a part, on training views, against the scene with
 //! it.
 
-use dash_model::scene_file::parameter_bytes;
+use burn::module::Module;
+use dash_model::scene_file::{TablePrecision, parameter_bytes};
 use dash_model::{DynamicScene, Gaussians};
 
 use super::{Decision, MAX_LOSS, MIN_SAVING};
@@ -33,6 +34,154 @@ impl Outcome {
     }
 }
 
+/// A trained scene from which parts are left out one after the other.
+pub(super) struct Trials<'a> {
+    trainer: &'a Trainer,
+    /// What is left so far.
+    pub(super) scene: DynamicScene,
+    /// Its scores.
+    scores: Vec<f64>,
+    /// What was decided.
+    pub(super) decisions: Vec<Decision>,
+}
+
+impl<'a> Trials<'a> {
+    /// All of a trainer's scene.
+    pub(super) fn new(trainer: &'a Trainer) -> Result<Self, TrainError> {
+        // Without the graph that gradients need.
+        let scene = trainer.scene.valid();
+        Ok(Self {
+            trainer,
+            scores: scores(trainer, &scene)?,
+            scene,
+            decisions: Vec::new(),
+        })
+    }
+
+    /// Goes on with `without`, if that loses nothing and saves enough; whether it does.
+    fn judge(
+        &mut self,
+        part: &str,
+        reason: String,
+        (without, bytes): (DynamicScene, usize),
+    ) -> Result<bool, TrainError> {
+        let scores = scores(self.trainer, &without)?;
+        Ok(self.judge_scored(part, reason, (without, bytes), scores))
+    }
+
+    /// The same where `without` has been scored.
+    fn judge_scored(
+        &mut self,
+        part: &str,
+        reason: String,
+        (without, bytes): (DynamicScene, usize),
+        scores: Vec<f64>,
+    ) -> bool {
+        let outcome = compare(&self.scores, &scores);
+        let mut decision = Decision::new(self.trainer, part);
+        let enough = MIN_SAVING * parameter_bytes(&self.scene) as f64;
+        decision.left_out = outcome.is_harmless() && bytes as f64 >= enough;
+        decision.reason = reason;
+        decision.measured(&outcome);
+        decision.bytes = Some(bytes as u64);
+        let left_out = decision.left_out;
+        if left_out {
+            (self.scene, self.scores) = (without, scores);
+        }
+        self.decisions.push(decision);
+        left_out
+    }
+
+    /// Gaussians that the pictures hardly show: as many as can go without harm.
+    pub(super) fn gaussians(&mut self) -> Result<(), TrainError> {
+        let views = spread(self.trainer, RANKING_VIEWS);
+        let shares = largest_shares(self.trainer, views)?;
+        // What no view shows may be shown by one that was not asked.
+        let all_asked = self.trainer.train_views.len() <= RANKING_VIEWS;
+        let mut order: Vec<usize> = (0..shares.len())
+            .filter(|&row| all_asked || shares[row] > 0.0)
+            .collect();
+        order.sort_by(|&a, &b| shares[a].total_cmp(&shares[b]).then(a.cmp(&b)));
+        let (mut low, mut high, mut share) = (0.0, MOST, MOST);
+        // The largest share that is harmless; while none is, the last that was tried.
+        let mut tried = None;
+        for _ in 0..ROUNDS {
+            let gone = (share * order.len() as f64) as usize;
+            let mut stays = vec![true; shares.len()];
+            for &row in &order[..gone] {
+                stays[row] = false;
+            }
+            let without = reduced(&self.scene, &stays);
+            let scored = scores(self.trainer, &without)?;
+            let harmless = compare(&self.scores, &scored).is_harmless();
+            if harmless || low == 0.0 {
+                tried = Some((gone, without, scored));
+            }
+            if harmless {
+                low = share;
+            } else {
+                high = share;
+            }
+            if low == MOST {
+                break;
+            }
+            share = 0.5 * (low + high);
+        }
+        let Some((gone, without, scored)) = tried else {
+            return Ok(());
+        };
+        let bytes = parameter_bytes(&self.scene) - parameter_bytes(&without);
+        let reason = format!(
+            "{gone} of {}, the least shown; they may cost at most {MAX_LOSS} dB",
+            shares.len()
+        );
+        let part = "Gaussians that the pictures hardly show";
+        self.judge_scored(part, reason, (without, bytes), scored);
+        Ok(())
+    }
+
+    /// Colour that depends on the direction.
+    pub(super) fn directions(&mut self) -> Result<(), TrainError> {
+        if self.scene.static_set.sh_degree() == 0 {
+            return Ok(());
+        }
+        let device = self.scene.static_set.means.device();
+        let flatten = |set: &Gaussians| {
+            let mut rows = set.to_rows();
+            rows.sh_rest.clear();
+            rows.sh_rest_width = 0;
+            Gaussians::from_rows(&rows, &device)
+        };
+        let mut plain = self.scene.clone();
+        plain.static_set = flatten(&plain.static_set);
+        if let Some(dynamic) = &mut plain.dynamic {
+            dynamic.gaussians = flatten(&dynamic.gaussians);
+        }
+        plain.settings.sh_degree = 0;
+        let bytes = parameter_bytes(&self.scene) - parameter_bytes(&plain);
+        let part = "colour that depends on the direction";
+        self.judge(part, may_cost(), (plain, bytes))?;
+        Ok(())
+    }
+
+    /// Half the bits of the field's tables: the scene is then rounded to them.
+    pub(super) fn table_bits(&mut self) -> Result<TablePrecision, TrainError> {
+        let Some(rounded) = self.scene.with_half_tables() else {
+            return Ok(TablePrecision::Single);
+        };
+        let bytes = self.scene.table_bytes() as usize / 2;
+        let part = "half the bits of the field's tables";
+        Ok(match self.judge(part, may_cost(), (rounded, bytes))? {
+            true => TablePrecision::Half,
+            false => TablePrecision::Single,
+        })
+    }
+}
+
+fn may_cost() -> String {
+    format!("may cost at most {MAX_LOSS} dB")
+}
+
 /// PSNR of a scene on training views, over the pixels that count, dB.
 fn scores(trainer: &Trainer, scene: &DynamicScene) -> Result<Vec<f64>, TrainError> {
     let mut scores = Vec::new();
@@ -50,15 +199,6 @@ fn scores(trainer: &Trainer, scene: &DynamicScene) -> Result<Vec<f64>, TrainErro
     Ok(scores)
 }
 
-/// A scene without a part against the scene with it.
-pub(super) fn against(
-    trainer: &Trainer,
-    with: &DynamicScene,
-    without: &DynamicScene,
-) -> Result<Outcome, TrainError> {
-    Ok(compare(&scores(trainer, with)?, &scores(trainer, without)?))
-}
-
 fn compare(with: &[f64], without: &[f64]) -> Outcome {
     let n = with.len().max(1) as f64;
     let changes = || {
@@ -72,61 +212,6 @@ fn compare(with: &[f64], without: &[f64]) -> Outcome {
         mean,
         lower: mean - 2.0 * (variance / n).sqrt(),
     }
-}
-
-/// Gaussians that the pictures hardly show: as many as can go without harm.
-pub(super) fn gaussians(
-    trainer: &Trainer,
-    scene: DynamicScene,
-) -> Result<(DynamicScene, Decision), TrainError> {
-    let with = scores(trainer, &scene)?;
-    let shares = largest_shares(trainer, spread(trainer, RANKING_VIEWS))?;
-    // What no view shows may be shown by one that was not asked.
-    let all_asked = trainer.train_views.len() <= RANKING_VIEWS;
-    let mut order: Vec<usize> = (0..shares.len())
-        .filter(|&row| all_asked || shares[row] > 0.0)
-        .collect();
-    order.sort_by(|&a, &b| shares[a].total_cmp(&shares[b]).then(a.cmp(&b)));
-    let (mut low, mut high) = (0.0, MOST);
-    let mut best: Option<(DynamicScene, usize, Outcome)> = None;
-    let mut worst = None;
-    for round in 0..ROUNDS {
-        let share = if round == 0 { MOST } else { 0.5 * (low + high) };
-        let gone = (share * order.len() as f64) as usize;
-        let mut stays = vec![true; shares.len()];
-        for &row in &order[..gone] {
-            stays[row] = false;
-        }
-        let without = reduced(&scene, &stays);
-        let outcome = compare(&with, &scores(trainer, &without)?);
-        if outcome.is_harmless() {
-            low = share;
-            best = Some((without, gone, outcome));
-            if share == MOST {
-                break;
-            }
-        } else {
-            high = share;
-            worst = Some(outcome);
-        }
-    }
-    let mut decision = Decision::new(trainer, "Gaussians that the pictures hardly show");
-    let Some((without, gone, outcome)) = best else {
-        decision.reason = format!(
-            "even {:.0} % fewer cost more than {MAX_LOSS} dB",
-            100.0 * high
-        );
-        if let Some(outcome) = worst {
-            decision.measured(&outcome);
-        }
-        return Ok((scene, decision));
-    };
-    decision.left_out = gone as f64 >= MIN_SAVING * shares.len() as f64;
-    decision.reason = format!("{gone} of {} can go for at most {MAX_LOSS} dB", order.len());
-    decision.measured(&outcome);
-    decision.bytes = Some((parameter_bytes(&scene) - parameter_bytes(&without)) as u64);
-    let scene = if decision.left_out { without } else { scene };
-    Ok((scene, decision))
 }
 
 fn rows_that(stays: &[bool]) -> Vec<usize> {
@@ -145,57 +230,9 @@ fn reduced(scene: &DynamicScene, stays: &[bool]) -> DynamicScene {
     if let Some(dynamic) = &mut scene.dynamic {
         dynamic.gaussians = gathered(&dynamic.gaussians, of_dynamic);
     }
+    // A field that moves nothing is not kept.
+    scene.dynamic = scene.dynamic.filter(|d| !d.gaussians.is_empty());
     scene
-}
-
-/// Colour that depends on the direction.
-pub(super) fn directions(
-    trainer: &Trainer,
-    scene: DynamicScene,
-) -> Result<(DynamicScene, Decision), TrainError> {
-    let device = scene.static_set.means.device();
-    let flatten = |set: &Gaussians| {
-        let mut rows = set.to_rows();
-        rows.sh_rest.clear();
-        rows.sh_rest_width = 0;
-        Gaussians::from_rows(&rows, &device)
-    };
-    let mut plain = scene.clone();
-    plain.static_set = flatten(&plain.static_set);
-    if let Some(dynamic) = &mut plain.dynamic {
-        dynamic.gaussians = flatten(&dynamic.gaussians);
-    }
-    plain.settings.sh_degree = 0;
-    let outcome = against(trainer, &scene, &plain)?;
-    let total = parameter_bytes(&scene);
-    let saved = total - parameter_bytes(&plain);
-    let mut decision = Decision::new(trainer, "colour that depends on the direction");
-    decision.left_out = outcome.is_harmless() && saved as f64 >= MIN_SAVING * total as f64;
-    decision.reason = format!("may cost at most {MAX_LOSS} dB");
-    decision.measured(&outcome);
-    decision.bytes = Some(saved as u64);
-    let scene = if decision.left_out { plain } else { scene };
-    Ok((scene, decision))
-}
-
-/// The scene with its field's tables rounded to half their bits, and whether it may be; `None` without
-/// tables.
-pub(super) fn table_bits(
-    trainer: &Trainer,
-    scene: &DynamicScene,
-) -> Result<Option<(DynamicScene, Decision)>, TrainError> {
-    let Some(rounded) = scene.with_half_tables() else {
-        return Ok(None);
-    };
-    let outcome = against(trainer, scene, &rounded)?;
-    let saved = scene.table_bytes() / 2;
-    let mut decision = Decision::new(trainer, "half the bits of the field's tables");
-    decision.left_out =
-        outcome.is_harmless() && saved as f64 >= MIN_SAVING * parameter_bytes(scene) as f64;
-    decision.reason = format!("as 16-bit floats they may cost at most {MAX_LOSS} dB");
-    decision.measured(&outcome);
-    decision.bytes = Some(saved);
-    Ok(Some((rounded, decision)))
 }
 
 #[cfg(test)]
