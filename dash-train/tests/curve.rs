@@ -4,24 +4,8 @@ mod common;
 
 use std::fs;
 
-use common::{Bench, TINY, text};
+use common::{Bench, text};
 use serde_json::Value;
-
-fn train(bench: &Bench, run: &str, more: &[&str]) {
-    let mut args = vec![
-        "train",
-        "room",
-        "--out",
-        run,
-        "--iterations",
-        "30",
-        "--preset",
-        "quick",
-    ];
-    args.extend(TINY);
-    args.extend(more);
-    bench.ok(&args);
-}
 
 fn curve(bench: &Bench, run: &str) -> Vec<Value> {
     let lines = text(&bench.read(&format!("{run}/curve.jsonl")));
@@ -37,8 +21,8 @@ fn steps(lines: &[Value]) -> Vec<u64> {
 #[test]
 fn measuring_changes_no_bit_and_ends_with_the_final_scores() {
     let bench = Bench::with_room("n3dv");
-    train(&bench, "without", &[]);
-    train(&bench, "with", &["--curve", "4"]);
+    bench.train_with("without", &[]);
+    bench.train_with("with", &["--curve", "4"]);
     assert!(!bench.path("without/curve.jsonl").exists());
     for file in [
         "scene/scene.safetensors",
@@ -93,7 +77,7 @@ fn measuring_changes_no_bit_and_ends_with_the_final_scores() {
 #[test]
 fn resuming_drops_later_lines_and_takes_them_again() {
     let bench = Bench::with_room("n3dv");
-    train(&bench, "run", &["--curve", "6"]);
+    bench.train_with("run", &["--curve", "6"]);
     let whole = curve(&bench, "run");
     assert_eq!(steps(&whole), [5, 10, 15, 20, 25, 30]);
     // As if the run had ended after its second checkpoint, in the middle of a line.

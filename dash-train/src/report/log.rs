@@ -2,7 +2,7 @@
 
 use super::groups::RunGroup;
 use super::plot::{Axis, Figure, Panel, Point, Series};
-use super::statistics::spread;
+use super::statistics::{median_points, spread};
 use super::table::{Cell, Shown, Table};
 use super::training::{runs_of, series};
 use crate::train::LogLine;
@@ -54,30 +54,9 @@ pub(super) fn figure(groups: &[RunGroup]) -> Option<Figure> {
 }
 
 fn median_log(group: &RunGroup, of: fn(&LogLine) -> Option<f64>) -> Vec<Point> {
-    let logs: Vec<&[LogLine]> = group
-        .runs
-        .iter()
-        .map(|run| run.log.as_slice())
-        .filter(|log| !log.is_empty())
-        .collect();
-    let Some((first, others)) = logs.split_first() else {
-        return Vec::new();
-    };
-    first
-        .iter()
-        .filter_map(|line| {
-            let mut lines = vec![line];
-            for log in others {
-                lines.push(log.iter().find(|other| other.step == line.step)?);
-            }
-            let [y, low, high] = spread(lines.iter().filter_map(|line| of(line)))?;
-            let x = spread(lines.iter().map(|line| line.seconds))?[0];
-            Some(Point {
-                y_range: (lines.len() > 1).then_some([low, high]),
-                ..Point::new(x, y)
-            })
-        })
-        .collect()
+    let seconds = |lines: &[&LogLine]| Some(spread(lines.iter().map(|line| line.seconds))?[0]);
+    let logs = group.runs.iter().map(|run| &run.log);
+    median_points(logs, |line| line.step, seconds, of)
 }
 
 /// Every line of the logs, for a file; `None` when no run has one.

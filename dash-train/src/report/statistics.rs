@@ -1,5 +1,7 @@
 //! Medians over seeds, and times to a quality.
 
+use super::plot::Point;
+
 /// Median, lowest and highest of the values that are numbers; `None` of none.
 pub(super) fn spread(values: impl IntoIterator<Item = f64>) -> Option<[f64; 3]> {
     let mut sorted: Vec<f64> = values.into_iter().filter(|v| v.is_finite()).collect();
@@ -11,6 +13,33 @@ pub(super) fn spread(values: impl IntoIterator<Item = f64>) -> Option<[f64; 3]> 
         n => (sorted[n / 2 - 1] + sorted[n / 2]) / 2.0,
     };
     Some([median, sorted[0], sorted[n - 1]])
+}
+
+/// Medians over the runs of a group at the steps that all measured runs share, with the range of the values
+/// where there are several runs. `at` places a step by its lines.
+pub(super) fn median_points<L>(
+    runs: impl Iterator<Item = impl AsRef<[L]>>,
+    step: fn(&L) -> usize,
+    at: impl Fn(&[&L]) -> Option<f64>,
+    of: fn(&L) -> Option<f64>,
+) -> Vec<Point> {
+    let runs: Vec<_> = runs.filter(|run| !run.as_ref().is_empty()).collect();
+    let Some((first, others)) = runs.split_first() else {
+        return Vec::new();
+    };
+    let shared = first.as_ref().iter().filter_map(|line| {
+        let mut lines = vec![line];
+        for run in others {
+            let same = |other: &&L| step(other) == step(line);
+            lines.push(run.as_ref().iter().find(same)?);
+        }
+        let [y, low, high] = spread(lines.iter().filter_map(|line| of(line)))?;
+        Some(Point {
+            y_range: (lines.len() > 1).then_some([low, high]),
+            ..Point::new(at(&lines)?, y)
+        })
+    });
+    shared.collect()
 }
 
 /// The seconds after which a quality was first measured to be within `margin` of its best.

@@ -5,7 +5,7 @@ use super::measures::{COSTS, METRICS};
 use super::plot::{Axis, Figure, N_COLORS, Panel, Point, Series};
 use super::runs::RunRecord;
 use super::settings::{pinned, rules};
-use super::statistics::spread;
+use super::statistics::{median_points, spread};
 use super::table::{Cell, Shown, Table};
 use super::tables::{curves, ends, summary};
 use super::{Block, log};
@@ -137,34 +137,12 @@ fn median_curve(
     against: Against,
     of: fn(&CurveLine) -> Option<f64>,
 ) -> Vec<Point> {
-    let curves: Vec<&[CurveLine]> = group
-        .runs
-        .iter()
-        .map(|run| run.curve.as_slice())
-        .filter(|curve| !curve.is_empty())
-        .collect();
-    let Some((first, others)) = curves.split_first() else {
-        return Vec::new();
+    let at = |lines: &[&CurveLine]| match against {
+        Against::Steps => lines.first().map(|line| line.step as f64),
+        Against::Seconds => Some(spread(lines.iter().map(|line| line.seconds))?[0]),
     };
-    let at = |curve: &'_ [CurveLine], step| curve.iter().find(|l| l.step == step).cloned();
-    first
-        .iter()
-        .filter_map(|line| {
-            let mut lines = vec![line.clone()];
-            for curve in others {
-                lines.push(at(curve, line.step)?);
-            }
-            let [y, low, high] = spread(lines.iter().filter_map(of))?;
-            let x = match against {
-                Against::Steps => line.step as f64,
-                Against::Seconds => spread(lines.iter().map(|l| l.seconds))?[0],
-            };
-            Some(Point {
-                y_range: (lines.len() > 1).then_some([low, high]),
-                ..Point::new(x, y)
-            })
-        })
-        .collect()
+    let curves = group.runs.iter().map(|run| &run.curve);
+    median_points(curves, |line| line.step, at, of)
 }
 
 fn times_differ(groups: &[RunGroup]) -> bool {

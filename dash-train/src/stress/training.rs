@@ -79,13 +79,7 @@ pub(super) const CASES: &[Case] = &[
         extreme: "no dynamic Gaussian",
         measure: |device| {
             let settings = ["decomposition.floor=1e9"];
-            trained(
-                room(SceneKind::Static, 4)?,
-                &settings,
-                Start::Points,
-                SHORT,
-                device,
-            )
+            clip(SceneKind::Static, &settings, device)
         },
     },
     Case {
@@ -94,13 +88,7 @@ pub(super) const CASES: &[Case] = &[
         extreme: "one dynamic Gaussian",
         measure: |device| {
             let settings = ["decomposition.quantile=0.9999"];
-            trained(
-                room(SceneKind::Tiny, 4)?,
-                &settings,
-                Start::Points,
-                SHORT,
-                device,
-            )
+            clip(SceneKind::Tiny, &settings, device)
         },
     },
     Case {
@@ -109,13 +97,7 @@ pub(super) const CASES: &[Case] = &[
         extreme: "all Gaussians but the slowest dynamic",
         measure: |device| {
             let settings = ["decomposition.quantile=0"];
-            trained(
-                room(SceneKind::Flow, 4)?,
-                &settings,
-                Start::Points,
-                SHORT,
-                device,
-            )
+            clip(SceneKind::Flow, &settings, device)
         },
     },
     Case {
@@ -128,13 +110,7 @@ pub(super) const CASES: &[Case] = &[
                 "field.deformation.encoder.log2_hashmap_size=14",
                 "field.deformation.encoder.finest_resolution=[2048, 2048, 2048, 2048]",
             ];
-            trained(
-                room(SceneKind::Bounce, 4)?,
-                &settings,
-                Start::Points,
-                SHORT,
-                device,
-            )
+            clip(SceneKind::Bounce, &settings, device)
         },
     },
     Case {
@@ -217,6 +193,11 @@ fn room(scene: SceneKind, frames: usize) -> Result<Dataset, TrainError> {
     let dataset = load(folder.path(), &LoadOptions::default())?;
     made.push((scene, frames, dataset.clone()));
     Ok(dataset)
+}
+
+/// A short run on a clip of four times.
+fn clip(scene: SceneKind, settings: &[&str], device: &Device) -> Result<Measured, TrainError> {
+    trained(room(scene, 4)?, settings, Start::Points, SHORT, device)
 }
 
 /// The same capture in other units.

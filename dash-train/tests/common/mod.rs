@@ -60,6 +60,11 @@ impl Bench {
 
     /// Trains `run` on `room` for 30 steps.
     pub fn train(&self, run: &str) {
+        self.train_with(run, &[]);
+    }
+
+    /// The same with further arguments.
+    pub fn train_with(&self, run: &str, more: &[&str]) {
         let mut args = vec![
             "train",
             "room",
@@ -71,6 +76,7 @@ impl Bench {
             "quick",
         ];
         args.extend(TINY);
+        args.extend(more);
         self.ok(&args);
     }
 
