@@ -1,14 +1,14 @@
 //! The field over space and time with its multi-head decoder.
 
-use burn::module::Module;
+use burn::module::{Module, Param};
 use burn::nn::Linear;
 use burn::tensor::activation::relu;
-use burn::tensor::{Device, Tensor};
-use dash_kernels::hash_encode::HashGridLayout;
+use burn::tensor::{Device, Tensor, TensorData};
 use rand::Rng;
 use serde::{Deserialize, Serialize};
 
 use crate::encoders::{Representation, SpaceTimeEncoder, TimeEmbedding};
+use crate::gaussians::to_host;
 use crate::mlp::{Mlp, linear};
 use crate::{HashEncoderConfig, ModelError, SpaceBox};
 
@@ -35,6 +35,15 @@ pub struct Heads {
     pub scale: bool,
     /// Opacities and constant colours. Not in DASH; E-D3DGS has it.
     pub appearance: bool,
+}
+
+/// A head that a field can do without.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Head {
+    /// See [`Heads::rotation`].
+    Rotation,
+    /// See [`Heads::scale`].
+    Scale,
 }
 
 impl Default for Heads {
@@ -94,7 +103,13 @@ impl DeformationConfig {
                 grid.finest_resolution.len()
             )));
         }
-        HashGridLayout::new(&grid.grid())?;
+        grid.layout()?;
+        if self.representation != Representation::Hash && !grid.left_out_levels.is_empty() {
+            return Err(ModelError::Config(
+                "levels can be left out (encoder.left_out_levels) of the representation `hash` only"
+                    .into(),
+            ));
+        }
         self.n_values().map(drop)
     }
 
@@ -251,6 +266,80 @@ impl DeformationField {
                 .map(|columns| columns.clone().narrow(1, 0, 1).reshape([n])),
             sh_dc: appearance.map(|columns| columns.narrow(1, 1, 3).reshape([n, 1, 3])),
         }
+    }
+
+    /// The field without a head.
+    pub fn without_head(&self, head: Head) -> Self {
+        let mut field = self.clone();
+        match head {
+            Head::Rotation => (field.head_quats, field.config.heads.rotation) = (None, false),
+            Head::Scale => (field.head_scales, field.config.heads.scale) = (None, false),
+        }
+        field
+    }
+
+    /// The field without some levels of its hash grid, counted as they are now; what they hold on
+    /// average goes into the decoder's first bias.
+    ///
+    /// # Shapes
+    /// `typical`: the mean of [`DeformationField::features`] over what the field is asked for, a value
+    /// for each.
+    ///
+    /// # Errors
+    /// When the field has no hash grid or no such level, none would be left, or `typical` has another
+    /// length.
+    pub fn without_levels(&self, left_out: &[usize], typical: &[f32]) -> Result<Self, ModelError> {
+        let SpaceTimeEncoder::Hash(encoder) = &self.encoder else {
+            return Err(ModelError::Config(
+                "a field without a hash grid has no levels to leave out".into(),
+            ));
+        };
+        let width = encoder.layout().n_features_per_level();
+        let n_features = encoder.n_output_features();
+        if typical.len() != n_features {
+            return Err(ModelError::Config(format!(
+                "expected the means of {n_features} features, found {}",
+                typical.len()
+            )));
+        }
+        let reduced = encoder.without(left_out)?;
+        let first = &self.decoder.layers[0];
+        let device = first.weight.device();
+        let hidden = self.config.hidden;
+        let weights = to_host(first.weight.val());
+        let mut bias = match &first.bias {
+            Some(bias) => to_host(bias.val()),
+            None => vec![0.0; hidden],
+        };
+        let mut kept = Vec::new();
+        for (feature, (row, mean)) in weights.chunks_exact(hidden).zip(typical).enumerate() {
+            if left_out.contains(&(feature / width)) {
+                for (bias, weight) in bias.iter_mut().zip(row) {
+                    *bias += mean * weight;
+                }
+            } else {
+                kept.extend_from_slice(row);
+            }
+        }
+        let mut field = self.clone();
+        field.decoder.layers[0] = Linear {
+            weight: Param::from_data(
+                TensorData::new(kept, [reduced.n_output_features(), hidden]),
+                &device,
+            ),
+            bias: Some(Param::from_data(TensorData::new(bias, [hidden]), &device)),
+        };
+        field.encoder = SpaceTimeEncoder::Hash(reduced);
+        // The configuration counts all levels there ever were.
+        let config = &mut field.config.encoder;
+        let present: Vec<usize> = (0..config.n_levels)
+            .filter(|level| !config.left_out_levels.contains(level))
+            .collect();
+        config
+            .left_out_levels
+            .extend(left_out.iter().map(|&level| present[level]));
+        config.left_out_levels.sort_unstable();
+        Ok(field)
     }
 
     /// The box of space that the field covers.

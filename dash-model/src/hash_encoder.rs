@@ -10,6 +10,7 @@ use rand::Rng;
 use serde::{Deserialize, Serialize};
 
 use crate::ModelError;
+use crate::gaussians::to_host;
 
 /// Half-width of the uniform distribution that tables start from (instant-ngp).
 const INITIAL_FEATURE: f32 = 1e-4;
@@ -36,10 +37,13 @@ pub struct HashEncoderConfig {
     pub smoothstep: bool,
     /// Level sizes of the released code instead of the paper's Eq. 7.
     pub reference_sizing: bool,
+    /// Levels that are left out, the coarsest being 0; those that remain are as they were.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub left_out_levels: Vec<usize>,
 }
 
 impl HashEncoderConfig {
-    /// The kernel's form of this configuration.
+    /// The kernel's form of this configuration, all levels.
     pub fn grid(&self) -> HashGridConfig {
         HashGridConfig {
             n_levels: self.n_levels,
@@ -60,9 +64,17 @@ impl HashEncoderConfig {
         }
     }
 
+    /// The levels and their sizes.
+    ///
+    /// # Errors
+    /// When the configuration is out of range.
+    pub fn layout(&self) -> Result<HashGridLayout, ModelError> {
+        Ok(HashGridLayout::new(&self.grid())?.without(&self.left_out_levels)?)
+    }
+
     /// How many values the tables hold, saturating.
     pub(crate) fn n_values(&self) -> Result<u128, ModelError> {
-        let grid = HashGridLayout::new(&self.grid())?;
+        let grid = self.layout()?;
         let n_entries: u128 = grid.levels().iter().map(|l| u128::from(l.size)).sum();
         Ok(n_entries.saturating_mul(grid.n_features_per_level() as u128))
     }
@@ -85,7 +97,7 @@ impl HashEncoderConfig {
         rng: &mut impl Rng,
         device: &Device,
     ) -> Result<HashEncoder, ModelError> {
-        let layout = HashGridLayout::new(&self.grid())?;
+        let layout = self.layout()?;
         let parts = layout.split(MAX_TABLE_VALUES);
         let mut init = |part: &HashGridLayout| {
             let shape = [part.n_entries(), part.n_features_per_level()];
@@ -146,6 +158,41 @@ impl HashEncoder {
         })
     }
 
+    /// The encoder without some of the levels that it has.
+    ///
+    /// # Errors
+    /// When there is no such level, or none would be left.
+    pub fn without(&self, left_out: &[usize]) -> Result<Self, ModelError> {
+        let layout = self.layout.without(left_out)?;
+        let device = self.table.device();
+        let width = layout.n_features_per_level();
+        let mut tables_of_levels = Vec::new();
+        for (table, part) in self.tables().zip(&self.parts) {
+            let values = to_host(table.val());
+            for level in part.levels() {
+                let rows = level.offset as usize..(level.offset + level.size) as usize;
+                tables_of_levels.push(values[rows.start * width..rows.end * width].to_vec());
+            }
+        }
+        let mut kept = (0..tables_of_levels.len()).filter(|level| !left_out.contains(level));
+        let parts = layout.split(MAX_TABLE_VALUES);
+        let mut tables = parts.iter().map(|part| {
+            let levels = kept.by_ref().take(part.n_levels());
+            let values: Vec<f32> = levels.flat_map(|l| tables_of_levels[l].clone()).collect();
+            let data = TensorData::new(values, [part.n_entries(), width]);
+            Param::from_data(data, &device)
+        });
+        // A layout has at least one level.
+        let table = tables.next().expect("a layout has at least one part");
+        let further_tables = tables.collect();
+        Ok(Self {
+            table,
+            further_tables,
+            layout,
+            parts,
+        })
+    }
+
     /// Whether a parameter of this name, among those of a whole model, is a table of features: this
     /// encoder's, or a [`TimeEmbedding`](crate::TimeEmbedding)'s.
     pub fn is_table(parameter: &str) -> bool {
@@ -177,7 +224,6 @@ mod tests {
     use rand_pcg::Pcg64;
 
     use super::*;
-    use crate::gaussians::to_host;
     use crate::parameters::named_parameters;
 
     fn devices() -> Vec<Device> {
@@ -201,6 +247,7 @@ mod tests {
             finest_resolution: vec![4096, 3000],
             smoothstep: false,
             reference_sizing: false,
+            left_out_levels: Vec::new(),
         }
     }
 
@@ -246,6 +293,46 @@ mod tests {
                 let expected = (N * 2 * levels) as f64;
                 assert!((sum - expected).abs() < 1e-3, "{sum}, expected {expected}");
             }
+        }
+    }
+
+    #[test]
+    fn without_a_level_the_features_of_the_others_are_the_same() {
+        let config = HashEncoderConfig {
+            n_levels: 4,
+            log2_hashmap_size: 6,
+            base_resolution: vec![4, 3],
+            finest_resolution: vec![20, 30],
+            ..large()
+        };
+        let device = Device::flex();
+        let init = |config: &HashEncoderConfig| config.init(&mut Pcg64::seed_from_u64(4), &device);
+        let all = init(&config).expect("a good configuration");
+        let points = Tensor::<2>::from_data([[0.1, 0.9], [0.33, 0.5], [1.0, 0.0]], &device);
+        let features = |encoder: &HashEncoder| {
+            let features = encoder.forward(points.clone()).expect("fits");
+            to_host(features)
+        };
+        let fewer = all.without(&[0, 2]).expect("two levels stay");
+        let expected: Vec<f32> = features(&all)
+            .chunks_exact(8)
+            .flat_map(|row| [row[2], row[3], row[6], row[7]])
+            .collect();
+        assert_eq!(features(&fewer), expected);
+        // As it is when it is read from a file.
+        let left_out_levels = vec![0, 2];
+        let read = HashEncoderConfig {
+            left_out_levels,
+            ..config.clone()
+        };
+        let read = init(&read).expect("a good configuration");
+        assert_eq!(read.layout(), fewer.layout());
+        for left_out_levels in [vec![4], vec![0, 1, 2, 3]] {
+            let config = HashEncoderConfig {
+                left_out_levels,
+                ..config.clone()
+            };
+            assert!(init(&config).is_err(), "{config:?}");
         }
     }
 

@@ -30,7 +30,7 @@ mod space;
 mod splat_ply;
 
 pub use dash_kernels::Camera;
-pub use deformation::{DeformationConfig, DeformationField, Heads, Offsets};
+pub use deformation::{DeformationConfig, DeformationField, Head, Heads, Offsets};
 pub use encoders::{Grid4d, HexPlanes, Representation, SpaceTimeEncoder, TimeEmbedding};
 pub use error::ModelError;
 pub use gaussians::{GaussianRows, Gaussians, SH_C0, gather_rows, logit};

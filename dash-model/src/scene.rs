@@ -10,7 +10,8 @@ use dash_kernels::splats::NEAR_PLANE;
 use serde::{Deserialize, Serialize};
 
 use crate::deformation::Offsets;
-use crate::{DeformationField, GaussianRows, Gaussians, ModelError, TrajectoryBasis};
+use crate::gaussians::to_host;
+use crate::{DeformationField, GaussianRows, Gaussians, Head, ModelError, TrajectoryBasis};
 
 /// Where the decoder's rotation and scale offsets are added.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
@@ -143,12 +144,72 @@ impl DynamicPart {
     /// # Errors
     /// When a shape does not fit.
     pub fn deform(&self, settings: &SceneSettings, time: f32) -> Result<Deformed, ModelError> {
+        let features = self.features(time)?;
+        Ok(self.deform_with(settings, time, self.field.decode(features)))
+    }
+
+    /// The part without a head of its field. What the head adds on average over `times` becomes the
+    /// Gaussians' own, where offsets are added before the activation.
+    ///
+    /// # Errors
+    /// When a shape does not fit.
+    pub fn without_head(
+        &self,
+        settings: &SceneSettings,
+        head: Head,
+        times: &[f32],
+    ) -> Result<Self, ModelError> {
+        let mut part = self.clone();
+        part.field = part.field.without_head(head);
+        if settings.offsets == OffsetPlacement::AfterActivation {
+            return Ok(part);
+        }
+        let own = match head {
+            Head::Rotation => &mut part.gaussians.quats,
+            Head::Scale => &mut part.gaussians.log_scales,
+        };
+        let mut value = own.val();
+        for &time in times {
+            let offsets = self.field.decode(self.features(time)?);
+            let offset = match head {
+                Head::Rotation => offsets.quats,
+                Head::Scale => offsets.scales,
+            };
+            if let Some(offset) = offset {
+                value = value + offset / times.len() as f32;
+            }
+        }
+        *own = Param::from_tensor(value.detach());
+        Ok(part)
+    }
+
+    /// The part without some levels of its field's hash grid, see
+    /// [`DeformationField::without_levels`]; `times` are those the field is asked for.
+    ///
+    /// # Errors
+    /// As there.
+    pub fn without_levels(&self, left_out: &[usize], times: &[f32]) -> Result<Self, ModelError> {
+        let mut sum: Option<Tensor<2>> = None;
+        for &time in times {
+            let mean = self.features(time)?.mean_dim(0);
+            sum = Some(match sum {
+                Some(sum) => sum + mean,
+                None => mean,
+            });
+        }
+        let mut part = self.clone();
+        if let Some(sum) = sum {
+            let typical = to_host(sum.detach() / times.len() as f32);
+            part.field = part.field.without_levels(left_out, &typical)?;
+        }
+        Ok(part)
+    }
+
+    /// What the field knows of the Gaussians at `time`, `[N, features]`.
+    fn features(&self, time: f32) -> Result<Tensor<2>, ModelError> {
         let canonical = &self.gaussians;
         let embeddings = canonical.embeddings.as_ref().map(Param::val);
-        let features = self
-            .field
-            .features(canonical.means.val(), embeddings, time)?;
-        Ok(self.deform_with(settings, time, self.field.decode(features)))
+        self.field.features(canonical.means.val(), embeddings, time)
     }
 
     fn deform_with(&self, settings: &SceneSettings, time: f32, offsets: Offsets) -> Deformed {

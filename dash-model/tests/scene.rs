@@ -12,7 +12,7 @@ use burn::tensor::Device;
 use dash_model::scene_file::TablePrecision;
 use dash_model::{
     Camera, DeformationConfig, DeformationField, DynamicPart, DynamicScene, GaussianRows,
-    Gaussians, HashEncoderConfig, Heads, Layer, ModelError, OffsetPlacement, Representation,
+    Gaussians, HashEncoderConfig, Head, Heads, Layer, ModelError, OffsetPlacement, Representation,
     SceneSettings, SpaceBox, TrajectoryBasis, read_splat_ply, write_splat_ply,
 };
 use rand::{Rng, SeedableRng};
@@ -66,6 +66,7 @@ fn field_config() -> DeformationConfig {
             finest_resolution: vec![16, 16, 16, 8],
             smoothstep: false,
             reference_sizing: false,
+            left_out_levels: Vec::new(),
         },
         hidden: 8,
         layers: 1,
@@ -238,6 +239,153 @@ fn tables_stored_in_half_the_bits_are_read_back_as_announced() {
     let still = scene(6, None, OffsetPlacement::BeforeActivation, &device);
     assert!(still.with_half_tables().is_none());
     assert_eq!(still.table_bytes(), 0);
+}
+
+#[test]
+fn colour_that_few_gaussians_have_is_stored_for_them_only() {
+    let folder = tempfile::tempdir().expect("a scratch folder");
+    let device = devices().swap_remove(0);
+    let mut scene = scene(40, Some(4), OffsetPlacement::BeforeActivation, &device);
+    let mut rows = scene.static_set.to_rows();
+    for row in [3, 17] {
+        rows.sh_rest[row * rows.sh_rest_width + 2] = 0.7;
+    }
+    scene.static_set = Gaussians::from_rows(&rows, &device);
+    scene.save(folder.path()).expect("writes");
+    let path = folder.path().join("scene.safetensors");
+    let size = std::fs::metadata(&path).expect("written").len() as usize;
+    let of_parameters = scene.stored_bytes();
+    assert!(
+        size > of_parameters && size < of_parameters + 3000,
+        "{size}, {of_parameters}"
+    );
+    // 38 static and all 4 dynamic ones have none, which saves 9 values each; 2 numbers are added.
+    let all = dash_model::scene_file::parameter_bytes(&scene);
+    assert_eq!(all - of_parameters, 4 * ((38 + 4) * 9 - 2));
+    let loaded = DynamicScene::load(folder.path(), &device).expect("reads");
+    assert_eq!(loaded.static_set.to_rows(), rows);
+    // A number that no Gaussian has.
+    let whole = std::fs::read(&path).expect("reads");
+    let numbers: Vec<u8> = [3u32, 17].iter().flat_map(|n| n.to_le_bytes()).collect();
+    let at = whole
+        .windows(8)
+        .position(|bytes| bytes == numbers)
+        .expect("the rows are numbered");
+    for wrong in [40u32, 3, u32::MAX] {
+        let mut broken = whole.clone();
+        broken[at + 4..at + 8].copy_from_slice(&wrong.to_le_bytes());
+        std::fs::write(&path, broken).expect("writes");
+        match DynamicScene::load(folder.path(), &device) {
+            Err(ModelError::Format { expected, .. }) => {
+                assert!(expected.contains("below 40"), "{expected}");
+            }
+            other => panic!("{wrong}: {other:?}"),
+        }
+    }
+}
+
+/// The scene with a field whose offsets differ by far more than rounding.
+fn lively(scene: DynamicScene) -> DynamicScene {
+    let mut parameters = dash_model::parameters::named_parameters(&scene);
+    for (name, tensor) in &mut parameters {
+        let factor = match name.as_str() {
+            "dynamic.field.encoder.table" => 1e4,
+            name if name.starts_with("dynamic.field.head_") => 1e2,
+            _ => continue,
+        };
+        for value in &mut tensor.values {
+            *value *= factor;
+        }
+    }
+    dash_model::parameters::with_parameters(scene, parameters).expect("the same parameters")
+}
+
+#[test]
+fn a_field_with_less_does_on_average_what_it_did() {
+    let folder = tempfile::tempdir().expect("a scratch folder");
+    let times = [0.4f32];
+    for (index, device) in devices().into_iter().enumerate() {
+        let scene = lively(scene(
+            6,
+            Some(9),
+            OffsetPlacement::BeforeActivation,
+            &device,
+        ));
+        let dynamic = scene.dynamic.as_ref().expect("some move");
+        let close =
+            |one: &[f32], other: &[f32]| one.iter().zip(other).all(|(a, b)| (a - b).abs() < 1e-5);
+        for head in [Head::Rotation, Head::Scale] {
+            let mut without = scene.clone();
+            let part = dynamic.without_head(&scene.settings, head, &times);
+            without.dynamic = Some(part.expect("fits"));
+            let deformed = |scene: &DynamicScene, time: f32| {
+                let part = scene.dynamic.as_ref().expect("some move");
+                let deformed = part.deform(&scene.settings, time).expect("fits");
+                let tensor = match head {
+                    Head::Rotation => deformed.quats,
+                    Head::Scale => deformed.scales,
+                };
+                tensor.into_data().try_into_vec::<f32>().expect("f32")
+            };
+            // At the only time there is, the average is all.
+            assert!(close(&deformed(&without, 0.4), &deformed(&scene, 0.4)));
+            assert_eq!(deformed(&without, 0.9), deformed(&without, 0.4));
+            assert_ne!(deformed(&scene, 0.9), deformed(&scene, 0.4));
+            let path = folder.path().join(format!("{index}-{head:?}"));
+            without.save(&path).expect("writes");
+            let loaded = DynamicScene::load(&path, &device).expect("reads");
+            let full = |scene| pixels(scene, 0.9, Layer::Full);
+            assert_eq!(full(&loaded), full(&without));
+        }
+        let mut without = scene.clone();
+        let part = dynamic
+            .without_levels(&[1], &times)
+            .expect("two levels stay");
+        without.dynamic = Some(part);
+        let part = without.dynamic.as_ref().expect("just put there");
+        assert_eq!(part.field.config().encoder.left_out_levels, [1]);
+        let again = part.without_levels(&[1], &times).expect("one level stays");
+        assert_eq!(again.field.config().encoder.left_out_levels, [1, 2]);
+        assert!(again.without_levels(&[0], &times).is_err());
+        let path = folder.path().join(format!("{index}-level"));
+        without.save(&path).expect("writes");
+        let loaded = DynamicScene::load(&path, &device).expect("reads");
+        let full = |scene| pixels(scene, 0.9, Layer::Full);
+        assert_eq!(full(&loaded), full(&without));
+    }
+}
+
+#[test]
+fn a_level_that_says_the_same_everywhere_is_not_missed() {
+    let placement = OffsetPlacement::BeforeActivation;
+    for device in devices() {
+        let scene = lively(scene(6, Some(9), placement, &device));
+        // Every feature of level 1 becomes 0.5.
+        let mut parameters = dash_model::parameters::named_parameters(&scene);
+        let layout = field_config().encoder.layout().expect("valid");
+        let level = layout.levels()[1];
+        let table = parameters
+            .get_mut("dynamic.field.encoder.table")
+            .expect("a hash grid has a table");
+        let rows = level.offset as usize..(level.offset + level.size) as usize;
+        table.values[2 * rows.start..2 * rows.end].fill(0.5);
+        let scene = dash_model::parameters::with_parameters(scene, parameters).expect("fits");
+        let mut without = scene.clone();
+        let part = scene.dynamic.as_ref().expect("some move");
+        without.dynamic = Some(part.without_levels(&[1], &[0.1, 0.7]).expect("two stay"));
+        for time in [0.0, 0.3, 1.0] {
+            let (one, other) = (
+                pixels(&scene, time, Layer::Dynamic),
+                pixels(&without, time, Layer::Dynamic),
+            );
+            let largest = one
+                .iter()
+                .zip(&other)
+                .map(|(a, b)| (a - b).abs())
+                .fold(0.0, f32::max);
+            assert!(largest < 1e-4, "at {time}: {largest}");
+        }
+    }
 }
 
 #[test]

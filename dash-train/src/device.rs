@@ -91,11 +91,9 @@ impl DeviceChoice {
 }
 
 /// Every adapter that wgpu can use, software included.
+#[cfg(feature = "wgpu")]
 fn wgpu_devices() -> Vec<Device> {
-    #[cfg(feature = "wgpu")]
-    return Device::enumerate(burn::tensor::DeviceType::Wgpu).into_vec();
-    #[cfg(not(feature = "wgpu"))]
-    Vec::new()
+    Device::enumerate(burn::tensor::DeviceType::Wgpu).into_vec()
 }
 
 /// The strongest adapter that is no software.

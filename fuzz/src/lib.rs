@@ -2,11 +2,12 @@
 //!
 //! ```text
 //! DASH_FUZZ_CORPUS=$PWD/fuzz/corpus cargo test --release --workspace --test hostile corpus
-//! cargo +nightly fuzz run npy -- -runs=1000000 -malloc_limit_mb=64
+//! fuzz/run all -runs=1000000 -malloc_limit_mb=64
 //! ```
 //!
-//! The first line writes valid files as the corpus. The same parsers run without sanitizers and without
-//! a nightly compiler in `dash-train/tests/hostile`.
+//! The first line writes valid files as the corpus; the second needs a C++ compiler, but no nightly one.
+//! `cargo +nightly fuzz run npy` works as well, and adds AddressSanitizer; Burn then takes an hour to
+//! compile. The same parsers run without coverage in `dash-train/tests/hostile`.
 
 use std::sync::OnceLock;
 

@@ -184,6 +184,40 @@ impl HashGridLayout {
             .collect()
     }
 
+    /// The grid without some of its levels; what the others hold stays in order.
+    ///
+    /// # Errors
+    /// [`KernelError::Config`] when there is no such level, or none would be left.
+    pub fn without(&self, left_out: &[usize]) -> Result<Self, KernelError> {
+        let n_levels = self.levels.len();
+        let refuse = |what: String| KernelError::Config {
+            op: "hash_encode",
+            what,
+        };
+        if let Some(level) = left_out.iter().find(|&&level| level >= n_levels) {
+            return Err(refuse(format!(
+                "level {level} is left out of a grid of {n_levels} levels"
+            )));
+        }
+        let mut rows = 0;
+        let levels: Arc<[HashGridLevel]> = (0..n_levels)
+            .filter(|level| !left_out.contains(level))
+            .map(|level| {
+                let level = self.levels[level];
+                let offset = rows;
+                rows += level.size;
+                HashGridLevel { offset, ..level }
+            })
+            .collect();
+        if levels.is_empty() {
+            return Err(refuse(format!("all {n_levels} levels are left out")));
+        }
+        Ok(Self {
+            levels,
+            ..self.clone()
+        })
+    }
+
     /// The levels, coarse to fine.
     pub fn levels(&self) -> &[HashGridLevel] {
         &self.levels

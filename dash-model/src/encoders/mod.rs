@@ -4,6 +4,8 @@ mod grid4d;
 mod hex_planes;
 mod time_embedding;
 
+use std::collections::BTreeSet;
+
 use burn::module::Module;
 use burn::tensor::{Device, Tensor};
 use rand::Rng;
@@ -76,7 +78,9 @@ impl SpaceTimeEncoder {
     /// Features per point of an encoder of this configuration, saturating.
     pub(crate) fn n_output_features_of(config: &DeformationConfig) -> usize {
         let grid = &config.encoder;
-        let of_levels = grid.n_levels.saturating_mul(grid.n_features_per_level);
+        let left_out: BTreeSet<_> = grid.left_out_levels.iter().collect();
+        let n_levels = grid.n_levels.saturating_sub(left_out.len());
+        let of_levels = n_levels.saturating_mul(grid.n_features_per_level);
         match config.representation {
             Representation::Hash | Representation::HexPlane => of_levels,
             Representation::Grid4d => config.hidden,

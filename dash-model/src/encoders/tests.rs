@@ -53,6 +53,7 @@ fn config(representation: Representation) -> DeformationConfig {
             finest_resolution: vec![7, 5, 6, 9],
             smoothstep: false,
             reference_sizing: false,
+            left_out_levels: Vec::new(),
         },
         heads: Heads::default(),
     }

@@ -1,6 +1,7 @@
 //! What is gathered beside the steps: gradients on the screen, how large motion appears, and which
 //! dynamic Gaussians any picture shows.
 
+use burn::module::Module;
 use burn::tensor::{Gradients, Tensor};
 use dash_kernels::splats::{DEPTH, N_COLUMNS, RADIUS_X, RED};
 use dash_model::decomposition::select_dynamic;
@@ -103,20 +104,22 @@ pub(crate) fn spread(trainer: &Trainer, most: usize) -> impl Iterator<Item = &Vi
     })
 }
 
-/// For each Gaussian, static ones first, the most pixels' worth of it that one of the views shows: its blending weights summed over the picture.
+/// For each Gaussian, static ones first, the most pixels' worth of it that one of the views shows: its
+/// blending weights summed over the picture.
 pub(crate) fn largest_shares<'a>(
     trainer: &Trainer,
     views: impl Iterator<Item = &'a View>,
 ) -> Result<Vec<f32>, TrainError> {
-    let (n_static, n_dynamic) = trainer.scene.counts();
+    // Without the graph: nothing would free what leads to splats through which no gradient flows.
+    let scene = trainer.scene.valid();
+    let (n_static, n_dynamic) = scene.counts();
     let mut largest = vec![0.0f32; n_static + n_dynamic];
     for view in views {
-        let mut splats = vec![trainer.scene.static_splats(&view.camera)?];
-        splats.extend(trainer.scene.dynamic_splats(&view.camera, view.time)?);
+        let mut splats = vec![scene.static_splats(&view.camera)?];
+        splats.extend(scene.dynamic_splats(&view.camera, view.time)?);
         // The red of a splat enters a pixel with its weight: the gradient of the sum of all red.
-        let leaf = Tensor::from_inner(Tensor::cat(splats, 0).inner()).require_grad();
-        let red = trainer
-            .scene
+        let leaf = Tensor::from_inner(Tensor::cat(splats, 0)).require_grad();
+        let red = scene
             .rasterize(leaf.clone(), &view.camera)?
             .image
             .narrow(2, 0, 1);

@@ -280,6 +280,7 @@ fn scene(dynamic: bool) -> Vec<u8> {
             finest_resolution: vec![2, 2, 2, 2],
             smoothstep: false,
             reference_sizing: false,
+            left_out_levels: Vec::new(),
         },
         hidden: 2,
         layers: 2,

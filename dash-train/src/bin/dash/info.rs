@@ -120,6 +120,9 @@ fn told(decision: &Decision) -> String {
         decision
             .bytes
             .map(|size| format!("{} of memory", bytes(size))),
+        decision
+            .millis
+            .map(|millis| format!("{millis:+.2} ms a view")),
     ];
     let measured: Vec<String> = measured.into_iter().flatten().collect();
     match measured.is_empty() {

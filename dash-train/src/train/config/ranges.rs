@@ -1,7 +1,5 @@
 //! Which values a configuration may have.
 
-use dash_kernels::hash_encode::HashGridLayout;
-
 use super::TrainConfig;
 use crate::TrainError;
 
@@ -79,7 +77,10 @@ impl TrainConfig {
             &format!("decomposition.basis may have up to {MAX_BASIS_FUNCTIONS} spans"),
         )?;
         let fitted = self.for_frames(2);
-        let motion = HashGridLayout::new(&fitted.decomposition.encoder.grid())
+        let motion = fitted
+            .decomposition
+            .encoder
+            .layout()
             .map_err(|e| TrainError::Config(format!("decomposition.encoder: {e}")))?;
         check(
             motion.dims() == 3,

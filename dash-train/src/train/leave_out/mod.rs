@@ -2,6 +2,7 @@
 //! what was decided is recorded with what was measured.
 
 mod evidence;
+mod parts;
 mod trials;
 
 use dash_model::DynamicScene;
@@ -13,9 +14,12 @@ use super::trainer::Trainer;
 use crate::TrainError;
 
 /// Most that pictures may lose when a part is left out, dB: by the lower bound of the mean over training
-/// views. There are three such parts, and together they may lose less than 0.05 dB.
+/// views.
 const MAX_LOSS: f64 = 0.015;
-/// Share of the scene's bytes that a part must take to be worth leaving out.
+/// Most that they may lose when all that was left out is counted, dB: by the same bound.
+const MAX_TOTAL_LOSS: f64 = 0.045;
+/// Share of the scene's bytes, or of its field's arithmetic, that a part must take to be worth leaving
+/// out.
 const MIN_SAVING: f64 = 0.03;
 
 /// A part of a scene that was kept or left out, and why.
@@ -39,6 +43,9 @@ pub struct Decision {
     /// Bytes of the scene that it takes.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub bytes: Option<u64>,
+    /// Milliseconds of rendering a training view that it takes: a difference of medians, and noisy.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub millis: Option<f64>,
 }
 
 /// The name of the decision whether anything moves.
@@ -60,11 +67,8 @@ impl Decision {
             db: None,
             db_lower: None,
             bytes: None,
+            millis: None,
         }
-    }
-
-    fn measured(&mut self, outcome: &trials::Outcome) {
-        (self.db, self.db_lower) = (Some(outcome.mean), Some(outcome.lower));
     }
 }
 
@@ -89,9 +93,11 @@ pub(crate) fn after_training(
         return Ok((trainer.scene.clone(), TablePrecision::Single, decisions));
     }
     let mut trials = trials::Trials::new(trainer)?;
-    trials.gaussians()?;
-    trials.directions()?;
-    let precision = trials.table_bits()?;
+    let shares = parts::gaussians(&mut trials)?;
+    parts::heads(&mut trials)?;
+    parts::levels(&mut trials)?;
+    parts::directions(&mut trials, &shares)?;
+    let precision = parts::table_bits(&mut trials)?;
     decisions.extend(trials.decisions);
     Ok((trials.scene, precision, decisions))
 }

@@ -1,46 +1,122 @@
 //! Trials when training is over: the scene without a part, on training views, against the scene with
 //! it.
 
-use burn::module::Module;
-use dash_model::scene_file::{TablePrecision, parameter_bytes};
-use dash_model::{DynamicScene, Gaussians};
+use std::time::Instant;
 
-use super::{Decision, MAX_LOSS, MIN_SAVING};
+use burn::module::Module as _;
+use dash_model::DynamicScene;
+
+use super::{Decision, MAX_LOSS, MAX_TOTAL_LOSS, MIN_SAVING};
 use crate::TrainError;
+use crate::dataset::View;
 use crate::metrics::{masked_psnr, psnr};
 use crate::train::optimizer::to_host;
-use crate::train::statistics::{largest_shares, spread};
+use crate::train::statistics::spread;
 use crate::train::trainer::Trainer;
 
-/// Largest share of the Gaussians that is tried at once.
-const MOST: f64 = 0.6;
-/// Halvings of the range in which the share lies.
+/// Halvings of the range in which a share lies.
 const ROUNDS: usize = 5;
-
-/// Most training views that are asked what they show of each Gaussian.
-const RANKING_VIEWS: usize = 256;
 /// Most training views on which a scene is scored.
 const SCORED_VIEWS: usize = 64;
+/// Views after which a scene that is clearly worse is given up.
+const FIRST_VIEWS: usize = 8;
+/// Standard errors that make it clear.
+const CLEARLY: f64 = 3.0;
+
+/// PSNR on training views over the pixels that count, dB, and how long a view took.
+#[derive(Debug, Clone, Default)]
+pub(super) struct Scores {
+    psnr: Vec<f64>,
+    millis: Vec<f64>,
+}
 
 /// How a scene without a part does, against the scene with it.
-pub(super) struct Outcome {
-    pub(super) mean: f64,
-    pub(super) lower: f64,
+#[derive(Debug, Clone, Copy, PartialEq)]
+struct Outcome {
+    mean: f64,
+    standard_error: f64,
 }
 
 impl Outcome {
-    pub(super) fn is_harmless(&self) -> bool {
-        self.lower > -MAX_LOSS
+    fn of(with: &[f64], without: &[f64]) -> Self {
+        let changes: Vec<f64> = with
+            .iter()
+            .zip(without)
+            .map(|(with, without)| without - with)
+            .collect();
+        let n = changes.len().max(1) as f64;
+        let mean = changes.iter().sum::<f64>() / n;
+        let variance = changes.iter().map(|c| (c - mean).powi(2)).sum::<f64>() / (n - 1.0).max(1.0);
+        Self {
+            mean,
+            standard_error: (variance / n).sqrt(),
+        }
     }
+
+    fn lower(self) -> f64 {
+        self.mean - 2.0 * self.standard_error
+    }
+
+    fn is_clearly_worse(self) -> bool {
+        self.mean + CLEARLY * self.standard_error < -MAX_LOSS
+    }
+}
+
+/// What a trial without consequences found.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Effect {
+    mean: f64,
+    harmless: bool,
+}
+
+impl Effect {
+    /// Change of PSNR, dB.
+    pub(super) fn mean(self) -> f64 {
+        self.mean
+    }
+
+    pub(super) fn is_harmless(self) -> bool {
+        self.harmless
+    }
+}
+
+/// What leaving a part out saves.
+#[derive(Debug, Clone, Copy, Default)]
+pub(super) struct Saving {
+    pub(super) bytes: usize,
+    /// Share of the arithmetic of the field.
+    pub(super) arithmetic: f64,
+}
+
+impl Saving {
+    pub(super) fn of_bytes(bytes: usize) -> Self {
+        Self {
+            bytes,
+            ..Self::default()
+        }
+    }
+}
+
+/// A scene without a part.
+pub(super) struct Candidate {
+    pub(super) part: String,
+    /// What is said of it beside what is measured.
+    pub(super) reason: String,
+    pub(super) scene: DynamicScene,
+    pub(super) saving: Saving,
 }
 
 /// A trained scene from which parts are left out one after the other.
 pub(super) struct Trials<'a> {
-    trainer: &'a Trainer,
+    pub(super) trainer: &'a Trainer,
+    views: Vec<&'a View>,
     /// What is left so far.
     pub(super) scene: DynamicScene,
-    /// Its scores.
-    scores: Vec<f64>,
+    scores: Scores,
+    /// The scores of all of it.
+    of_all: Scores,
+    /// Bytes that what is left takes when stored.
+    bytes: usize,
     /// What was decided.
     pub(super) decisions: Vec<Decision>,
 }
@@ -50,189 +126,129 @@ impl<'a> Trials<'a> {
     pub(super) fn new(trainer: &'a Trainer) -> Result<Self, TrainError> {
         // Without the graph that gradients need.
         let scene = trainer.scene.valid();
-        Ok(Self {
+        let views: Vec<&View> = spread(trainer, SCORED_VIEWS).collect();
+        // The first views that are looked at are of all cameras and times, too.
+        let stride = views.len().div_ceil(FIRST_VIEWS).max(1);
+        let order = (0..stride).flat_map(|from| (from..views.len()).step_by(stride));
+        let views: Vec<&View> = order.map(|k| views[k]).collect();
+        let mut trials = Self {
             trainer,
-            scores: scores(trainer, &scene)?,
+            views,
+            bytes: scene.stored_bytes(),
             scene,
+            scores: Scores::default(),
+            of_all: Scores::default(),
             decisions: Vec::new(),
-        })
+        };
+        trials.of_all = trials.score(&trials.scene)?;
+        trials.scores = trials.of_all.clone();
+        Ok(trials)
     }
 
-    /// Goes on with `without`, if that loses nothing and saves enough; whether it does.
-    fn judge(
-        &mut self,
-        part: &str,
-        reason: String,
-        (without, bytes): (DynamicScene, usize),
-    ) -> Result<bool, TrainError> {
-        let scores = scores(self.trainer, &without)?;
-        Ok(self.judge_scored(part, reason, (without, bytes), scores))
-    }
-
-    /// The same where `without` has been scored.
-    fn judge_scored(
-        &mut self,
-        part: &str,
-        reason: String,
-        (without, bytes): (DynamicScene, usize),
-        scores: Vec<f64>,
-    ) -> bool {
-        let outcome = compare(&self.scores, &scores);
-        let mut decision = Decision::new(self.trainer, part);
-        let enough = MIN_SAVING * parameter_bytes(&self.scene) as f64;
-        decision.left_out = outcome.is_harmless() && bytes as f64 >= enough;
-        decision.reason = reason;
-        decision.measured(&outcome);
-        decision.bytes = Some(bytes as u64);
-        let left_out = decision.left_out;
-        if left_out {
-            (self.scene, self.scores) = (without, scores);
+    /// Scores a scene against what is left so far, on fewer views if it is clearly worse.
+    fn score(&self, scene: &DynamicScene) -> Result<Scores, TrainError> {
+        let mut scores = Scores::default();
+        for view in &self.views {
+            let start = Instant::now();
+            let image = to_host(scene.render(&view.camera, view.time)?.rgb().detach());
+            scores.millis.push(1e3 * start.elapsed().as_secs_f64());
+            let (truth, counted) = view.rgb_and_counted(scene.settings.background)?;
+            scores.psnr.extend(match counted {
+                None => Some(psnr(&image, &truth)),
+                Some(counted) => {
+                    let counts: Vec<bool> = counted.iter().map(|&c| c > 0.0).collect();
+                    masked_psnr(&image, &truth, &counts)
+                }
+            });
+            let looked_at = scores.psnr.len();
+            let so_far = Outcome::of(&self.scores.psnr, &scores.psnr);
+            if looked_at >= FIRST_VIEWS && so_far.is_clearly_worse() {
+                break;
+            }
         }
-        self.decisions.push(decision);
+        Ok(scores)
+    }
+
+    /// Whether a scene of these scores loses no more than a part may, nor all parts together.
+    fn is_harmless(&self, scores: &Scores) -> bool {
+        Outcome::of(&self.scores.psnr, &scores.psnr).lower() > -MAX_LOSS
+            && Outcome::of(&self.of_all.psnr, &scores.psnr).lower() > -MAX_TOTAL_LOSS
+    }
+
+    /// Goes on with a candidate, if that loses nothing and saves enough; whether it does.
+    pub(super) fn judge(&mut self, candidate: Candidate) -> Result<bool, TrainError> {
+        let scores = self.score(&candidate.scene)?;
+        Ok(self.judge_scored(candidate, scores))
+    }
+
+    /// The same where it has been scored.
+    pub(super) fn judge_scored(&mut self, candidate: Candidate, scores: Scores) -> bool {
+        let saving = candidate.saving;
+        let outcome = Outcome::of(&self.scores.psnr, &scores.psnr);
+        let enough = saving.bytes as f64 >= MIN_SAVING * self.bytes as f64
+            || saving.arithmetic >= MIN_SAVING;
+        let left_out = self.is_harmless(&scores) && enough;
+        self.decisions.push(Decision {
+            left_out,
+            reason: candidate.reason,
+            db: Some(outcome.mean),
+            db_lower: Some(outcome.lower()),
+            bytes: Some(saving.bytes as u64),
+            millis: Some(median(&self.scores.millis) - median(&scores.millis)),
+            ..Decision::new(self.trainer, &candidate.part)
+        });
+        if left_out {
+            (self.scene, self.scores) = (candidate.scene, scores);
+            self.bytes -= saving.bytes.min(self.bytes);
+        }
         left_out
     }
 
-    /// Gaussians that the pictures hardly show: as many as can go without harm.
-    pub(super) fn gaussians(&mut self) -> Result<(), TrainError> {
-        let views = spread(self.trainer, RANKING_VIEWS);
-        let shares = largest_shares(self.trainer, views)?;
-        // What no view shows may be shown by one that was not asked.
-        let all_asked = self.trainer.train_views.len() <= RANKING_VIEWS;
-        let mut order: Vec<usize> = (0..shares.len())
-            .filter(|&row| all_asked || shares[row] > 0.0)
-            .collect();
-        order.sort_by(|&a, &b| shares[a].total_cmp(&shares[b]).then(a.cmp(&b)));
-        let (mut low, mut high, mut share) = (0.0, MOST, MOST);
-        // The largest share that is harmless; while none is, the last that was tried.
+    /// How a scene does by itself.
+    pub(super) fn effect(&self, scene: &DynamicScene) -> Result<Effect, TrainError> {
+        let scores = self.score(scene)?;
+        Ok(Effect {
+            harmless: self.is_harmless(&scores),
+            mean: Outcome::of(&self.scores.psnr, &scores.psnr).mean,
+        })
+    }
+
+    /// The largest share that can go, up to `most`: how many of `n` that is, and what `without` makes of
+    /// it. While none is harmless, the last that was tried.
+    pub(super) fn largest_share(
+        &self,
+        most: f64,
+        n: usize,
+        without: impl Fn(usize) -> DynamicScene,
+    ) -> Result<Option<(usize, DynamicScene, Scores)>, TrainError> {
+        let (mut low, mut high, mut share) = (0.0, most, most);
         let mut tried = None;
         for _ in 0..ROUNDS {
-            let gone = (share * order.len() as f64) as usize;
-            let mut stays = vec![true; shares.len()];
-            for &row in &order[..gone] {
-                stays[row] = false;
-            }
-            let without = reduced(&self.scene, &stays);
-            let scored = scores(self.trainer, &without)?;
-            let harmless = compare(&self.scores, &scored).is_harmless();
+            let gone = (share * n as f64) as usize;
+            let scene = without(gone);
+            let scores = self.score(&scene)?;
+            let harmless = self.is_harmless(&scores);
             if harmless || low == 0.0 {
-                tried = Some((gone, without, scored));
+                tried = Some((gone, scene, scores));
             }
             if harmless {
                 low = share;
             } else {
                 high = share;
             }
-            if low == MOST {
+            if low == most {
                 break;
             }
             share = 0.5 * (low + high);
         }
-        let Some((gone, without, scored)) = tried else {
-            return Ok(());
-        };
-        let bytes = parameter_bytes(&self.scene) - parameter_bytes(&without);
-        let reason = format!(
-            "{gone} of {}, the least shown; they may cost at most {MAX_LOSS} dB",
-            shares.len()
-        );
-        let part = "Gaussians that the pictures hardly show";
-        self.judge_scored(part, reason, (without, bytes), scored);
-        Ok(())
-    }
-
-    /// Colour that depends on the direction.
-    pub(super) fn directions(&mut self) -> Result<(), TrainError> {
-        if self.scene.static_set.sh_degree() == 0 {
-            return Ok(());
-        }
-        let device = self.scene.static_set.means.device();
-        let flatten = |set: &Gaussians| {
-            let mut rows = set.to_rows();
-            rows.sh_rest.clear();
-            rows.sh_rest_width = 0;
-            Gaussians::from_rows(&rows, &device)
-        };
-        let mut plain = self.scene.clone();
-        plain.static_set = flatten(&plain.static_set);
-        if let Some(dynamic) = &mut plain.dynamic {
-            dynamic.gaussians = flatten(&dynamic.gaussians);
-        }
-        plain.settings.sh_degree = 0;
-        let bytes = parameter_bytes(&self.scene) - parameter_bytes(&plain);
-        let part = "colour that depends on the direction";
-        self.judge(part, may_cost(), (plain, bytes))?;
-        Ok(())
-    }
-
-    /// Half the bits of the field's tables: the scene is then rounded to them.
-    pub(super) fn table_bits(&mut self) -> Result<TablePrecision, TrainError> {
-        let Some(rounded) = self.scene.with_half_tables() else {
-            return Ok(TablePrecision::Single);
-        };
-        let bytes = self.scene.table_bytes() as usize / 2;
-        let part = "half the bits of the field's tables";
-        Ok(match self.judge(part, may_cost(), (rounded, bytes))? {
-            true => TablePrecision::Half,
-            false => TablePrecision::Single,
-        })
+        Ok(tried)
     }
 }
 
-fn may_cost() -> String {
-    format!("may cost at most {MAX_LOSS} dB")
-}
-
-/// PSNR of a scene on training views, over the pixels that count, dB.
-fn scores(trainer: &Trainer, scene: &DynamicScene) -> Result<Vec<f64>, TrainError> {
-    let mut scores = Vec::new();
-    for view in spread(trainer, SCORED_VIEWS) {
-        let image = to_host(scene.render(&view.camera, view.time)?.rgb().detach());
-        let (truth, counted) = view.rgb_and_counted(scene.settings.background)?;
-        scores.extend(match counted {
-            None => Some(psnr(&image, &truth)),
-            Some(counted) => {
-                let counts: Vec<bool> = counted.iter().map(|&c| c > 0.0).collect();
-                masked_psnr(&image, &truth, &counts)
-            }
-        });
-    }
-    Ok(scores)
-}
-
-fn compare(with: &[f64], without: &[f64]) -> Outcome {
-    let n = with.len().max(1) as f64;
-    let changes = || {
-        with.iter()
-            .zip(without)
-            .map(|(with, without)| without - with)
-    };
-    let mean = changes().sum::<f64>() / n;
-    let variance = changes().map(|c| (c - mean).powi(2)).sum::<f64>() / (n - 1.0).max(1.0);
-    Outcome {
-        mean,
-        lower: mean - 2.0 * (variance / n).sqrt(),
-    }
-}
-
-fn rows_that(stays: &[bool]) -> Vec<usize> {
-    (0..stays.len()).filter(|&row| stays[row]).collect()
-}
-
-/// The scene with some of its Gaussians, static rows first.
-fn reduced(scene: &DynamicScene, stays: &[bool]) -> DynamicScene {
-    let device = scene.static_set.means.device();
-    let (of_static, of_dynamic) = stays.split_at(scene.static_set.len());
-    let mut scene = scene.clone();
-    let gathered = |set: &Gaussians, stays: &[bool]| {
-        Gaussians::from_rows(&set.to_rows().gather(&rows_that(stays)), &device)
-    };
-    scene.static_set = gathered(&scene.static_set, of_static);
-    if let Some(dynamic) = &mut scene.dynamic {
-        dynamic.gaussians = gathered(&dynamic.gaussians, of_dynamic);
-    }
-    // A field that moves nothing is not kept.
-    scene.dynamic = scene.dynamic.filter(|d| !d.gaussians.is_empty());
-    scene
+fn median(values: &[f64]) -> f64 {
+    let mut values = values.to_vec();
+    values.sort_by(f64::total_cmp);
+    values.get(values.len() / 2).copied().unwrap_or(0.0)
 }
 
 #[cfg(test)]
@@ -242,13 +258,16 @@ mod tests {
     #[test]
     fn a_loss_is_judged_by_its_lower_bound() {
         let with = [30.0; 4];
-        let same = compare(&with, &with);
-        assert_eq!((same.mean, same.lower), (0.0, 0.0));
-        assert!(same.is_harmless());
+        let lower = |without: &[f64]| Outcome::of(&with, without).lower();
+        assert_eq!(lower(&with), 0.0);
         // A mean of no loss that one view in four pays for.
-        let uneven = compare(&with, &[30.3, 30.3, 30.3, 29.1]);
-        assert!(uneven.mean.abs() < 1e-9 && !uneven.is_harmless());
-        assert!(!compare(&with, &[29.98; 4]).is_harmless());
-        assert!(compare(&with, &[29.99; 4]).is_harmless());
+        let uneven = Outcome::of(&with, &[30.3, 30.3, 30.3, 29.1]);
+        assert!(uneven.mean.abs() < 1e-9 && uneven.lower() < -MAX_LOSS);
+        assert!(!uneven.is_clearly_worse());
+        assert!(lower(&[29.98; 4]) < -MAX_LOSS && lower(&[29.99; 4]) > -MAX_LOSS);
+        assert!(Outcome::of(&with, &[29.98; 4]).is_clearly_worse());
+        assert!(!Outcome::of(&with, &[29.99; 4]).is_clearly_worse());
+        // Given up early: as many views as were looked at count.
+        assert_eq!(Outcome::of(&with, &[29.0; 2]).mean, -1.0);
     }
 }

@@ -1,15 +1,22 @@
 //! A scene on disk: `scene.json` (structure) and `scene.safetensors` (parameters).
+//!
+//! Version 2 of the files may hold tables of features as 16-bit floats, and the higher colour
+//! coefficients of those Gaussians only that have any, `SET.sh_rest`, with the numbers of these
+//! Gaussians, `SET.sh_rest.rows`. Files without either are of version 1.
+
+mod tensors;
 
 use std::collections::BTreeMap;
 use std::fs::{self, File};
 use std::path::{Path, PathBuf};
 
 use burn::module::Module;
-use burn::tensor::{Device, f16};
+use burn::tensor::Device;
 use rand::SeedableRng;
 use rand_pcg::Pcg64;
-use safetensors::tensor::{Dtype, SafeTensors, TensorView};
 use serde::{Deserialize, Serialize};
+use tensors::{Stored, read_stored, write_stored};
+pub use tensors::{read_tensors, write_tensors};
 
 use crate::parameters::{HostTensor, named_parameters, with_parameters};
 use crate::{
@@ -17,8 +24,12 @@ use crate::{
     HashEncoder, ModelError, SceneSettings, SpaceBox,
 };
 
-/// Version of the files that this code writes.
-const FORMAT_VERSION: u32 = 1;
+/// Version of files in which every tensor is whole and f32.
+const PLAIN_VERSION: u32 = 1;
+/// Version of the others.
+const FORMAT_VERSION: u32 = 2;
+/// Sets whose higher colour coefficients may be stored for some Gaussians only.
+const SETS: [&str; 2] = ["static_set", "dynamic.gaussians"];
 /// Most functions of time that trajectories may be made of.
 const MAX_BASIS_FUNCTIONS: usize = 4096;
 
@@ -55,10 +66,6 @@ fn is_table(name: &str) -> bool {
     name.starts_with("dynamic.field.encoder.") && HashEncoder::is_table(name)
 }
 
-fn half(value: f32) -> f16 {
-    f16::from_f32(value.clamp(f16::MIN.to_f32(), f16::MAX.to_f32()))
-}
-
 impl DynamicScene {
     /// Writes the scene into a folder, which is made if need be. Each file is complete or absent.
     ///
@@ -74,14 +81,12 @@ impl DynamicScene {
     /// [`ModelError::Io`].
     pub fn save_with(&self, folder: &Path, precision: TablePrecision) -> Result<(), ModelError> {
         fs::create_dir_all(folder).map_err(|e| ModelError::io(folder, "create the folder", e))?;
-        let description = self.describe();
+        let tensors = stored(named_parameters(self), precision);
+        let plain = tensors.values().all(|t| matches!(t, Stored::Single(_)));
+        let description = self.describe(if plain { PLAIN_VERSION } else { FORMAT_VERSION });
         let json = serde_json::to_vec_pretty(&description)
             .map_err(|e| ModelError::Config(format!("scene settings: {e}")))?;
-        write_tensors_with(
-            &folder.join("scene.safetensors"),
-            &named_parameters(self),
-            precision,
-        )?;
+        write_stored(&folder.join("scene.safetensors"), &tensors)?;
         write_atomically(&folder.join("scene.json"), |mut file| {
             std::io::Write::write_all(&mut file, &json)
         })
@@ -96,15 +101,15 @@ impl DynamicScene {
         let text = fs::read(&json_path).map_err(|e| ModelError::io(&json_path, "read", e))?;
         let description: SceneDescription = serde_json::from_slice(&text)
             .map_err(|e| ModelError::format(&json_path, "a scene description", e.to_string()))?;
-        if description.format_version != FORMAT_VERSION {
+        if !(PLAIN_VERSION..=FORMAT_VERSION).contains(&description.format_version) {
             return Err(ModelError::format(
                 &json_path,
-                format!("format version {FORMAT_VERSION}"),
+                format!("format version {PLAIN_VERSION} or {FORMAT_VERSION}"),
                 description.format_version.to_string(),
             ));
         }
         let tensor_path = folder.join("scene.safetensors");
-        let parameters = read_tensors(&tensor_path)?;
+        let parameters = whole(read_stored(&tensor_path)?, &tensor_path)?;
         description.check(&parameters, &tensor_path)?;
         // Static Gaussians have trajectories only in checkpoints, before the split.
         let static_width = description.trajectory_width(&parameters, "static_set", &tensor_path)?;
@@ -123,11 +128,17 @@ impl DynamicScene {
         for (_, table) in tables {
             found = true;
             for value in &mut table.values {
-                *value = half(*value).to_f32();
+                *value = tensors::half(*value).to_f32();
             }
         }
         let rounded = found.then(|| with_parameters(self.clone(), parameters));
         rounded.map(|scene| scene.expect("a scene's own parameters fit it"))
+    }
+
+    /// Bytes that the scene takes on disk, tables f32, names and sizes aside.
+    pub fn stored_bytes(&self) -> usize {
+        let tensors = stored(named_parameters(self), TablePrecision::Single);
+        tensors.values().map(Stored::bytes).sum()
     }
 
     /// Bytes of the field's tables of features, f32.
@@ -137,10 +148,10 @@ impl DynamicScene {
         tables.map(|(_, t)| 4 * t.values.len() as u64).sum()
     }
 
-    fn describe(&self) -> SceneDescription {
+    fn describe(&self, format_version: u32) -> SceneDescription {
         let (n_static, n_dynamic) = self.counts();
         SceneDescription {
-            format_version: FORMAT_VERSION,
+            format_version,
             settings: self.settings.clone(),
             n_static,
             n_dynamic,
@@ -156,6 +167,68 @@ impl DynamicScene {
             }),
         }
     }
+}
+
+fn colour(set: &str) -> String {
+    format!("{set}.sh_rest")
+}
+
+fn rows_of(name: &str) -> String {
+    format!("{name}.rows")
+}
+
+/// A scene's parameters as they are stored.
+fn stored(
+    parameters: BTreeMap<String, HostTensor>,
+    precision: TablePrecision,
+) -> BTreeMap<String, Stored> {
+    let mut tensors = BTreeMap::new();
+    for (name, tensor) in parameters {
+        if precision == TablePrecision::Half && is_table(&name) {
+            tensors.insert(name, Stored::Half(tensor));
+        } else if SETS.iter().any(|set| colour(set) == name)
+            && let Some((rows, kept)) = tensors::without_zero_rows(&tensor)
+        {
+            tensors.insert(rows_of(&name), Stored::Rows(rows));
+            tensors.insert(name, Stored::Single(kept));
+        } else {
+            tensors.insert(name, Stored::Single(tensor));
+        }
+    }
+    tensors
+}
+
+/// The parameters of what was stored.
+fn whole(
+    mut stored: BTreeMap<String, Stored>,
+    path: &Path,
+) -> Result<BTreeMap<String, HostTensor>, ModelError> {
+    for set in SETS {
+        let name = colour(set);
+        let Some(Stored::Rows(rows)) = stored.remove(&rows_of(&name)) else {
+            continue;
+        };
+        let n = match stored.get(&format!("{set}.means")) {
+            Some(Stored::Single(means)) => means.shape.first().copied().unwrap_or(0),
+            _ => 0,
+        };
+        let spread = match stored.get(&name) {
+            Some(Stored::Single(kept)) => tensors::with_zero_rows(kept, &rows, n),
+            _ => None,
+        };
+        let spread = spread.ok_or_else(|| {
+            ModelError::format(
+                path,
+                format!(
+                    "in `{}` a rising number below {n} for each row of `{name}`",
+                    rows_of(&name)
+                ),
+                format!("{} numbers that do not fit", rows.len()),
+            )
+        })?;
+        stored.insert(name, Stored::Single(spread));
+    }
+    tensors::only_floats(stored, path)
 }
 
 impl SceneDescription {
@@ -290,84 +363,6 @@ impl SceneDescription {
         }
         Ok(())
     }
-}
-
-/// Writes named f32 tensors as one safetensors file.
-///
-/// # Errors
-/// [`ModelError::Io`].
-pub fn write_tensors(
-    path: &Path,
-    tensors: &BTreeMap<String, HostTensor>,
-) -> Result<(), ModelError> {
-    write_tensors_with(path, tensors, TablePrecision::Single)
-}
-
-fn write_tensors_with(
-    path: &Path,
-    tensors: &BTreeMap<String, HostTensor>,
-    precision: TablePrecision,
-) -> Result<(), ModelError> {
-    let halves: BTreeMap<&str, Vec<u8>> = tensors
-        .iter()
-        .filter(|(name, _)| precision == TablePrecision::Half && is_table(name))
-        .map(|(name, tensor)| {
-            let bytes = tensor.values.iter().flat_map(|&v| half(v).to_le_bytes());
-            (name.as_str(), bytes.collect())
-        })
-        .collect();
-    let views: Result<Vec<_>, _> = tensors
-        .iter()
-        .map(|(name, tensor)| {
-            let (kind, bytes) = match halves.get(name.as_str()) {
-                Some(bytes) => (Dtype::F16, bytes.as_slice()),
-                None => (Dtype::F32, bytemuck::cast_slice(&tensor.values)),
-            };
-            TensorView::new(kind, tensor.shape.clone(), bytes).map(|view| (name, view))
-        })
-        .collect();
-    let bytes = views
-        .and_then(|views| safetensors::serialize(views, None))
-        .map_err(|e| ModelError::Config(format!("tensors for {}: {e}", path.display())))?;
-    write_atomically(path, |mut file| {
-        std::io::Write::write_all(&mut file, &bytes)
-    })
-}
-
-/// Reads a safetensors file of f32 and f16 tensors.
-///
-/// # Errors
-/// [`ModelError::Io`] or [`ModelError::Format`].
-pub fn read_tensors(path: &Path) -> Result<BTreeMap<String, HostTensor>, ModelError> {
-    let bytes = fs::read(path).map_err(|e| ModelError::io(path, "read", e))?;
-    let file = SafeTensors::deserialize(&bytes)
-        .map_err(|e| ModelError::format(path, "a safetensors file", e.to_string()))?;
-    file.tensors()
-        .into_iter()
-        .map(|(name, view)| {
-            let values = match view.dtype() {
-                Dtype::F32 => bytemuck::pod_collect_to_vec(view.data()),
-                Dtype::F16 => {
-                    let (halves, _) = view.data().as_chunks::<2>();
-                    let values = halves
-                        .iter()
-                        .map(|&bytes| f16::from_le_bytes(bytes).to_f32());
-                    values.collect()
-                }
-                kind => {
-                    let found = format!("`{name}` of {kind:?}");
-                    return Err(ModelError::format(path, "f32 or f16 tensors", found));
-                }
-            };
-            Ok((
-                name,
-                HostTensor {
-                    shape: view.shape().to_vec(),
-                    values,
-                },
-            ))
-        })
-        .collect()
 }
 
 /// Writes a file through a sibling scratch file that replaces it once complete and on disk.

@@ -1,0 +1,232 @@
+//! Tensors in a safetensors file.
+
+use std::borrow::Cow;
+use std::collections::BTreeMap;
+use std::fs;
+use std::io::Write;
+use std::path::Path;
+
+use burn::tensor::f16;
+use safetensors::tensor::{Dtype, SafeTensors, TensorView};
+
+use super::write_atomically;
+use crate::ModelError;
+use crate::parameters::HostTensor;
+
+/// A tensor as it is stored.
+pub(super) enum Stored {
+    /// As it is.
+    Single(HostTensor),
+    /// As 16-bit floats, the nearest to each value.
+    Half(HostTensor),
+    /// Numbers of rows.
+    Rows(Vec<u32>),
+}
+
+impl Stored {
+    pub(super) fn bytes(&self) -> usize {
+        match self {
+            Self::Single(tensor) => size_of_val(tensor.values.as_slice()),
+            Self::Half(tensor) => size_of::<f16>() * tensor.values.len(),
+            Self::Rows(rows) => size_of_val(rows.as_slice()),
+        }
+    }
+}
+
+/// The nearest 16-bit float; the largest for values beyond their range.
+pub(super) fn half(value: f32) -> f16 {
+    f16::from_f32(value.clamp(f16::MIN.to_f32(), f16::MAX.to_f32()))
+}
+
+/// The rows `[M, ..]` of a tensor `[N, ..]` in which a bit is set, and their numbers; `None` where that
+/// takes no less room.
+pub(super) fn without_zero_rows(tensor: &HostTensor) -> Option<(Vec<u32>, HostTensor)> {
+    let n = *tensor.shape.first()?;
+    let width: usize = tensor.shape[1..].iter().product();
+    if width == 0 {
+        return None;
+    }
+    let (mut rows, mut values) = (Vec::new(), Vec::new());
+    for (row, of_row) in tensor.values.chunks_exact(width).enumerate() {
+        if of_row.iter().any(|value| value.to_bits() != 0) {
+            rows.push(u32::try_from(row).ok()?);
+            values.extend_from_slice(of_row);
+        }
+    }
+    let mut shape = tensor.shape.clone();
+    shape[0] = rows.len();
+    (rows.len() * (width + 1) < n * width).then_some((rows, HostTensor { shape, values }))
+}
+
+/// The inverse: `None` unless `rows` rise, stay below `n`, and are as many as there are rows.
+pub(super) fn with_zero_rows(kept: &HostTensor, rows: &[u32], n: usize) -> Option<HostTensor> {
+    let width: usize = kept.shape.get(1..)?.iter().product();
+    let fit = kept.shape[0] == rows.len()
+        && rows.is_sorted_by(|a, b| a < b)
+        && rows.last().is_none_or(|&last| (last as usize) < n);
+    if !fit {
+        return None;
+    }
+    let mut values = vec![0.0; n.checked_mul(width)?];
+    if width > 0 {
+        for (&row, of_row) in rows.iter().zip(kept.values.chunks_exact(width)) {
+            values[row as usize * width..][..width].copy_from_slice(of_row);
+        }
+    }
+    let mut shape = kept.shape.clone();
+    shape[0] = n;
+    Some(HostTensor { shape, values })
+}
+
+/// Writes named f32 tensors as one safetensors file.
+///
+/// # Errors
+/// [`ModelError::Io`].
+pub fn write_tensors(
+    path: &Path,
+    tensors: &BTreeMap<String, HostTensor>,
+) -> Result<(), ModelError> {
+    let views = tensors.iter().map(|(name, tensor)| {
+        let bytes = Cow::Borrowed(bytemuck::cast_slice(&tensor.values));
+        (name.as_str(), Dtype::F32, tensor.shape.clone(), bytes)
+    });
+    write(path, views.collect())
+}
+
+/// Writes tensors as they are to be stored.
+///
+/// # Errors
+/// [`ModelError::Io`].
+pub(super) fn write_stored(
+    path: &Path,
+    tensors: &BTreeMap<String, Stored>,
+) -> Result<(), ModelError> {
+    let views = tensors.iter().map(|(name, tensor)| match tensor {
+        Stored::Single(tensor) => {
+            let bytes = Cow::Borrowed(bytemuck::cast_slice(&tensor.values));
+            (name.as_str(), Dtype::F32, tensor.shape.clone(), bytes)
+        }
+        Stored::Half(tensor) => {
+            let bytes = tensor.values.iter().flat_map(|&v| half(v).to_le_bytes());
+            let bytes = Cow::Owned(bytes.collect());
+            (name.as_str(), Dtype::F16, tensor.shape.clone(), bytes)
+        }
+        Stored::Rows(rows) => {
+            let bytes = Cow::Borrowed(bytemuck::cast_slice(rows));
+            (name.as_str(), Dtype::U32, vec![rows.len()], bytes)
+        }
+    });
+    write(path, views.collect())
+}
+
+type NamedBytes<'a> = (&'a str, Dtype, Vec<usize>, Cow<'a, [u8]>);
+
+fn write(path: &Path, tensors: Vec<NamedBytes<'_>>) -> Result<(), ModelError> {
+    let views: Result<Vec<_>, _> = tensors
+        .iter()
+        .map(|(name, kind, shape, bytes)| {
+            TensorView::new(*kind, shape.clone(), bytes).map(|view| (*name, view))
+        })
+        .collect();
+    let bytes = views
+        .and_then(|views| safetensors::serialize(views, None))
+        .map_err(|e| ModelError::Config(format!("tensors for {}: {e}", path.display())))?;
+    write_atomically(path, |mut file| file.write_all(&bytes))
+}
+
+/// Reads a safetensors file of f32 and f16 tensors.
+///
+/// # Errors
+/// [`ModelError::Io`] or [`ModelError::Format`].
+pub fn read_tensors(path: &Path) -> Result<BTreeMap<String, HostTensor>, ModelError> {
+    only_floats(read_stored(path)?, path)
+}
+
+/// Tensors among which there are no numbers of rows.
+///
+/// # Errors
+/// [`ModelError::Format`] when there are.
+pub(super) fn only_floats(
+    stored: BTreeMap<String, Stored>,
+    path: &Path,
+) -> Result<BTreeMap<String, HostTensor>, ModelError> {
+    stored
+        .into_iter()
+        .map(|(name, tensor)| match tensor {
+            Stored::Single(tensor) | Stored::Half(tensor) => Ok((name, tensor)),
+            Stored::Rows(_) => Err(not_floats(path, &name, Dtype::U32)),
+        })
+        .collect()
+}
+
+/// Reads what [`write_stored`] wrote; 16-bit floats as [`Stored::Single`].
+///
+/// # Errors
+/// [`ModelError::Io`] or [`ModelError::Format`].
+pub(super) fn read_stored(path: &Path) -> Result<BTreeMap<String, Stored>, ModelError> {
+    let bytes = fs::read(path).map_err(|e| ModelError::io(path, "read", e))?;
+    let file = SafeTensors::deserialize(&bytes)
+        .map_err(|e| ModelError::format(path, "a safetensors file", e.to_string()))?;
+    file.tensors()
+        .into_iter()
+        .map(|(name, view)| {
+            let shape = view.shape().to_vec();
+            let tensor = match view.dtype() {
+                Dtype::F32 => Stored::Single(HostTensor {
+                    values: bytemuck::pod_collect_to_vec(view.data()),
+                    shape,
+                }),
+                Dtype::F16 => {
+                    let (halves, _) = view.data().as_chunks::<2>();
+                    let values = halves
+                        .iter()
+                        .map(|&bytes| f16::from_le_bytes(bytes).to_f32());
+                    Stored::Single(HostTensor {
+                        values: values.collect(),
+                        shape,
+                    })
+                }
+                Dtype::U32 if shape.len() == 1 => {
+                    Stored::Rows(bytemuck::pod_collect_to_vec(view.data()))
+                }
+                kind => return Err(not_floats(path, &name, kind)),
+            };
+            Ok((name, tensor))
+        })
+        .collect()
+}
+
+fn not_floats(path: &Path, name: &str, kind: Dtype) -> ModelError {
+    let found = format!("`{name}` of {kind:?}");
+    ModelError::format(path, "f32 or f16 tensors", found)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn rows_of_zeros_need_no_room() {
+        let tensor = HostTensor {
+            shape: vec![4, 1, 3],
+            values: [[0.0; 3], [1.0, 0.0, 2.0], [0.0; 3], [0.0, -0.0, 0.0]].concat(),
+        };
+        let (rows, kept) = without_zero_rows(&tensor).expect("two of four rows are zero");
+        // A negative zero is not nothing: files keep every bit.
+        assert_eq!(
+            (rows.as_slice(), kept.shape.as_slice()),
+            (&[1, 3][..], &[2, 1, 3][..])
+        );
+        let back = with_zero_rows(&kept, &rows, 4).expect("what was taken out goes in");
+        let bits = |t: &HostTensor| t.values.iter().map(|v| v.to_bits()).collect::<Vec<_>>();
+        assert_eq!((bits(&back), back.shape), (bits(&tensor), tensor.shape));
+        for rows in [&[1, 1][..], &[3, 1], &[1, 4], &[1]] {
+            assert!(with_zero_rows(&kept, rows, 4).is_none(), "{rows:?}");
+        }
+        let full = HostTensor {
+            shape: vec![2, 1, 3],
+            values: vec![1.0; 6],
+        };
+        assert!(without_zero_rows(&full).is_none());
+    }
+}
