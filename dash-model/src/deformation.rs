@@ -113,6 +113,36 @@ impl DeformationConfig {
         self.n_values().map(drop)
     }
 
+    /// Multiplications for one Gaussian at one time, those that find corners' weights aside; saturating.
+    pub fn multiplications(&self) -> usize {
+        let features = SpaceTimeEncoder::n_output_features_of(self);
+        let (hidden, layers) = (self.hidden, self.layers.saturating_sub(1));
+        let trunk = layers.saturating_mul(hidden).saturating_add(features);
+        let heads: u128 = self.head_widths().sum();
+        trunk
+            .saturating_add(heads as usize)
+            .saturating_mul(hidden)
+            .saturating_add(SpaceTimeEncoder::multiplications(self))
+    }
+
+    /// Outputs of the heads that there are.
+    fn head_widths(&self) -> impl Iterator<Item = u128> {
+        let Heads {
+            rotation,
+            scale,
+            appearance,
+        } = self.heads;
+        [
+            (true, MEAN),
+            (rotation, QUAT),
+            (scale, SCALE),
+            (appearance, APPEARANCE),
+        ]
+        .into_iter()
+        .filter(|(present, _)| *present)
+        .map(|(_, width)| width)
+    }
+
     /// How many values the parameters of a field of these sizes hold, saturating.
     ///
     /// # Errors
@@ -123,16 +153,9 @@ impl DeformationConfig {
         let features = SpaceTimeEncoder::n_output_features_of(self) as u128;
         let trunk = linear(features, hidden)
             .saturating_add(linear(hidden, hidden).saturating_mul(layers.saturating_sub(1)));
-        let mut heads = linear(hidden, MEAN);
-        for (present, width) in [
-            (self.heads.rotation, QUAT),
-            (self.heads.scale, SCALE),
-            (self.heads.appearance, APPEARANCE),
-        ] {
-            if present {
-                heads = heads.saturating_add(linear(hidden, width));
-            }
-        }
+        let heads = self.head_widths().fold(0u128, |sum, width| {
+            sum.saturating_add(linear(hidden, width))
+        });
         Ok(SpaceTimeEncoder::n_values(self)?
             .saturating_add(trunk)
             .saturating_add(heads))

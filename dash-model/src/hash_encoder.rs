@@ -37,7 +37,7 @@ pub struct HashEncoderConfig {
     pub smoothstep: bool,
     /// Level sizes of the released code instead of the paper's Eq. 7.
     pub reference_sizing: bool,
-    /// Levels that are left out, the coarsest being 0; those that remain are as they were.
+    /// Levels that are left out, rising, the coarsest being 0; those that remain are as they were.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub left_out_levels: Vec<usize>,
 }
@@ -69,6 +69,12 @@ impl HashEncoderConfig {
     /// # Errors
     /// When the configuration is out of range.
     pub fn layout(&self) -> Result<HashGridLayout, ModelError> {
+        if !self.left_out_levels.is_sorted_by(|a, b| a < b) {
+            return Err(ModelError::Config(format!(
+                "expected rising levels in `left_out_levels`, found {:?}",
+                self.left_out_levels
+            )));
+        }
         Ok(HashGridLayout::new(&self.grid())?.without(&self.left_out_levels)?)
     }
 
@@ -327,7 +333,7 @@ mod tests {
         };
         let read = init(&read).expect("a good configuration");
         assert_eq!(read.layout(), fewer.layout());
-        for left_out_levels in [vec![4], vec![0, 1, 2, 3]] {
+        for left_out_levels in [vec![4], vec![0, 1, 2, 3], vec![2, 0], vec![1, 1]] {
             let config = HashEncoderConfig {
                 left_out_levels,
                 ..config.clone()

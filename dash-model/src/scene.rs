@@ -184,11 +184,21 @@ impl DynamicPart {
     }
 
     /// The part without some levels of its field's hash grid, see
-    /// [`DeformationField::without_levels`]; `times` are those the field is asked for.
+    /// [`DeformationField::without_levels`]; `typical` is of [`DynamicPart::mean_features`].
     ///
     /// # Errors
     /// As there.
-    pub fn without_levels(&self, left_out: &[usize], times: &[f32]) -> Result<Self, ModelError> {
+    pub fn without_levels(&self, left_out: &[usize], typical: &[f32]) -> Result<Self, ModelError> {
+        let mut part = self.clone();
+        part.field = part.field.without_levels(left_out, typical)?;
+        Ok(part)
+    }
+
+    /// What the field's features are on average over the Gaussians and some times.
+    ///
+    /// # Errors
+    /// When there is no time, or a shape does not fit.
+    pub fn mean_features(&self, times: &[f32]) -> Result<Vec<f32>, ModelError> {
         let mut sum: Option<Tensor<2>> = None;
         for &time in times {
             let mean = self.features(time)?.mean_dim(0);
@@ -197,12 +207,8 @@ impl DynamicPart {
                 None => mean,
             });
         }
-        let mut part = self.clone();
-        if let Some(sum) = sum {
-            let typical = to_host(sum.detach() / times.len() as f32);
-            part.field = part.field.without_levels(left_out, &typical)?;
-        }
-        Ok(part)
+        let sum = sum.ok_or_else(|| ModelError::Config("expected at least one time".into()))?;
+        Ok(to_host(sum.detach() / times.len() as f32))
     }
 
     /// What the field knows of the Gaussians at `time`, `[N, features]`.

@@ -344,9 +344,14 @@ fn a_field_with_less_does_on_average_what_it_did() {
         without.dynamic = Some(part);
         let part = without.dynamic.as_ref().expect("just put there");
         assert_eq!(part.field.config().encoder.left_out_levels, [1]);
-        let again = part.without_levels(&[1], &times).expect("one level stays");
+        let typical = part.mean_features(&times).expect("fits");
+        let again = part
+            .without_levels(&[1], &typical)
+            .expect("one level stays");
         assert_eq!(again.field.config().encoder.left_out_levels, [1, 2]);
-        assert!(again.without_levels(&[0], &times).is_err());
+        assert!(again.without_levels(&[1], &typical[..2]).is_err());
+        assert!(again.without_levels(&[0], &typical[..2]).is_err());
+        assert!(again.without_levels(&[0], &typical).is_err());
         let path = folder.path().join(format!("{index}-level"));
         without.save(&path).expect("writes");
         let loaded = DynamicScene::load(&path, &device).expect("reads");
@@ -372,7 +377,8 @@ fn a_level_that_says_the_same_everywhere_is_not_missed() {
         let scene = dash_model::parameters::with_parameters(scene, parameters).expect("fits");
         let mut without = scene.clone();
         let part = scene.dynamic.as_ref().expect("some move");
-        without.dynamic = Some(part.without_levels(&[1], &[0.1, 0.7]).expect("two stay"));
+        let typical = part.mean_features(&[0.1, 0.7]).expect("fits");
+        without.dynamic = Some(part.without_levels(&[1], &typical).expect("two stay"));
         for time in [0.0, 0.3, 1.0] {
             let (one, other) = (
                 pixels(&scene, time, Layer::Dynamic),

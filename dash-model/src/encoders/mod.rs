@@ -4,8 +4,6 @@ mod grid4d;
 mod hex_planes;
 mod time_embedding;
 
-use std::collections::BTreeSet;
-
 use burn::module::Module;
 use burn::tensor::{Device, Tensor};
 use rand::Rng;
@@ -15,7 +13,7 @@ pub use grid4d::Grid4d;
 pub use hex_planes::HexPlanes;
 pub use time_embedding::TimeEmbedding;
 
-use crate::{DeformationConfig, HashEncoder, ModelError};
+use crate::{DeformationConfig, HashEncoder, HashEncoderConfig, ModelError};
 
 /// How features over space and time are stored.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
@@ -78,14 +76,28 @@ impl SpaceTimeEncoder {
     /// Features per point of an encoder of this configuration, saturating.
     pub(crate) fn n_output_features_of(config: &DeformationConfig) -> usize {
         let grid = &config.encoder;
-        let left_out: BTreeSet<_> = grid.left_out_levels.iter().collect();
-        let n_levels = grid.n_levels.saturating_sub(left_out.len());
-        let of_levels = n_levels.saturating_mul(grid.n_features_per_level);
         match config.representation {
-            Representation::Hash | Representation::HexPlane => of_levels,
+            Representation::Hash | Representation::HexPlane => of_levels(grid),
             Representation::Grid4d => config.hidden,
             Representation::Embedding => TimeEmbedding::n_output_features_of(grid),
         }
+    }
+
+    /// Multiplications per point, those that find the weights of a cell's corners aside; saturating.
+    pub(crate) fn multiplications(config: &DeformationConfig) -> usize {
+        let grid = &config.encoder;
+        let of_levels = of_levels(grid);
+        let per_feature = match config.representation {
+            // Corners of a cell.
+            Representation::Hash => 1 << 4,
+            // Four corners on each plane, and their product.
+            Representation::HexPlane => 6 * 4 + 5,
+            // Eight corners in each grid, and its layer.
+            Representation::Grid4d => 4 * (8 + config.hidden),
+            // Time finds two vertices in each of two tables, half as wide.
+            Representation::Embedding => 2,
+        };
+        of_levels.saturating_mul(per_feature)
     }
 
     /// Features of points in the 4D unit cube.
@@ -115,6 +127,12 @@ impl SpaceTimeEncoder {
             }
         }
     }
+}
+
+/// Features of all levels that a grid has, saturating.
+fn of_levels(grid: &HashEncoderConfig) -> usize {
+    let n_levels = grid.n_levels.saturating_sub(grid.left_out_levels.len());
+    n_levels.saturating_mul(grid.n_features_per_level)
 }
 
 /// Some columns of points `[N, 4]`, in order.

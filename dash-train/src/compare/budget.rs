@@ -14,10 +14,16 @@ const FIRST_TRIAL: usize = 300;
 /// Steps of a trial that are not timed: they pay for what later ones find ready, such as kernels.
 const COLD: usize = 10;
 /// Share of the budget that the last trial should take at least: longer runs have more Gaussians, and
-/// slower steps.
-const TRIAL_SHARE: f64 = 0.2;
+/// other shares of them that move.
+const TRIAL_SHARE: f64 = 0.35;
 /// Most trials.
-const MAX_TRIALS: usize = 3;
+const MAX_TRIALS: usize = 2;
+/// Time grows with this power of the steps: there are more Gaussians in a longer run.
+const TYPICAL_POWER: f64 = 1.2;
+/// Trials are noisy: the least and the largest power that they may show.
+const POWERS: (f64, f64) = (1.0, 1.5);
+/// A run may be so much shorter or longer than the budget, as a share of it.
+const TOLERANCE: f64 = 0.15;
 
 /// Training seconds to be spent.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -30,6 +36,13 @@ pub struct Budget {
 pub(super) type OnStep<'a> = &'a mut dyn FnMut(usize, Option<(&StepReport, f64)>);
 
 impl Budget {
+    /// Steps for another run, after one of so many steps took `seconds`; `None` if that is near enough.
+    pub(super) fn corrected(self, iterations: usize, seconds: f64) -> Option<usize> {
+        let near = (seconds / self.seconds - 1.0).abs() <= TOLERANCE;
+        let steps = extrapolate(&[(iterations as f64, seconds)], self.seconds);
+        (!near).then_some((steps as usize).max(1))
+    }
+
     /// Steps of `config` that take about these seconds here: found by short runs, each of which goes
     /// through all stages.
     pub(super) fn iterations(
@@ -41,6 +54,7 @@ impl Budget {
     ) -> Result<usize, TrainError> {
         let mut iterations = FIRST_TRIAL;
         let mut points: Vec<(f64, f64)> = Vec::new();
+        let mut at_the_end = 0.0;
         for _ in 0..MAX_TRIALS {
             let config = TrainConfig {
                 iterations,
@@ -59,31 +73,38 @@ impl Budget {
             }
             let warm = trainer.steps_done().saturating_sub(COLD).max(1) as f64;
             points.push((warm, seconds));
+            let start = Instant::now();
+            trainer.needed_scene()?;
+            at_the_end = start.elapsed().as_secs_f64();
             if seconds >= TRIAL_SHARE * self.seconds {
                 break;
             }
-            let next = self.extrapolate(&points, TRIAL_SHARE * self.seconds);
+            let next = extrapolate(&points, TRIAL_SHARE * self.seconds);
             iterations = (next as usize).max(iterations + 1);
         }
-        Ok((self.extrapolate(&points, self.seconds) as usize).max(1))
+        // What is tried when training is over takes as long after any number of steps, nearly.
+        let of_steps = (self.seconds - at_the_end).max(TRIAL_SHARE * self.seconds);
+        Ok((extrapolate(&points, of_steps) as usize).max(1))
     }
+}
 
-    /// Steps that take `seconds`, along a power law through the last two trials.
-    fn extrapolate(self, points: &[(f64, f64)], seconds: f64) -> f64 {
-        /// Step time does not fall with the length of a run, nor grow faster than this power.
-        const POWERS: (f64, f64) = (1.0, 1.5);
-        let Some(&(n, secs)) = points.last() else {
-            return 1.0;
-        };
-        let power = match points {
-            [.., (before, secs_before), _] if n > *before && *secs_before > 0.0 => {
-                (secs / secs_before).ln() / (n / before).ln()
-            }
-            _ => POWERS.0,
-        };
-        let power = if power.is_finite() { power } else { POWERS.0 };
-        n * (seconds / secs.max(1e-9)).powf(1.0 / power.clamp(POWERS.0, POWERS.1))
-    }
+/// Steps that take `seconds`, along a power law through the last two trials.
+fn extrapolate(points: &[(f64, f64)], seconds: f64) -> f64 {
+    let Some(&(n, secs)) = points.last() else {
+        return 1.0;
+    };
+    let power = match points {
+        [.., (before, secs_before), _] if n > *before && *secs_before > 0.0 => {
+            (secs / secs_before).ln() / (n / before).ln()
+        }
+        _ => TYPICAL_POWER,
+    };
+    let power = if power.is_finite() {
+        power.clamp(POWERS.0, POWERS.1)
+    } else {
+        TYPICAL_POWER
+    };
+    n * (seconds / secs.max(1e-9)).powf(1.0 / power)
 }
 
 #[cfg(test)]
@@ -92,14 +113,23 @@ mod tests {
 
     #[test]
     fn steps_follow_the_power_law_of_the_trials() {
-        let budget = Budget { seconds: 100.0 };
-        assert!((budget.extrapolate(&[(300.0, 3.0)], 100.0) - 10_000.0).abs() < 1e-6);
         // Four times the steps took eight times as long: a power of 1.5.
         let steep = [(300.0, 3.0), (1200.0, 24.0)];
-        assert!((budget.extrapolate(&steep, 192.0) - 4800.0).abs() < 1e-6);
-        // Faster steps in the longer run are noise.
+        assert!((extrapolate(&steep, 192.0) - 4800.0).abs() < 1e-6);
+        // Steps that are faster in the longer run are noise.
         let noise = [(300.0, 3.0), (600.0, 3.0)];
-        assert!((budget.extrapolate(&noise, 30.0) - 6000.0).abs() < 1e-6);
-        assert!(budget.extrapolate(&[(300.0, 0.0)], 1.0).is_finite());
+        assert!((extrapolate(&noise, 30.0) - 6000.0).abs() < 1e-6);
+        assert!(extrapolate(&[(300.0, 0.0)], 1.0).is_finite());
+    }
+
+    #[test]
+    fn a_run_far_from_the_budget_is_corrected() {
+        let budget = Budget { seconds: 60.0 };
+        assert_eq!(budget.corrected(1000, 60.0), None);
+        assert_eq!(budget.corrected(1000, 52.0), None);
+        let fewer = budget.corrected(1000, 120.0).expect("twice too long");
+        assert!((500..1000).contains(&fewer), "{fewer}");
+        let more = budget.corrected(1000, 30.0).expect("too short by half");
+        assert!((1000..2000).contains(&more), "{more}");
     }
 }

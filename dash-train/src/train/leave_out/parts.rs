@@ -3,7 +3,7 @@
 use std::collections::BTreeSet;
 
 use dash_model::scene_file::TablePrecision;
-use dash_model::{DeformationConfig, DynamicPart, DynamicScene, Gaussians, Head, Representation};
+use dash_model::{DynamicPart, DynamicScene, Gaussians, Head, Representation};
 
 use super::trials::{Candidate, Saving, Trials};
 use super::{Decision, MAX_LOSS};
@@ -15,20 +15,22 @@ const MOST_GAUSSIANS: f64 = 0.6;
 /// Largest share of the Gaussians that is tried without a colour that depends on the direction, when all
 /// of them can't do without.
 const MOST_PLAIN: f64 = 0.95;
-/// Most training views that are asked what they show of each Gaussian.
-const RANKING_VIEWS: usize = 256;
+/// Training views that are asked what they show of each Gaussian: one for so many steps.
+const STEPS_PER_RANKING_VIEW: usize = 25;
+/// Least and most of them.
+const RANKING_VIEWS: (usize, usize) = (32, 256);
 /// Most times at which a field is asked what it does on average.
 const TIMES: usize = 32;
-/// Corners of a cell of the 4D grid.
-const CORNERS: usize = 16;
 
 /// Gaussians that the pictures hardly show: as many as can go without harm. How much the pictures show of
 /// each of the others, static ones first.
 pub(super) fn gaussians(trials: &mut Trials) -> Result<Vec<f32>, TrainError> {
-    let views = spread(trials.trainer, RANKING_VIEWS);
+    let (least, most) = RANKING_VIEWS;
+    let n_views = (trials.trainer.step / STEPS_PER_RANKING_VIEW).clamp(least, most);
+    let views = spread(trials.trainer, n_views);
     let shares = largest_shares(trials.trainer, views)?;
     // What no view shows may be shown by one that was not asked.
-    let all_asked = trials.trainer.train_views.len() <= RANKING_VIEWS;
+    let all_asked = trials.trainer.train_views.len() <= n_views;
     let mut order: Vec<usize> = (0..shares.len())
         .filter(|&row| all_asked || shares[row] > 0.0)
         .collect();
@@ -101,10 +103,10 @@ pub(super) fn levels(trials: &mut Trials) -> Result<(), TrainError> {
     if layout.n_levels() == 1 {
         return Ok(());
     }
-    let times = times(trials);
+    let typical = whole.mean_features(&times(trials))?;
     let mut effects = Vec::new();
     for level in 0..layout.n_levels() {
-        let part = whole.without_levels(&[level], &times)?;
+        let part = whole.without_levels(&[level], &typical)?;
         effects.push(trials.effect(&with_field(trials, part).scene)?);
     }
     let by_itself: Vec<String> = effects
@@ -125,7 +127,7 @@ pub(super) fn levels(trials: &mut Trials) -> Result<(), TrainError> {
             .iter()
             .map(|vertices| (vertices - 1).to_string())
             .collect();
-        let part = whole.without_levels(&tried, &times)?;
+        let part = whole.without_levels(&tried, &typical)?;
         let without = with_field(trials, part);
         let candidate = Candidate {
             part: format!("level {level} of the field's grid"),
@@ -262,7 +264,7 @@ fn times(trials: &Trials) -> Vec<f32> {
 fn with_field(trials: &Trials, part: DynamicPart) -> Candidate {
     let mut scene = trials.scene.clone();
     let before = scene.dynamic.replace(part);
-    let arithmetic = |part: &DynamicPart| multiplications(part.field.config()) as f64;
+    let arithmetic = |part: &DynamicPart| part.field.config().multiplications() as f64;
     let saved = match (&before, &scene.dynamic) {
         (Some(before), Some(after)) => 1.0 - arithmetic(after) / arithmetic(before).max(1.0),
         _ => 0.0,
@@ -281,15 +283,6 @@ fn with_field(trials: &Trials, part: DynamicPart) -> Candidate {
             arithmetic: saved,
         },
     }
-}
-
-/// Multiplications of a field with a hash grid for one Gaussian, biases and corners' weights aside.
-fn multiplications(config: &DeformationConfig) -> usize {
-    let grid = &config.encoder;
-    let features = (grid.n_levels - grid.left_out_levels.len()) * grid.n_features_per_level;
-    let heads = 3 + 4 * usize::from(config.heads.rotation) + 3 * usize::from(config.heads.scale);
-    let hidden = config.hidden;
-    features * CORNERS + features * hidden + (config.layers - 1) * hidden * hidden + hidden * heads
 }
 
 /// Goes through the sets of Gaussians, with the number of the first of each, as [`largest_shares`] counts

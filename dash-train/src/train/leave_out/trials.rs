@@ -16,9 +16,12 @@ use crate::train::trainer::Trainer;
 
 /// Halvings of the range in which a share lies.
 const ROUNDS: usize = 5;
-/// Most training views on which a scene is scored.
-const SCORED_VIEWS: usize = 64;
-/// Views after which a scene that is clearly worse is given up.
+/// Training views on which a scene is scored: one for so many steps, so that the trials take a small share
+/// of a run.
+const STEPS_PER_VIEW: usize = 100;
+/// Most of them.
+const MOST_VIEWS: usize = 64;
+/// Views after which a scene that is clearly worse is given up; there are no fewer.
 const FIRST_VIEWS: usize = 8;
 /// Standard errors that make it clear.
 const CLEARLY: f64 = 3.0;
@@ -126,7 +129,8 @@ impl<'a> Trials<'a> {
     pub(super) fn new(trainer: &'a Trainer) -> Result<Self, TrainError> {
         // Without the graph that gradients need.
         let scene = trainer.scene.valid();
-        let views: Vec<&View> = spread(trainer, SCORED_VIEWS).collect();
+        let n_views = (trainer.step / STEPS_PER_VIEW).clamp(FIRST_VIEWS, MOST_VIEWS);
+        let views: Vec<&View> = spread(trainer, n_views).collect();
         // The first views that are looked at are of all cameras and times, too.
         let stride = views.len().div_ceil(FIRST_VIEWS).max(1);
         let order = (0..stride).flat_map(|from| (from..views.len()).step_by(stride));
