@@ -17,6 +17,7 @@
 
 pub mod decomposition;
 mod deformation;
+mod dynamic_part;
 mod encoders;
 mod error;
 mod gaussians;
@@ -31,13 +32,12 @@ mod splat_ply;
 
 pub use dash_kernels::Camera;
 pub use deformation::{DeformationConfig, DeformationField, Head, Heads, Offsets};
+pub use dynamic_part::{Deformed, DynamicPart};
 pub use encoders::{Grid4d, HexPlanes, Representation, SpaceTimeEncoder, TimeEmbedding};
 pub use error::ModelError;
 pub use gaussians::{GaussianRows, Gaussians, SH_C0, gather_rows, logit};
 pub use hash_encoder::{HashEncoder, HashEncoderConfig};
 pub use motion::MotionField;
-pub use scene::{
-    Deformed, DynamicPart, DynamicScene, Layer, OffsetPlacement, Rendering, SceneSettings,
-};
+pub use scene::{DynamicScene, Layer, OffsetPlacement, Rendering, SceneSettings};
 pub use space::{SpaceBox, TrajectoryBasis};
 pub use splat_ply::{read_splat_ply, write_splat_ply};

@@ -2,16 +2,13 @@
 
 use burn::module::{Module, Param};
 use burn::tensor::Tensor;
-use burn::tensor::activation::sigmoid;
 use dash_kernels::Camera;
 use dash_kernels::project::{Activation, ProjectOptions, project};
 use dash_kernels::rasterize::{RasterizeOptions, rasterize};
 use dash_kernels::splats::NEAR_PLANE;
 use serde::{Deserialize, Serialize};
 
-use crate::deformation::Offsets;
-use crate::gaussians::to_host;
-use crate::{DeformationField, GaussianRows, Gaussians, Head, ModelError, TrajectoryBasis};
+use crate::{DynamicPart, GaussianRows, Gaussians, ModelError, TrajectoryBasis};
 
 /// Where the decoder's rotation and scale offsets are added.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
@@ -43,15 +40,6 @@ pub struct SceneSettings {
 
 fn default_near_plane() -> f64 {
     NEAR_PLANE
-}
-
-/// The Gaussians that move, and the field that moves them.
-#[derive(Module, Debug)]
-pub struct DynamicPart {
-    /// Canonical Gaussians.
-    pub gaussians: Gaussians,
-    /// The 4D hash field and its decoder.
-    pub field: DeformationField,
 }
 
 /// A dynamic scene. A scene in which nothing moves has no dynamic part at all.
@@ -98,159 +86,6 @@ impl Rendering {
     /// `[H, W, 1]`, world units times alpha.
     pub fn depth(&self) -> Tensor<3> {
         self.image.clone().narrow(2, 4, 1)
-    }
-}
-
-/// Attributes of the dynamic Gaussians at one time, ready for projection.
-#[derive(Debug, Clone)]
-pub struct Deformed {
-    /// `[N, 3]`, world units.
-    pub means: Tensor<2>,
-    /// `[N, 4]`.
-    pub quats: Tensor<2>,
-    /// `[N, 3]`, logarithms or not as `activation` says.
-    pub scales: Tensor<2>,
-    /// `[N]`, logits or not as `activation` says.
-    pub opacities: Tensor<1>,
-    /// Colour coefficients `[N, K, 3]`.
-    pub sh_coeffs: Tensor<3>,
-    /// What projection applies to scales and opacities.
-    pub activation: Activation,
-}
-
-impl DynamicPart {
-    /// Canonical means moved along their coarse trajectories.
-    ///
-    /// # Shapes
-    /// `-> [N, 3]`
-    pub fn coarse_means(&self, settings: &SceneSettings, time: f32) -> Tensor<2> {
-        let means = self.gaussians.means.val();
-        match &self.gaussians.trajectories {
-            Some(coefficients) => {
-                means
-                    + settings
-                        .trajectory_basis
-                        .displacement(coefficients.val(), time)
-            }
-            None => means,
-        }
-    }
-
-    /// The Gaussians at `time`.
-    ///
-    /// # Source
-    /// DASH Eqs. 9-10; the coarse trajectory below the field's offsets is ours.
-    ///
-    /// # Errors
-    /// When a shape does not fit.
-    pub fn deform(&self, settings: &SceneSettings, time: f32) -> Result<Deformed, ModelError> {
-        let features = self.features(time)?;
-        Ok(self.deform_with(settings, time, self.field.decode(features)))
-    }
-
-    /// The part without a head of its field. What the head adds on average over `times` becomes the
-    /// Gaussians' own, where offsets are added before the activation.
-    ///
-    /// # Errors
-    /// When a shape does not fit.
-    pub fn without_head(
-        &self,
-        settings: &SceneSettings,
-        head: Head,
-        times: &[f32],
-    ) -> Result<Self, ModelError> {
-        let mut part = self.clone();
-        part.field = part.field.without_head(head);
-        if settings.offsets == OffsetPlacement::AfterActivation {
-            return Ok(part);
-        }
-        let own = match head {
-            Head::Rotation => &mut part.gaussians.quats,
-            Head::Scale => &mut part.gaussians.log_scales,
-        };
-        let mut value = own.val();
-        for &time in times {
-            let offsets = self.field.decode(self.features(time)?);
-            let offset = match head {
-                Head::Rotation => offsets.quats,
-                Head::Scale => offsets.scales,
-            };
-            if let Some(offset) = offset {
-                value = value + offset / times.len() as f32;
-            }
-        }
-        *own = Param::from_tensor(value.detach());
-        Ok(part)
-    }
-
-    /// The part without some levels of its field's hash grid, see
-    /// [`DeformationField::without_levels`]; `typical` is of [`DynamicPart::mean_features`].
-    ///
-    /// # Errors
-    /// As there.
-    pub fn without_levels(&self, left_out: &[usize], typical: &[f32]) -> Result<Self, ModelError> {
-        let mut part = self.clone();
-        part.field = part.field.without_levels(left_out, typical)?;
-        Ok(part)
-    }
-
-    /// What the field's features are on average over the Gaussians and some times.
-    ///
-    /// # Errors
-    /// When there is no time, or a shape does not fit.
-    pub fn mean_features(&self, times: &[f32]) -> Result<Vec<f32>, ModelError> {
-        let mut sum: Option<Tensor<2>> = None;
-        for &time in times {
-            let mean = self.features(time)?.mean_dim(0);
-            sum = Some(match sum {
-                Some(sum) => sum + mean,
-                None => mean,
-            });
-        }
-        let sum = sum.ok_or_else(|| ModelError::Config("expected at least one time".into()))?;
-        Ok(to_host(sum.detach() / times.len() as f32))
-    }
-
-    /// What the field knows of the Gaussians at `time`, `[N, features]`.
-    fn features(&self, time: f32) -> Result<Tensor<2>, ModelError> {
-        let canonical = &self.gaussians;
-        let embeddings = canonical.embeddings.as_ref().map(Param::val);
-        self.field.features(canonical.means.val(), embeddings, time)
-    }
-
-    fn deform_with(&self, settings: &SceneSettings, time: f32, offsets: Offsets) -> Deformed {
-        fn plus<const D: usize>(value: Tensor<D>, offset: Option<Tensor<D>>) -> Tensor<D> {
-            match offset {
-                Some(offset) => value + offset,
-                None => value,
-            }
-        }
-        let canonical = &self.gaussians;
-        let means = self.coarse_means(settings, time) + offsets.means;
-        let opacity_logits = plus(canonical.opacity_logits.val(), offsets.opacity_logits);
-        let sh_coeffs = canonical.sh_coeffs_with(plus(canonical.sh_dc.val(), offsets.sh_dc));
-        match settings.offsets {
-            OffsetPlacement::BeforeActivation => Deformed {
-                means,
-                quats: plus(canonical.quats.val(), offsets.quats),
-                scales: plus(canonical.log_scales.val(), offsets.scales),
-                opacities: opacity_logits,
-                sh_coeffs,
-                activation: Activation::Exp,
-            },
-            OffsetPlacement::AfterActivation => {
-                let quats = canonical.quats.val();
-                let norm = (quats.clone().powi_scalar(2).sum_dim(1) + 1e-12).sqrt();
-                Deformed {
-                    means,
-                    quats: plus(quats / norm, offsets.quats),
-                    scales: plus(canonical.log_scales.val().exp(), offsets.scales),
-                    opacities: sigmoid(opacity_logits),
-                    sh_coeffs,
-                    activation: Activation::Linear,
-                }
-            }
-        }
     }
 }
 

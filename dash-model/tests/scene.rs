@@ -117,6 +117,12 @@ fn pixels(scene: &DynamicScene, time: f32, layer: Layer) -> Vec<f32> {
     values
 }
 
+fn largest_difference(one: &[f32], other: &[f32]) -> f32 {
+    assert_eq!(one.len(), other.len());
+    let differences = one.iter().zip(other).map(|(a, b)| (a - b).abs());
+    differences.fold(0.0, f32::max)
+}
+
 #[test]
 fn what_is_nearer_than_the_near_plane_is_not_drawn() {
     for device in devices() {
@@ -226,7 +232,12 @@ fn tables_stored_in_half_the_bits_are_read_back_as_announced() {
         });
         // The header names shorter types, too: a few bytes more or less.
         let saved = sizes[0] - sizes[1];
-        assert!(saved.abs_diff(scene.table_bytes() / 2) < 64, "{sizes:?}");
+        let layout = field_config().encoder.layout().expect("valid");
+        let of_tables = 2 * layout.n_entries() * layout.n_features_per_level();
+        assert!(saved.abs_diff(of_tables as u64) < 64, "{sizes:?}");
+        let [single, half] = [TablePrecision::Single, TablePrecision::Half]
+            .map(|precision| scene.stored_bytes(precision));
+        assert_eq!(single - half, of_tables);
         let half = folder.path().join(format!("{index}-Half"));
         let loaded = DynamicScene::load(&half, &device).expect("reads");
         let announced = scene.with_half_tables().expect("has tables");
@@ -238,7 +249,10 @@ fn tables_stored_in_half_the_bits_are_read_back_as_announced() {
     let device = devices().swap_remove(0);
     let still = scene(6, None, OffsetPlacement::BeforeActivation, &device);
     assert!(still.with_half_tables().is_none());
-    assert_eq!(still.table_bytes(), 0);
+    assert_eq!(
+        still.stored_bytes(TablePrecision::Half),
+        still.stored_bytes(TablePrecision::Single)
+    );
 }
 
 #[test]
@@ -254,7 +268,7 @@ fn colour_that_few_gaussians_have_is_stored_for_them_only() {
     scene.save(folder.path()).expect("writes");
     let path = folder.path().join("scene.safetensors");
     let size = std::fs::metadata(&path).expect("written").len() as usize;
-    let of_parameters = scene.stored_bytes();
+    let of_parameters = scene.stored_bytes(TablePrecision::Single);
     assert!(
         size > of_parameters && size < of_parameters + 3000,
         "{size}, {of_parameters}"
@@ -312,8 +326,6 @@ fn a_field_with_less_does_on_average_what_it_did() {
             &device,
         ));
         let dynamic = scene.dynamic.as_ref().expect("some move");
-        let close =
-            |one: &[f32], other: &[f32]| one.iter().zip(other).all(|(a, b)| (a - b).abs() < 1e-5);
         for head in [Head::Rotation, Head::Scale] {
             let mut without = scene.clone();
             let part = dynamic.without_head(&scene.settings, head, &times);
@@ -328,7 +340,8 @@ fn a_field_with_less_does_on_average_what_it_did() {
                 tensor.into_data().try_into_vec::<f32>().expect("f32")
             };
             // At the only time there is, the average is all.
-            assert!(close(&deformed(&without, 0.4), &deformed(&scene, 0.4)));
+            let change = largest_difference(&deformed(&without, 0.4), &deformed(&scene, 0.4));
+            assert!(change < 1e-5, "{head:?}: {change}");
             assert_eq!(deformed(&without, 0.9), deformed(&without, 0.4));
             assert_ne!(deformed(&scene, 0.9), deformed(&scene, 0.4));
             let path = folder.path().join(format!("{index}-{head:?}"));
@@ -383,15 +396,8 @@ fn a_level_that_says_the_same_everywhere_is_not_missed() {
         let typical = part.mean_features(&[0.1, 0.7]).expect("fits");
         without.dynamic = Some(part.without_levels(&[1], &typical).expect("two stay"));
         for time in [0.0, 0.3, 1.0] {
-            let (one, other) = (
-                pixels(&scene, time, Layer::Dynamic),
-                pixels(&without, time, Layer::Dynamic),
-            );
-            let largest = one
-                .iter()
-                .zip(&other)
-                .map(|(a, b)| (a - b).abs())
-                .fold(0.0, f32::max);
+            let dynamic = |scene| pixels(scene, time, Layer::Dynamic);
+            let largest = largest_difference(&dynamic(&scene), &dynamic(&without));
             assert!(largest < 1e-4, "at {time}: {largest}");
         }
     }
@@ -435,15 +441,10 @@ fn an_instant_survives_the_ply_and_draws_alike() {
                 dynamic: None,
                 settings: scene.settings.clone(),
             };
-            let (a, b) = (
-                pixels(&instant, 0.0, Layer::Full),
-                pixels(&scene, 0.7, Layer::Full),
+            let worst = largest_difference(
+                &pixels(&instant, 0.0, Layer::Full),
+                &pixels(&scene, 0.7, Layer::Full),
             );
-            let worst = a
-                .iter()
-                .zip(&b)
-                .map(|(a, b)| (a - b).abs())
-                .fold(0.0, f32::max);
             assert!(worst < 1e-4, "{worst}");
         }
     }

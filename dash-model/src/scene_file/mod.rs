@@ -135,17 +135,10 @@ impl DynamicScene {
         rounded.map(|scene| scene.expect("a scene's own parameters fit it"))
     }
 
-    /// Bytes that the scene takes on disk, tables f32, names and sizes aside.
-    pub fn stored_bytes(&self) -> usize {
-        let tensors = stored(named_parameters(self), TablePrecision::Single);
+    /// Bytes that the scene takes on disk, names and sizes aside.
+    pub fn stored_bytes(&self, precision: TablePrecision) -> usize {
+        let tensors = stored(named_parameters(self), precision);
         tensors.values().map(Stored::bytes).sum()
-    }
-
-    /// Bytes of the field's tables of features, f32.
-    pub fn table_bytes(&self) -> u64 {
-        let parameters = named_parameters(self);
-        let tables = parameters.iter().filter(|(name, _)| is_table(name));
-        tables.map(|(_, t)| 4 * t.values.len() as u64).sum()
     }
 
     fn describe(&self, format_version: u32) -> SceneDescription {

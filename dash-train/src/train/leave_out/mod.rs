@@ -97,7 +97,7 @@ pub(crate) fn after_training(
     parts::heads(&mut trials)?;
     parts::levels(&mut trials)?;
     parts::directions(&mut trials, &shares)?;
-    let precision = parts::table_bits(&mut trials)?;
+    parts::table_bits(&mut trials)?;
     decisions.extend(trials.decisions);
-    Ok((trials.scene, precision, decisions))
+    Ok((trials.scene, trials.precision, decisions))
 }

@@ -5,7 +5,7 @@ use std::collections::BTreeSet;
 use dash_model::scene_file::TablePrecision;
 use dash_model::{DynamicPart, DynamicScene, Gaussians, Head, Representation};
 
-use super::trials::{Candidate, Saving, Trials};
+use super::trials::{Candidate, Trials};
 use super::{Decision, MAX_LOSS};
 use crate::TrainError;
 use crate::train::statistics::{largest_shares, spread};
@@ -54,8 +54,9 @@ pub(super) fn gaussians(trials: &mut Trials) -> Result<Vec<f32>, TrainError> {
             shares.len(),
             may_cost()
         ),
-        saving: Saving::of_bytes(saved_bytes(&trials.scene, &scene)),
         scene,
+        precision: trials.precision,
+        arithmetic: 0.0,
     };
     Ok(match trials.judge_scored(candidate, scores) {
         true => {
@@ -111,12 +112,12 @@ pub(super) fn levels(trials: &mut Trials) -> Result<(), TrainError> {
     }
     let by_itself: Vec<String> = effects
         .iter()
-        .map(|effect| format!("{:+.3}", effect.mean()))
+        .map(|effect| format!("{:+.3}", effect.mean))
         .collect();
     let mut order: Vec<usize> = (0..effects.len())
-        .filter(|&level| effects[level].is_harmless())
+        .filter(|&level| effects[level].is_harmless)
         .collect();
-    order.sort_by(|&a, &b| effects[b].mean().total_cmp(&effects[a].mean()));
+    order.sort_by(|&a, &b| effects[b].mean.total_cmp(&effects[a].mean));
     // One level has to stay.
     order.truncate(layout.n_levels() - 1);
     let mut left_out = Vec::new();
@@ -139,7 +140,11 @@ pub(super) fn levels(trials: &mut Trials) -> Result<(), TrainError> {
             ),
             ..without
         };
-        if trials.judge(candidate)? {
+        let scores = match left_out.is_empty() {
+            true => effects[level].scores.clone(),
+            false => trials.score(&candidate.scene)?,
+        };
+        if trials.judge_scored(candidate, scores) {
             left_out.push(level);
         }
     }
@@ -174,8 +179,9 @@ pub(super) fn directions(trials: &mut Trials, shares: &[f32]) -> Result<(), Trai
     let plain = Candidate {
         part: "colour that depends on the direction".into(),
         reason: may_cost(),
-        saving: Saving::of_bytes(saved_bytes(&trials.scene, &scene)),
         scene,
+        precision: trials.precision,
+        arithmetic: 0.0,
     };
     if trials.judge(plain)? {
         return Ok(());
@@ -214,36 +220,32 @@ pub(super) fn directions(trials: &mut Trials, shares: &[f32]) -> Result<(), Trai
     let candidate = Candidate {
         part: "colour that depends on the direction, where it shows least".into(),
         reason: format!("{gone} of {n} Gaussians; {}", may_cost()),
-        saving: Saving::of_bytes(saved_bytes(&trials.scene, &scene)),
         scene,
+        precision: trials.precision,
+        arithmetic: 0.0,
     };
     trials.judge_scored(candidate, scores);
     Ok(())
 }
 
 /// Half the bits of the field's tables: the scene is then rounded to them.
-pub(super) fn table_bits(trials: &mut Trials) -> Result<TablePrecision, TrainError> {
+pub(super) fn table_bits(trials: &mut Trials) -> Result<(), TrainError> {
     let Some(scene) = trials.scene.with_half_tables() else {
-        return Ok(TablePrecision::Single);
+        return Ok(());
     };
     let candidate = Candidate {
         part: "half the bits of the field's tables".into(),
         reason: may_cost(),
         scene,
-        saving: Saving::of_bytes(trials.scene.table_bytes() as usize / 2),
+        precision: TablePrecision::Half,
+        arithmetic: 0.0,
     };
-    Ok(match trials.judge(candidate)? {
-        true => TablePrecision::Half,
-        false => TablePrecision::Single,
-    })
+    trials.judge(candidate)?;
+    Ok(())
 }
 
 fn may_cost() -> String {
     format!("may cost at most {MAX_LOSS} dB")
-}
-
-fn saved_bytes(with: &DynamicScene, without: &DynamicScene) -> usize {
-    with.stored_bytes().saturating_sub(without.stored_bytes())
 }
 
 /// Some of the times of training views, in order.
@@ -269,7 +271,6 @@ fn with_field(trials: &Trials, part: DynamicPart) -> Candidate {
         (Some(before), Some(after)) => 1.0 - arithmetic(after) / arithmetic(before).max(1.0),
         _ => 0.0,
     };
-    let bytes = saved_bytes(&trials.scene, &scene);
     Candidate {
         part: String::new(),
         reason: format!(
@@ -278,10 +279,8 @@ fn with_field(trials: &Trials, part: DynamicPart) -> Candidate {
             may_cost()
         ),
         scene,
-        saving: Saving {
-            bytes,
-            arithmetic: saved,
-        },
+        precision: trials.precision,
+        arithmetic: saved,
     }
 }
 

@@ -5,6 +5,7 @@ use std::time::Instant;
 
 use burn::module::Module as _;
 use dash_model::DynamicScene;
+use dash_model::scene_file::TablePrecision;
 
 use super::{Decision, MAX_LOSS, MAX_TOTAL_LOSS, MIN_SAVING};
 use crate::TrainError;
@@ -65,39 +66,12 @@ impl Outcome {
     }
 }
 
-/// What a trial without consequences found.
-#[derive(Debug, Clone, Copy)]
+/// How a scene did in a trial without consequences.
 pub(super) struct Effect {
-    mean: f64,
-    harmless: bool,
-}
-
-impl Effect {
     /// Change of PSNR, dB.
-    pub(super) fn mean(self) -> f64 {
-        self.mean
-    }
-
-    pub(super) fn is_harmless(self) -> bool {
-        self.harmless
-    }
-}
-
-/// What leaving a part out saves.
-#[derive(Debug, Clone, Copy, Default)]
-pub(super) struct Saving {
-    pub(super) bytes: usize,
-    /// Share of the arithmetic of the field.
-    pub(super) arithmetic: f64,
-}
-
-impl Saving {
-    pub(super) fn of_bytes(bytes: usize) -> Self {
-        Self {
-            bytes,
-            ..Self::default()
-        }
-    }
+    pub(super) mean: f64,
+    pub(super) is_harmless: bool,
+    pub(super) scores: Scores,
 }
 
 /// A scene without a part.
@@ -106,7 +80,10 @@ pub(super) struct Candidate {
     /// What is said of it beside what is measured.
     pub(super) reason: String,
     pub(super) scene: DynamicScene,
-    pub(super) saving: Saving,
+    /// How its tables are stored.
+    pub(super) precision: TablePrecision,
+    /// Share of the field's arithmetic that goes with the part.
+    pub(super) arithmetic: f64,
 }
 
 /// A trained scene from which parts are left out one after the other.
@@ -115,6 +92,8 @@ pub(super) struct Trials<'a> {
     views: Vec<&'a View>,
     /// What is left so far.
     pub(super) scene: DynamicScene,
+    /// How its tables are stored.
+    pub(super) precision: TablePrecision,
     scores: Scores,
     /// The scores of all of it.
     of_all: Scores,
@@ -138,8 +117,9 @@ impl<'a> Trials<'a> {
         let mut trials = Self {
             trainer,
             views,
-            bytes: scene.stored_bytes(),
+            bytes: scene.stored_bytes(TablePrecision::Single),
             scene,
+            precision: TablePrecision::Single,
             scores: Scores::default(),
             of_all: Scores::default(),
             decisions: Vec::new(),
@@ -150,7 +130,7 @@ impl<'a> Trials<'a> {
     }
 
     /// Scores a scene against what is left so far, on fewer views if it is clearly worse.
-    fn score(&self, scene: &DynamicScene) -> Result<Scores, TrainError> {
+    pub(super) fn score(&self, scene: &DynamicScene) -> Result<Scores, TrainError> {
         let mut scores = Scores::default();
         for view in &self.views {
             let start = Instant::now();
@@ -187,23 +167,24 @@ impl<'a> Trials<'a> {
 
     /// The same where it has been scored.
     pub(super) fn judge_scored(&mut self, candidate: Candidate, scores: Scores) -> bool {
-        let saving = candidate.saving;
+        let bytes = candidate.scene.stored_bytes(candidate.precision);
+        let saved = self.bytes.saturating_sub(bytes);
         let outcome = Outcome::of(&self.scores.psnr, &scores.psnr);
-        let enough = saving.bytes as f64 >= MIN_SAVING * self.bytes as f64
-            || saving.arithmetic >= MIN_SAVING;
+        let enough =
+            saved as f64 >= MIN_SAVING * self.bytes as f64 || candidate.arithmetic >= MIN_SAVING;
         let left_out = self.is_harmless(&scores) && enough;
         self.decisions.push(Decision {
             left_out,
             reason: candidate.reason,
             db: Some(outcome.mean),
             db_lower: Some(outcome.lower()),
-            bytes: Some(saving.bytes as u64),
+            bytes: Some(saved as u64),
             millis: Some(median(&self.scores.millis) - median(&scores.millis)),
             ..Decision::new(self.trainer, &candidate.part)
         });
         if left_out {
-            (self.scene, self.scores) = (candidate.scene, scores);
-            self.bytes -= saving.bytes.min(self.bytes);
+            (self.scene, self.precision) = (candidate.scene, candidate.precision);
+            (self.scores, self.bytes) = (scores, bytes);
         }
         left_out
     }
@@ -212,8 +193,9 @@ impl<'a> Trials<'a> {
     pub(super) fn effect(&self, scene: &DynamicScene) -> Result<Effect, TrainError> {
         let scores = self.score(scene)?;
         Ok(Effect {
-            harmless: self.is_harmless(&scores),
             mean: Outcome::of(&self.scores.psnr, &scores.psnr).mean,
+            is_harmless: self.is_harmless(&scores),
+            scores,
         })
     }
 
