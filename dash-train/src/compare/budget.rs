@@ -113,6 +113,9 @@ mod tests {
 
     #[test]
     fn steps_follow_the_power_law_of_the_trials() {
+        // One trial alone: thirty-three times the seconds are not quite nineteen times the steps.
+        let alone = extrapolate(&[(300.0, 3.0)], 100.0);
+        assert!((alone - 5574.26).abs() < 0.01, "{alone}");
         // Four times the steps took eight times as long: a power of 1.5.
         let steep = [(300.0, 3.0), (1200.0, 24.0)];
         assert!((extrapolate(&steep, 192.0) - 4800.0).abs() < 1e-6);
