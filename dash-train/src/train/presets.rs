@@ -43,6 +43,7 @@ impl TrainConfig {
                 decomposition: 0.35,
                 settle: 0.7,
                 window: TimeWindow::Growing,
+                min_following: 1_000,
             },
             loss: LossConfig {
                 dssim: 0.2,
@@ -164,6 +165,7 @@ impl TrainConfig {
             decomposition: 0.08,
             settle: 1.0,
             window: TimeWindow::All,
+            min_following: 0,
         };
         self.decomposition.measure = MotionMeasure::World;
         self.decomposition.quantile = 0.8;
@@ -210,6 +212,7 @@ impl TrainConfig {
             decomposition: 0.08,
             settle: 1.0,
             window: TimeWindow::All,
+            min_following: 0,
         };
         self.loss = LossConfig {
             dssim: 0.0,

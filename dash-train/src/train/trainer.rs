@@ -90,7 +90,9 @@ impl Trainer {
         device: &Device,
     ) -> Result<Self, TrainError> {
         config.validate()?;
-        let config = config.for_frames(dataset.n_frames);
+        let config = config
+            .for_frames(dataset.n_frames)
+            .with_room_for_following();
         let device = device.clone().autodiff();
         let (train_views, validation_views) = validation::hold_out(&dataset);
         if train_views.is_empty() {

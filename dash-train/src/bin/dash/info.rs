@@ -118,6 +118,9 @@ fn told(decision: &Decision) -> String {
             .db
             .map(|db| format!("without it {db:+.3} dB at step {}", decision.step)),
         decision
+            .moving_db
+            .map(|db| format!("{db:+.3} dB where something moves")),
+        decision
             .bytes
             .map(|size| format!("{} of memory", bytes(size))),
         decision
@@ -137,6 +140,7 @@ fn told(decision: &Decision) -> String {
 }
 
 fn settings(table: &mut Table, config: &TrainConfig) {
+    let config = config.clone().with_room_for_following();
     let (warmup, split, end) = (
         config.step_at(config.stages.warmup),
         config.step_at(config.stages.decomposition),

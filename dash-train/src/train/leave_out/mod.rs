@@ -13,8 +13,8 @@ use super::config::Keep;
 use super::trainer::Trainer;
 use crate::TrainError;
 
-/// Most that pictures may lose when a part is left out, dB: by the lower bound of the mean over training
-/// views.
+/// Most that pictures may lose when a part is left out, dB: over all pixels and where something moves, by
+/// the lower bound of the mean over training views.
 const MAX_LOSS: f64 = 0.015;
 /// Most that they may lose when all that was left out is counted, dB: by the same bound.
 const MAX_TOTAL_LOSS: f64 = 0.045;
@@ -40,6 +40,12 @@ pub struct Decision {
     /// Lower bound of that mean, two standard errors below it, dB.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub db_lower: Option<f64>,
+    /// Mean change of PSNR where something moves, dB.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub moving_db: Option<f64>,
+    /// Lower bound of that mean, dB.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub moving_db_lower: Option<f64>,
     /// Bytes of the scene that it takes.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub bytes: Option<u64>,
@@ -66,6 +72,8 @@ impl Decision {
             reason: String::new(),
             db: None,
             db_lower: None,
+            moving_db: None,
+            moving_db_lower: None,
             bytes: None,
             millis: None,
         }

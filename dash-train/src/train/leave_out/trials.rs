@@ -4,13 +4,13 @@
 use std::time::Instant;
 
 use burn::module::Module as _;
-use dash_model::DynamicScene;
 use dash_model::scene_file::TablePrecision;
+use dash_model::{DynamicScene, Layer};
 
 use super::{Decision, MAX_LOSS, MAX_TOTAL_LOSS, MIN_SAVING};
 use crate::TrainError;
 use crate::dataset::View;
-use crate::metrics::{masked_psnr, psnr};
+use crate::metrics::{DYNAMIC_ALPHA_THRESHOLD, masked_psnr, psnr};
 use crate::train::optimizer::to_host;
 use crate::train::statistics::spread;
 use crate::train::trainer::Trainer;
@@ -27,11 +27,33 @@ const FIRST_VIEWS: usize = 8;
 /// Standard errors that make it clear.
 const CLEARLY: f64 = 3.0;
 
-/// PSNR on training views over the pixels that count, dB, and how long a view took.
+/// How a scene does on training views.
 #[derive(Debug, Clone, Default)]
 pub(super) struct Scores {
+    /// PSNR over the pixels that count, dB.
     psnr: Vec<f64>,
+    /// PSNR over those of them where something moves, dB, of views that have any.
+    moving: Vec<f64>,
+    /// How long a view took.
     millis: Vec<f64>,
+}
+
+impl Scores {
+    /// How they compare with those of a scene with more parts: over all pixels, and where something moves.
+    /// Where one has fewer views, these count.
+    fn against(&self, with: &Self) -> [Outcome; 2] {
+        [
+            Outcome::of(&with.psnr, &self.psnr),
+            Outcome::of(&with.moving, &self.moving),
+        ]
+    }
+}
+
+/// A training view to score scenes on.
+struct Trial<'a> {
+    view: &'a View,
+    /// The pixels that count and where something moves in the scene with all parts.
+    moving: Vec<bool>,
 }
 
 /// How a scene without a part does, against the scene with it.
@@ -70,6 +92,7 @@ impl Outcome {
 pub(super) struct Effect {
     /// Change of PSNR, dB.
     pub(super) mean: f64,
+    /// Whether so little is lost that the part may go.
     pub(super) is_harmless: bool,
     pub(super) scores: Scores,
 }
@@ -89,7 +112,7 @@ pub(super) struct Candidate {
 /// A trained scene from which parts are left out one after the other.
 pub(super) struct Trials<'a> {
     pub(super) trainer: &'a Trainer,
-    views: Vec<&'a View>,
+    views: Vec<Trial<'a>>,
     /// What is left so far.
     pub(super) scene: DynamicScene,
     /// How its tables are stored.
@@ -113,7 +136,13 @@ impl<'a> Trials<'a> {
         // The first views that are looked at are of all cameras and times, too.
         let stride = views.len().div_ceil(FIRST_VIEWS).max(1);
         let order = (0..stride).flat_map(|from| (from..views.len()).step_by(stride));
-        let views: Vec<&View> = order.map(|k| views[k]).collect();
+        let views = order
+            .map(|k| {
+                let view = views[k];
+                let moving = moving(&scene, view)?;
+                Ok(Trial { view, moving })
+            })
+            .collect::<Result<_, TrainError>>()?;
         let mut trials = Self {
             trainer,
             views,
@@ -132,21 +161,19 @@ impl<'a> Trials<'a> {
     /// Scores a scene against what is left so far, on fewer views if it is clearly worse.
     pub(super) fn score(&self, scene: &DynamicScene) -> Result<Scores, TrainError> {
         let mut scores = Scores::default();
-        for view in &self.views {
+        for Trial { view, moving } in &self.views {
             let start = Instant::now();
             let image = to_host(scene.render(&view.camera, view.time)?.rgb().detach());
             scores.millis.push(1e3 * start.elapsed().as_secs_f64());
             let (truth, counted) = view.rgb_and_counted(scene.settings.background)?;
             scores.psnr.extend(match counted {
                 None => Some(psnr(&image, &truth)),
-                Some(counted) => {
-                    let counts: Vec<bool> = counted.iter().map(|&c| c > 0.0).collect();
-                    masked_psnr(&image, &truth, &counts)
-                }
+                Some(counted) => masked_psnr(&image, &truth, &counts(&counted)),
             });
+            scores.moving.extend(masked_psnr(&image, &truth, moving));
             let looked_at = scores.psnr.len();
-            let so_far = Outcome::of(&self.scores.psnr, &scores.psnr);
-            if looked_at >= FIRST_VIEWS && so_far.is_clearly_worse() {
+            let so_far = scores.against(&self.scores);
+            if looked_at >= FIRST_VIEWS && so_far.into_iter().any(Outcome::is_clearly_worse) {
                 break;
             }
         }
@@ -155,8 +182,11 @@ impl<'a> Trials<'a> {
 
     /// Whether a scene of these scores loses no more than a part may, nor all parts together.
     fn is_harmless(&self, scores: &Scores) -> bool {
-        Outcome::of(&self.scores.psnr, &scores.psnr).lower() > -MAX_LOSS
-            && Outcome::of(&self.of_all.psnr, &scores.psnr).lower() > -MAX_TOTAL_LOSS
+        let loses_no_more = |with: &Scores, most: f64| {
+            let outcomes = scores.against(with);
+            outcomes.iter().all(|outcome| outcome.lower() > -most)
+        };
+        loses_no_more(&self.scores, MAX_LOSS) && loses_no_more(&self.of_all, MAX_TOTAL_LOSS)
     }
 
     /// Goes on with a candidate, if that loses nothing and saves enough; whether it does.
@@ -169,15 +199,18 @@ impl<'a> Trials<'a> {
     pub(super) fn judge_scored(&mut self, candidate: Candidate, scores: Scores) -> bool {
         let bytes = candidate.scene.stored_bytes(candidate.precision);
         let saved = self.bytes.saturating_sub(bytes);
-        let outcome = Outcome::of(&self.scores.psnr, &scores.psnr);
+        let [whole, moving] = scores.against(&self.scores);
+        let moves = !scores.moving.is_empty();
         let enough =
             saved as f64 >= MIN_SAVING * self.bytes as f64 || candidate.arithmetic >= MIN_SAVING;
         let left_out = self.is_harmless(&scores) && enough;
         self.decisions.push(Decision {
             left_out,
             reason: candidate.reason,
-            db: Some(outcome.mean),
-            db_lower: Some(outcome.lower()),
+            db: Some(whole.mean),
+            db_lower: Some(whole.lower()),
+            moving_db: moves.then_some(moving.mean),
+            moving_db_lower: moves.then(|| moving.lower()),
             bytes: Some(saved as u64),
             millis: Some(median(&self.scores.millis) - median(&scores.millis)),
             ..Decision::new(self.trainer, &candidate.part)
@@ -193,7 +226,7 @@ impl<'a> Trials<'a> {
     pub(super) fn effect(&self, scene: &DynamicScene) -> Result<Effect, TrainError> {
         let scores = self.score(scene)?;
         Ok(Effect {
-            mean: Outcome::of(&self.scores.psnr, &scores.psnr).mean,
+            mean: scores.against(&self.scores)[0].mean,
             is_harmless: self.is_harmless(&scores),
             scores,
         })
@@ -231,6 +264,27 @@ impl<'a> Trials<'a> {
     }
 }
 
+/// Pixels of a view that count, `[H * W]`.
+fn counts(counted: &[f32]) -> Vec<bool> {
+    counted.iter().map(|&c| c > 0.0).collect()
+}
+
+/// Pixels of a view that count and on which the dynamic Gaussians lie, `[H * W]`.
+fn moving(scene: &DynamicScene, view: &View) -> Result<Vec<bool>, TrainError> {
+    let layer = scene.render_layer(&view.camera, view.time, Layer::Dynamic)?;
+    let alpha = to_host(layer.alpha().detach());
+    let (_, counted) = view.rgb_and_counted(scene.settings.background)?;
+    let counted = match counted {
+        None => vec![true; alpha.len()],
+        Some(counted) => counts(&counted),
+    };
+    let lies = alpha.into_iter().map(|a| a > DYNAMIC_ALPHA_THRESHOLD);
+    Ok(lies
+        .zip(counted)
+        .map(|(lies, counts)| lies && counts)
+        .collect())
+}
+
 fn median(values: &[f64]) -> f64 {
     let mut values = values.to_vec();
     values.sort_by(f64::total_cmp);
@@ -253,6 +307,9 @@ mod tests {
         assert!(lower(&[29.98; 4]) < -MAX_LOSS && lower(&[29.99; 4]) > -MAX_LOSS);
         assert!(Outcome::of(&with, &[29.98; 4]).is_clearly_worse());
         assert!(!Outcome::of(&with, &[29.99; 4]).is_clearly_worse());
+        // Nothing moves: nothing is lost there.
+        let none = Outcome::of(&[], &[]);
+        assert!(none.lower() == 0.0 && !none.is_clearly_worse());
         // Given up early: as many views as were looked at count.
         assert_eq!(Outcome::of(&with, &[29.0; 2]).mean, -1.0);
     }

@@ -1,0 +1,109 @@
+//! Stages of runs that are too short for the shares of their preset.
+
+use super::{Selection, TimeWindow, TrainConfig};
+
+/// The form of the shortest runs, as shares like those of the configuration: most steps follow motion,
+/// since what was lost then no later stage finds again.
+const SHORT_WARMUP: f32 = 0.06;
+const SHORT_DECOMPOSITION: f32 = 0.6;
+const SHORT_SETTLE: f32 = 0.85;
+/// The ends of the static and of the dynamic Gaussians' density control in them.
+const SHORT_DENSITIES: [f32; 2] = [0.75, 0.85];
+
+impl TrainConfig {
+    /// This configuration with its stages moved towards the form of the shortest runs, as far as it
+    /// takes to leave [`min_following`](super::StageConfig::min_following) steps.
+    pub fn with_room_for_following(mut self) -> Self {
+        let stages = &mut self.stages;
+        let follows = self.decomposition.enabled
+            && self.decomposition.select == Selection::Moving
+            && stages.window == TimeWindow::Growing;
+        let share = stages.settle * (stages.decomposition - stages.warmup);
+        let step = 1.0 / self.iterations as f32;
+        let warmup = stages.warmup.min(SHORT_WARMUP);
+        let decomposition = stages.decomposition.max(SHORT_DECOMPOSITION);
+        let most = stages.settle.max(SHORT_SETTLE) * (decomposition - warmup);
+        let needed = (stages.min_following as f32 * step).min(most);
+        // A part of a step is none: what was moved before stays as it is.
+        if !follows || needed <= share + 0.5 * step {
+            return self;
+        }
+        let way = (needed - share) / (most - share);
+        let between = |from: f32, to: f32| from + way * (to - from);
+        stages.warmup = between(stages.warmup, warmup);
+        stages.decomposition = between(stages.decomposition, decomposition);
+        stages.settle = (needed / (stages.decomposition - stages.warmup)).min(1.0);
+        let densities = [&mut self.density_static, &mut self.density_dynamic];
+        for (density, until) in densities.into_iter().zip(SHORT_DENSITIES) {
+            if density.until > 0.0 {
+                density.until = between(density.until, density.until.max(until));
+            }
+        }
+        self
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::train::Preset;
+
+    /// Steps of the warm-up, of following, until the split, and until the end of both density controls.
+    fn stages(preset: Preset, iterations: usize, set: &[&str]) -> [usize; 5] {
+        let mut config = TrainConfig::preset(preset);
+        config.iterations = iterations;
+        for assignment in set {
+            config.set(assignment).expect("a known key");
+        }
+        let config = config.with_room_for_following();
+        config.validate().expect("valid");
+        assert_eq!(config.clone().with_room_for_following(), config);
+        let stages = &config.stages;
+        let following = stages.settle * (stages.decomposition - stages.warmup);
+        [
+            stages.warmup,
+            following,
+            stages.decomposition,
+            config.density_static.until,
+            config.density_dynamic.until,
+        ]
+        .map(|share| config.step_at(share))
+    }
+
+    #[test]
+    fn short_runs_follow_for_as_many_steps_as_there_can_be() {
+        let quick = |iterations| stages(Preset::Quick, iterations, &[]);
+        // 0.7 (0.45 - 0.1) 6,000 = 1,470 are enough.
+        assert_eq!(quick(6_000), [600, 1_470, 2_700, 3_600, 4_200]);
+        // 0.85 (0.6 - 0.06) 2,000 = 918 are all that there can be.
+        assert_eq!(quick(2_000), [120, 918, 1_200, 1_500, 1_700]);
+        assert_eq!(quick(200), [12, 92, 120, 150, 170]);
+        let [warmup, following, split, end_static, end_dynamic] = quick(3_000);
+        assert_eq!(following, 1_000);
+        assert!((180..300).contains(&warmup), "{warmup}");
+        assert!((1_350..1_800).contains(&split), "{split}");
+        assert!((1_800..2_250).contains(&end_static), "{end_static}");
+        assert!((2_100..2_550).contains(&end_dynamic), "{end_dynamic}");
+    }
+
+    #[test]
+    fn runs_that_need_no_more_steps_keep_their_shares() {
+        let default = |set: &[&str]| stages(Preset::Default, 15_000, set);
+        assert_eq!(default(&[]), [1_500, 2_625, 5_250, 9_000, 10_500]);
+        let short = |set: &[&str]| stages(Preset::Quick, 1_000, set);
+        let as_set = [100, 245, 450, 600, 700];
+        assert_eq!(short(&["stages.min_following=0"]), as_set);
+        assert_eq!(short(&["stages.window=all"]), as_set);
+        assert_eq!(short(&["decomposition.select=all"]), as_set);
+        // Later stages than those of a short run stay where they are.
+        assert_eq!(
+            short(&["stages.decomposition=0.9", "stages.settle=1"]),
+            [60, 840, 900, 750, 850]
+        );
+        assert_eq!(short(&["density_dynamic.until=0"]), [60, 459, 600, 750, 0]);
+        assert_eq!(
+            stages(Preset::Paper, 1_000, &[]),
+            stages(Preset::Paper, 1_000, &["stages.min_following=0"])
+        );
+    }
+}
