@@ -46,6 +46,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         data,
         train: train_config,
         decisions: Vec::new(),
+        stage_ends: None,
     };
     let run = RunFolder::create(Path::new(out), &config)?;
     let device = choice.device()?;

@@ -51,6 +51,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         },
         train: config.clone(),
         decisions: Vec::new(),
+        stage_ends: None,
     };
     let run = RunFolder::create(&out.join("run"), &run_config)?;
     let options = TrainOptions {

@@ -27,6 +27,7 @@ fn config(seed: u64) -> TrainConfig {
         "iterations=500",
         "max_initial_points=600",
         "stages.warmup=0.1",
+        "stages.min_following=0",
         "stages.decomposition=0.35",
         "density_static.until=0.6",
         "density_static.interval=20",

@@ -48,6 +48,10 @@ impl HostBackend for burn::backend::Flex {
             burn::tensor::DType::F32,
             "expected an f32 tensor"
         );
+        // A view of nothing may start behind the end of its storage, which `as_slice` panics at.
+        if tensor.shape().num_elements() == 0 {
+            return Cow::Borrowed(&[]);
+        }
         match tensor.as_slice::<f32>() {
             Some(values) => Cow::Borrowed(values),
             None => Cow::Owned(tensor.to_contiguous().storage::<f32>().to_vec()),

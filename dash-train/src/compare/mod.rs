@@ -149,6 +149,7 @@ impl Comparison {
             data: self.data.clone(),
             train: config,
             decisions: Vec::new(),
+            stage_ends: None,
         };
         if is_left_of(root, &config) {
             fs::remove_dir_all(root).map_err(|e| TrainError::io(root, "remove", e))?;

@@ -24,6 +24,7 @@ fn config(seed: u64, iterations: usize) -> RunConfig {
         },
         train,
         decisions: Vec::new(),
+        stage_ends: None,
     }
 }
 

@@ -221,6 +221,7 @@ fn config(steps: usize, settings: &[&str]) -> Result<TrainConfig, TrainError> {
         "max_initial_points=400",
         "min_initial_points=0",
         "stages.warmup=0.1",
+        "stages.min_following=0",
         "stages.decomposition=0.4",
         "decomposition.floor=0",
         "decomposition.encoder.log2_hashmap_size=10",

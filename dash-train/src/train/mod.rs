@@ -30,5 +30,5 @@ pub use config::{Keep, Preset, TrainConfig};
 pub use guard::{MAX_SKIPPED_IN_A_ROW, NonFinite, Part, SkippedStep};
 pub use leave_out::Decision;
 pub use lines::LogLine;
-pub use run::{DataConfig, RunConfig, RunFolder, TrainOptions, read_config, train};
+pub use run::{DataConfig, RunConfig, RunFolder, StageEnds, TrainOptions, read_config, train};
 pub use trainer::{StepReport, Trainer};

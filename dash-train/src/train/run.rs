@@ -12,6 +12,7 @@ use dash_model::scene_file::{TablePrecision, write_atomically};
 use serde::{Deserialize, Serialize};
 
 use super::checkpoint::{latest_checkpoint, load_checkpoint, save_checkpoint};
+use super::coarse::Stages;
 use super::config::TrainConfig;
 use super::leave_out::Decision;
 use super::lines::{LogLine, append, read_lines, reopen_curve, reopen_log};
@@ -34,6 +35,19 @@ pub struct RunConfig {
     /// Which parts the finished scene kept and left out, and why. Another run decides for itself.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub decisions: Vec<Decision>,
+    /// When its stages ended, if it is finished and anything may have moved. Another run finds its own.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub stage_ends: Option<StageEnds>,
+}
+
+/// The steps at which stages of a run ended.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct StageEnds {
+    /// The warm-up.
+    pub warmup: usize,
+    /// The decomposition: the split.
+    pub decomposition: usize,
 }
 
 /// The data of a run and how it is loaded.
@@ -137,10 +151,17 @@ impl RunFolder {
         Ok(())
     }
 
-    /// Adds to `config.toml` what the finished scene kept and left out.
-    fn record(&self, decisions: &[Decision]) -> Result<(), TrainError> {
+    /// Adds to `config.toml` how a finished run went, and what its scene kept and left out.
+    fn record(&self, trainer: &Trainer, decisions: Vec<Decision>) -> Result<(), TrainError> {
         let mut config = self.config()?;
-        config.decisions = decisions.to_vec();
+        config.decisions = decisions;
+        config.stage_ends = trainer.may_move().then(|| {
+            let stages = Stages::of(trainer);
+            StageEnds {
+                warmup: stages.warmup,
+                decomposition: stages.end,
+            }
+        });
         self.write_config(&config)
     }
 
@@ -322,7 +343,7 @@ pub fn train(
         None => trainer.needed_scene()?,
     };
     scene.save_with(&run.scene_path(), precision)?;
-    run.record(&decisions)?;
+    run.record(&trainer, decisions)?;
     // The last line is about what is left of the scene.
     if let Some((probe, file)) = &mut curve {
         let step = trainer.steps_done();

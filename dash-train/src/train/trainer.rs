@@ -90,9 +90,7 @@ impl Trainer {
         device: &Device,
     ) -> Result<Self, TrainError> {
         config.validate()?;
-        let config = config
-            .for_frames(dataset.n_frames)
-            .with_room_for_following();
+        let mut config = config.for_frames(dataset.n_frames);
         let device = device.clone().autodiff();
         let (train_views, validation_views) = validation::hold_out(&dataset);
         if train_views.is_empty() {
@@ -100,9 +98,12 @@ impl Trainer {
                 dataset: dataset.root.clone(),
             });
         }
+        let first_part = coarse::first_part(&dataset, &train_views);
+        if first_part.is_some() {
+            config.make_room_for_following();
+        }
         let mut rng = Pcg64::seed_from_u64(config.seed);
         let background = config.background.or(dataset.background).unwrap_or([0.0; 3]);
-        let first_part = coarse::first_part(&dataset, &train_views);
         let points = initial_points(
             &dataset,
             &train_views,

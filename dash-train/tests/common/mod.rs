@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
 
 /// Settings with which a tiny scene trains in a moment, but through all three stages.
-pub const TINY: [&str; 18] = [
+pub const TINY: [&str; 20] = [
     "--set",
     "decomposition.encoder.log2_hashmap_size=8",
     "--set",
@@ -22,6 +22,8 @@ pub const TINY: [&str; 18] = [
     "sh_degree=1",
     "--set",
     "stages.decomposition=0.5",
+    "--set",
+    "stages.min_following=0",
     "--set",
     "decomposition.floor=0",
     "--set",

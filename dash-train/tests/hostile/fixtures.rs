@@ -337,6 +337,7 @@ fn config_toml() -> Vec<u8> {
         },
         train: TrainConfig::preset(Preset::Quick),
         decisions: Vec::new(),
+        stage_ends: None,
     };
     toml::to_string(&config).expect("TOML").into()
 }

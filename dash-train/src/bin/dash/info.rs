@@ -9,7 +9,7 @@ use dash_train::dataset::{Dataset, FrameRange, Layout, LoadOptions, Split, load}
 use dash_train::evaluate::{read_results, storage_bytes};
 use dash_train::ply::{PointCloud, read_points};
 use dash_train::train::config::Selection;
-use dash_train::train::{Decision, RunFolder, TrainConfig};
+use dash_train::train::{Decision, RunFolder, StageEnds, TrainConfig};
 
 use crate::Shared;
 use crate::configuration::name;
@@ -64,7 +64,7 @@ fn finished_or_not(run: &RunFolder, device: &Device) -> Result<Table, Failure> {
     if config.data.downscale != 1.0 {
         table.row("downscale", config.data.downscale);
     }
-    settings(&mut table, &config.train);
+    settings(&mut table, &config.train, config.stage_ends);
     let log = run.log()?;
     if let Some(last) = log.last() {
         let text = format!(
@@ -139,13 +139,13 @@ fn told(decision: &Decision) -> String {
     }
 }
 
-fn settings(table: &mut Table, config: &TrainConfig) {
-    let config = config.clone().with_room_for_following();
-    let (warmup, split, end) = (
-        config.step_at(config.stages.warmup),
-        config.step_at(config.stages.decomposition),
-        config.iterations,
-    );
+fn settings(table: &mut Table, config: &TrainConfig, ends: Option<StageEnds>) {
+    // A short run may have moved them.
+    let ends = ends.unwrap_or_else(|| StageEnds {
+        warmup: config.step_at(config.stages.warmup),
+        decomposition: config.step_at(config.stages.decomposition),
+    });
+    let (warmup, split, end) = (ends.warmup, ends.decomposition, config.iterations);
     let stages = match (config.decomposition.enabled, config.decomposition.select) {
         (false, _) => format!("static 3DGS to step {end}"),
         (true, Selection::Moving) => {

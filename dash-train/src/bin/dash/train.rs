@@ -134,6 +134,7 @@ fn start(
         data,
         train,
         decisions: Vec::new(),
+        stage_ends: None,
     };
     let run = RunFolder::create(&args.out, &config)?;
     Ok((run, config, dataset))

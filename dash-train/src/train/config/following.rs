@@ -11,9 +11,9 @@ const SHORT_SETTLE: f32 = 0.85;
 const SHORT_DENSITIES: [f32; 2] = [0.75, 0.85];
 
 impl TrainConfig {
-    /// This configuration with its stages moved towards the form of the shortest runs, as far as it
-    /// takes to leave [`min_following`](super::StageConfig::min_following) steps.
-    pub fn with_room_for_following(mut self) -> Self {
+    /// Moves the stages towards the form of the shortest runs, as far as it takes to leave
+    /// [`min_following`](super::StageConfig::min_following) steps.
+    pub(crate) fn make_room_for_following(&mut self) {
         let stages = &mut self.stages;
         let follows = self.decomposition.enabled
             && self.decomposition.select == Selection::Moving
@@ -26,7 +26,7 @@ impl TrainConfig {
         let needed = (stages.min_following as f32 * step).min(most);
         // A part of a step is none: what was moved before stays as it is.
         if !follows || needed <= share + 0.5 * step {
-            return self;
+            return;
         }
         let way = (needed - share) / (most - share);
         let between = |from: f32, to: f32| from + way * (to - from);
@@ -39,7 +39,6 @@ impl TrainConfig {
                 density.until = between(density.until, density.until.max(until));
             }
         }
-        self
     }
 }
 
@@ -55,9 +54,11 @@ mod tests {
         for assignment in set {
             config.set(assignment).expect("a known key");
         }
-        let config = config.with_room_for_following();
+        config.make_room_for_following();
         config.validate().expect("valid");
-        assert_eq!(config.clone().with_room_for_following(), config);
+        let once = config.clone();
+        config.make_room_for_following();
+        assert_eq!(config, once, "a checkpoint's configuration changes no more");
         let stages = &config.stages;
         let following = stages.settle * (stages.decomposition - stages.warmup);
         [

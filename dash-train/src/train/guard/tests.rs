@@ -9,6 +9,8 @@ use dash_model::{GaussianRows, Gaussians};
 use super::*;
 use crate::dataset::{Dataset, LoadOptions, load};
 use crate::synth::{self, SynthConfig};
+use crate::train::density::DensityStatistics;
+use crate::train::trainer::STATIC;
 use crate::train::{Preset, TrainConfig};
 
 /// The split of [`config`].
@@ -49,6 +51,7 @@ fn config() -> TrainConfig {
         "max_initial_points=300",
         "min_initial_points=0",
         "stages.warmup=0.1",
+        "stages.min_following=0",
         "stages.settle=0.5",
         "stages.decomposition=0.3",
         "decomposition.floor=0",
@@ -283,4 +286,30 @@ fn what_cannot_be_mended_ends_the_run_with_its_name() {
         text.contains("20 in a row") && text.contains("the loss"),
         "{text}"
     );
+}
+
+/// Before a background in which a static set finds nothing, density control may remove all of it.
+#[test]
+fn a_run_that_lost_all_its_gaussians_ends_with_an_empty_scene() {
+    for moves in [false, true] {
+        for device in devices() {
+            let mut config = config();
+            config.decomposition.enabled = moves;
+            let mut trainer = Trainer::new(config, dataset(), &device).expect("valid");
+            for _ in 0..2 {
+                trainer.step().expect("trains");
+            }
+            let n = trainer.scene.static_set.len();
+            edit_static(&mut trainer, |rows| *rows = rows.gather(&[]));
+            trainer.optimizer.edit_rows(STATIC, &[], &[], n);
+            trainer.density_static = DensityStatistics::new(0);
+            while !trainer.is_finished() {
+                let report = trainer.step().expect("goes on");
+                assert!(!report.skipped && report.loss.is_finite());
+                assert_eq!((report.n_static, report.n_dynamic), (0, 0));
+            }
+            let (scene, _, _) = trainer.needed_scene().expect("nothing to leave out");
+            assert_eq!(scene.counts(), (0, 0));
+        }
+    }
 }
