@@ -217,6 +217,7 @@ fn is_left_of(root: &Path, config: &RunConfig) -> bool {
         // How many steps fit the budget is found anew.
         found.train.iterations = config.train.iterations;
         found.decisions.clear();
+        found.stage_ends = None;
         found == *config
     })
 }

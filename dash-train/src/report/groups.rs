@@ -46,6 +46,7 @@ fn same_but_seed(a: &RunRecord, b: &RunRecord) -> bool {
     let mut config = a.config.clone();
     config.train.seed = b.config.train.seed;
     config.decisions.clone_from(&b.config.decisions);
+    config.stage_ends = b.config.stage_ends;
     config == b.config
 }
 

@@ -89,6 +89,7 @@ impl ConfigFile {
         };
         // Another run decides for itself what it needs.
         table.remove("decisions");
+        table.remove("stage_ends");
         let train = match table.remove("train") {
             None => table,
             Some(Value::Table(mut train)) if table.is_empty() => {
