@@ -42,12 +42,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let mut train_config = TrainConfig::preset(Preset::Quick);
     train_config.set("iterations=8000")?;
     train_config.set("density_static.max_gaussians=20000")?;
-    let config = RunConfig {
-        data,
-        train: train_config,
-        decisions: Vec::new(),
-        stage_ends: None,
-    };
+    let config = RunConfig::new(data, train_config);
     let run = RunFolder::create(Path::new(out), &config)?;
     let device = choice.device()?;
     let options = TrainOptions {

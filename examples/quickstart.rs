@@ -38,8 +38,8 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
 
     let choice = DeviceChoice::Auto.resolved();
     let (device, name) = (choice.device()?, choice.to_string());
-    let run_config = RunConfig {
-        data: DataConfig {
+    let run_config = RunConfig::new(
+        DataConfig {
             dataset: data.canonicalize()?,
             layout: None,
             downscale: 1.0,
@@ -49,10 +49,8 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
             skip_broken: false,
             device: name.clone(),
         },
-        train: config.clone(),
-        decisions: Vec::new(),
-        stage_ends: None,
-    };
+        config.clone(),
+    );
     let run = RunFolder::create(&out.join("run"), &run_config)?;
     let options = TrainOptions {
         resume: false,

@@ -145,12 +145,7 @@ impl Comparison {
         device: &Device,
         observer: &mut dyn Observer,
     ) -> Result<(RunFolder, Results), TrainError> {
-        let config = RunConfig {
-            data: self.data.clone(),
-            train: config,
-            decisions: Vec::new(),
-            stage_ends: None,
-        };
+        let config = RunConfig::new(self.data.clone(), config);
         if is_left_of(root, &config) {
             fs::remove_dir_all(root).map_err(|e| TrainError::io(root, "remove", e))?;
         }
@@ -213,11 +208,10 @@ impl Comparison {
 /// touched.
 fn is_left_of(root: &Path, config: &RunConfig) -> bool {
     let found = RunFolder::open(root).and_then(|run| run.config());
-    found.is_ok_and(|mut found| {
+    found.is_ok_and(|found| {
+        let mut found = found.as_begun();
         // How many steps fit the budget is found anew.
         found.train.iterations = config.train.iterations;
-        found.decisions.clear();
-        found.stage_ends = None;
         found == *config
     })
 }

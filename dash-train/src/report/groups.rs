@@ -43,11 +43,9 @@ pub fn group_by_seed(runs: Vec<RunRecord>) -> Vec<RunGroup> {
 }
 
 fn same_but_seed(a: &RunRecord, b: &RunRecord) -> bool {
-    let mut config = a.config.clone();
+    let mut config = a.config.as_begun();
     config.train.seed = b.config.train.seed;
-    config.decisions.clone_from(&b.config.decisions);
-    config.stage_ends = b.config.stage_ends;
-    config == b.config
+    config == b.config.as_begun()
 }
 
 fn shared_name(runs: &[RunRecord]) -> String {

@@ -11,8 +11,8 @@ use crate::train::{DataConfig, LogLine, Preset, RunConfig, RunFolder, TrainConfi
 fn config(seed: u64, iterations: usize) -> RunConfig {
     let mut train = TrainConfig::preset(Preset::Quick);
     (train.seed, train.iterations) = (seed, iterations);
-    RunConfig {
-        data: DataConfig {
+    RunConfig::new(
+        DataConfig {
             dataset: "room".into(),
             layout: None,
             downscale: 2.0,
@@ -23,9 +23,7 @@ fn config(seed: u64, iterations: usize) -> RunConfig {
             device: "flex".into(),
         },
         train,
-        decisions: Vec::new(),
-        stage_ends: None,
-    }
+    )
 }
 
 fn curve_line(step: usize, seconds: f64, psnr: f64) -> CurveLine {

@@ -40,6 +40,26 @@ pub struct RunConfig {
     pub stage_ends: Option<StageEnds>,
 }
 
+impl RunConfig {
+    /// The keys of what is recorded about a finished run, which no other run takes over.
+    pub const RECORDED: [&str; 2] = ["decisions", "stage_ends"];
+
+    /// A run that has not begun.
+    pub fn new(data: DataConfig, train: TrainConfig) -> Self {
+        Self {
+            data,
+            train,
+            decisions: Vec::new(),
+            stage_ends: None,
+        }
+    }
+
+    /// The same before it began: without what is recorded about a finished run.
+    pub fn as_begun(&self) -> Self {
+        Self::new(self.data.clone(), self.train.clone())
+    }
+}
+
 /// The steps at which stages of a run ended.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -286,6 +306,18 @@ pub fn train(
         Some(checkpoint) => load_checkpoint(&checkpoint, dataset, device)?,
         None => (Trainer::new(config.clone(), dataset, device)?, 0.0),
     };
+    let (asked, taken) = (&config.stages, &trainer.config().stages);
+    if asked != taken {
+        tracing::info!(
+            "{} steps are few: the warm-up ends after {:.0} % of them instead of {:.0} %, the decomposition \
+             after {:.0} % instead of {:.0} % (stages.min_following=0 keeps the stages as they are)",
+            config.iterations,
+            100.0 * taken.warmup,
+            100.0 * asked.warmup,
+            100.0 * taken.decomposition,
+            100.0 * asked.decomposition,
+        );
+    }
     let mut log = reopen_log(run, trainer.steps_done())?;
     let mut curve = reopen_curve(run, &trainer, options.curve)?;
     fs::create_dir_all(&checkpoints).map_err(|e| TrainError::io(&checkpoints, "create", e))?;

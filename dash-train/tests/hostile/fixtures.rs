@@ -324,8 +324,8 @@ fn checkpoint_state() -> Vec<u8> {
 }
 
 fn config_toml() -> Vec<u8> {
-    let config = RunConfig {
-        data: DataConfig {
+    let config = RunConfig::new(
+        DataConfig {
             dataset: "rig".into(),
             layout: None,
             downscale: 1.0,
@@ -335,9 +335,7 @@ fn config_toml() -> Vec<u8> {
             skip_broken: false,
             device: "flex".into(),
         },
-        train: TrainConfig::preset(Preset::Quick),
-        decisions: Vec::new(),
-        stage_ends: None,
-    };
+        TrainConfig::preset(Preset::Quick),
+    );
     toml::to_string(&config).expect("TOML").into()
 }

@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 
 use clap::ValueEnum;
 use dash_train::dataset::{FrameRange, Layout};
-use dash_train::train::{Keep, Preset, TrainConfig};
+use dash_train::train::{Keep, Preset, RunConfig, TrainConfig};
 use serde::Deserialize;
 use toml::{Table, Value};
 
@@ -88,8 +88,9 @@ impl ConfigFile {
                 .map_err(|e: toml::de::Error| refuse(format!("[data]: {}", e.message())))?,
         };
         // Another run decides for itself what it needs.
-        table.remove("decisions");
-        table.remove("stage_ends");
+        for key in RunConfig::RECORDED {
+            table.remove(key);
+        }
         let train = match table.remove("train") {
             None => table,
             Some(Value::Table(mut train)) if table.is_empty() => {

@@ -130,12 +130,7 @@ fn start(
     if args.curve > 0 {
         CurveProbe::check(&dataset)?;
     }
-    let config = RunConfig {
-        data,
-        train,
-        decisions: Vec::new(),
-        stage_ends: None,
-    };
+    let config = RunConfig::new(data, train);
     let run = RunFolder::create(&args.out, &config)?;
     Ok((run, config, dataset))
 }
