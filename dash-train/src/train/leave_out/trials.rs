@@ -52,8 +52,8 @@ impl Scores {
 /// A training view to score scenes on.
 struct Trial<'a> {
     view: &'a View,
-    /// The pixels that count and where something moves in the scene with all parts.
-    moving: Vec<bool>,
+    /// Where something moves in the scene with all parts, `[H * W]`; `None` where nothing does anywhere.
+    moving: Option<Vec<bool>>,
 }
 
 /// How a scene without a part does, against the scene with it.
@@ -166,11 +166,19 @@ impl<'a> Trials<'a> {
             let image = to_host(scene.render(&view.camera, view.time)?.rgb().detach());
             scores.millis.push(1e3 * start.elapsed().as_secs_f64());
             let (truth, counted) = view.rgb_and_counted(scene.settings.background)?;
-            scores.psnr.extend(match counted {
+            let counts = |pixel: usize| counted.as_ref().is_none_or(|counted| counted[pixel] > 0.0);
+            scores.psnr.extend(match &counted {
                 None => Some(psnr(&image, &truth)),
-                Some(counted) => masked_psnr(&image, &truth, &counts(&counted)),
+                Some(counted) => {
+                    let counted: Vec<bool> = (0..counted.len()).map(counts).collect();
+                    masked_psnr(&image, &truth, &counted)
+                }
             });
-            scores.moving.extend(masked_psnr(&image, &truth, moving));
+            if let Some(moving) = moving {
+                let moving = moving.iter().enumerate();
+                let counted: Vec<bool> = moving.map(|(pixel, m)| *m && counts(pixel)).collect();
+                scores.moving.extend(masked_psnr(&image, &truth, &counted));
+            }
             let looked_at = scores.psnr.len();
             let so_far = scores.against(&self.scores);
             if looked_at >= FIRST_VIEWS && so_far.into_iter().any(Outcome::is_clearly_worse) {
@@ -264,25 +272,14 @@ impl<'a> Trials<'a> {
     }
 }
 
-/// Pixels of a view that count, `[H * W]`.
-fn counts(counted: &[f32]) -> Vec<bool> {
-    counted.iter().map(|&c| c > 0.0).collect()
-}
-
-/// Pixels of a view that count and on which the dynamic Gaussians lie, `[H * W]`.
-fn moving(scene: &DynamicScene, view: &View) -> Result<Vec<bool>, TrainError> {
+/// Pixels of a view on which the dynamic Gaussians lie, `[H * W]`; `None` of a scene without any.
+fn moving(scene: &DynamicScene, view: &View) -> Result<Option<Vec<bool>>, TrainError> {
+    if scene.dynamic.is_none() {
+        return Ok(None);
+    }
     let layer = scene.render_layer(&view.camera, view.time, Layer::Dynamic)?;
-    let alpha = to_host(layer.alpha().detach());
-    let (_, counted) = view.rgb_and_counted(scene.settings.background)?;
-    let counted = match counted {
-        None => vec![true; alpha.len()],
-        Some(counted) => counts(&counted),
-    };
-    let lies = alpha.into_iter().map(|a| a > DYNAMIC_ALPHA_THRESHOLD);
-    Ok(lies
-        .zip(counted)
-        .map(|(lies, counts)| lies && counts)
-        .collect())
+    let alpha = to_host(layer.alpha().detach()).into_iter();
+    Ok(Some(alpha.map(|a| a > DYNAMIC_ALPHA_THRESHOLD).collect()))
 }
 
 fn median(values: &[f64]) -> f64 {
