@@ -80,7 +80,8 @@ pub enum Keep {
     Needed,
 }
 
-/// When each stage ends, as shares of the run.
+/// When each stage ends, as shares of the run; a run that is too short for `min_following` moves them and
+/// says so.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct StageConfig {
@@ -136,6 +137,10 @@ pub struct LossConfig {
     /// needs, such as dark smoke in the empty space before a dark background, fades. Kheradmand et al.
     /// 2024 take 0.01.
     pub static_opacity: f32,
+    /// Share of the dynamic Gaussians, drawn anew at every step, at which the field's smoothness is
+    /// measured: it takes the field twice more for each. Ours; 1 in the paper.
+    #[serde(default = "all_of_it")]
+    pub smoothness_share: f32,
     /// Half-widths of the random step of Eq. 11 in the unit cube, space then time (released code).
     pub smoothness_step: [f32; 2],
 }
@@ -179,6 +184,10 @@ pub struct LearningRates {
     pub field_final: f32,
     /// Replaces the scene's measured extent (released code: 5).
     pub extent: Option<f32>,
+}
+
+fn all_of_it() -> f32 {
+    1.0
 }
 
 fn default_embedding_rate() -> f32 {

@@ -76,8 +76,11 @@ impl Trainer {
                 .as_ref()
                 .filter(|d| !d.gaussians.is_empty())
         {
-            let step = self.config.loss.smoothness_step;
-            let term = smoothness(dynamic, time, step, &mut self.rng)?;
+            let (share, step) = (
+                self.config.loss.smoothness_share,
+                self.config.loss.smoothness_step,
+            );
+            let term = smoothness(dynamic, time, share, step, &mut self.rng)?;
             regularisers.push(term * self.config.loss.smoothness);
         }
         let weight = self.config.loss.static_opacity;

@@ -104,6 +104,10 @@ impl TrainConfig {
             .all(|weight| weight.is_finite() && *weight >= 0.0),
             "the weights in loss.* must be finite and not negative",
         )?;
+        check(
+            loss.smoothness_share > 0.0 && loss.smoothness_share <= 1.0,
+            "loss.smoothness_share must be above 0 and at most 1",
+        )?;
         let rates = &self.learning_rates;
         check(
             [
