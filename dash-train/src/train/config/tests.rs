@@ -34,6 +34,8 @@ fn set_changes_one_value_and_refuses_others() {
         "loss.dssim=2",
         "loss.static_opacity=-0.1",
         "loss.visible_motion=nan",
+        "loss.smoothness_share=0",
+        "loss.smoothness_share=1.1",
         "near_plane=0",
         "iterations=x",
         "a.b=1",
