@@ -169,11 +169,13 @@ fn clean_scenes_have_no_warnings() {
     ] {
         finds(&diagnosis, check, Severity::Ok, words);
     }
-    assert_eq!(
-        bounce.examine().findings,
-        diagnosis.findings,
-        "deterministic"
-    );
+    // But for the memory that happens to be free.
+    let same = |diagnosis: &Diagnosis| {
+        let findings = diagnosis.findings.iter();
+        let of_pictures = findings.filter(|finding| finding.check != "memory");
+        of_pictures.cloned().collect::<Vec<_>>()
+    };
+    assert_eq!(same(&bounce.examine()), same(&diagnosis), "deterministic");
     assert_eq!(diagnosis.picture().dimensions(), (1600, 800));
     else_clean(
         &Scene::new(SceneKind::Flow, SynthLayout::Blender).examine(),
