@@ -137,6 +137,11 @@ pub struct LossConfig {
     /// needs, such as dark smoke in the empty space before a dark background, fades. Kheradmand et al.
     /// 2024 take 0.01.
     pub static_opacity: f32,
+    /// Weight of what static Gaussians (before the split, those at rest) cover of the picture from nearer
+    /// than is typical: dark smoke between the cameras and the scene, which no training picture tells from
+    /// what is behind it, fades. Ours.
+    #[serde(default)]
+    pub nearness: f32,
     /// Share of the dynamic Gaussians, drawn anew at every step, at which the field's smoothness is
     /// measured: it takes the field twice more for each. Ours; 1 in the paper.
     #[serde(default = "all_of_it")]

@@ -6,7 +6,9 @@ use burn::tensor::{Tensor, TensorData};
 use dash_kernels::Camera;
 
 use super::coarse;
-use super::loss::{opacity, photometric, smoothness, static_motion, visible_motion, where_counted};
+use super::loss::{
+    nearness, opacity, photometric, smoothness, static_motion, visible_motion, where_counted,
+};
 use super::trainer::Trainer;
 use crate::TrainError;
 use crate::dataset::View;
@@ -36,6 +38,7 @@ impl Trainer {
     pub(super) fn forward(&mut self, view: &View) -> Result<Forward, TrainError> {
         let (camera, time) = (&view.camera, view.time);
         let mut regularisers = Vec::new();
+        let mut motion = None;
         let static_splats = match coarse::coefficients(self)? {
             None => self.scene.static_splats(camera)?,
             Some(coefficients) => {
@@ -43,7 +46,9 @@ impl Trainer {
                 let means = self.scene.static_set.means.val();
                 let moved = means + basis.displacement(coefficients.clone(), time);
                 let splats = self.scene.static_splats_at(moved, camera)?;
-                regularisers.extend(self.motion_cost(self.extents(coefficients), &splats, camera));
+                let extents = self.extents(coefficients);
+                motion = Some(extents.clone().detach());
+                regularisers.extend(self.motion_cost(extents, &splats, camera));
                 splats
             }
         };
@@ -86,6 +91,11 @@ impl Trainer {
         let weight = self.config.loss.static_opacity;
         if weight > 0.0 {
             regularisers.extend(opacity(&self.scene.static_set).map(|mean| mean * weight));
+        }
+        let weight = self.config.loss.nearness;
+        if weight > 0.0 {
+            let cover = nearness(&self.scene.static_set, &static_splats, motion, camera);
+            regularisers.extend(cover.map(|cover| cover * weight));
         }
         for term in regularisers {
             loss = loss + term;

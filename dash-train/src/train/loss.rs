@@ -10,6 +10,12 @@ use rand::Rng;
 
 use super::optimizer::to_host;
 
+/// Most that nearness counts for.
+const NEAREST: f32 = 16.0;
+/// Motion, in shares of the image's width, with which a Gaussian pays half of what it would at rest for being
+/// near.
+const AT_REST: f32 = 0.005;
+
 /// `(1 - lambda_c) L1 + lambda_c (1 - SSIM)` of two images `[H, W, 3]`.
 pub(crate) fn photometric(
     image: Tensor<3>,
@@ -90,6 +96,55 @@ pub(crate) fn visible_motion(
 /// Mean opacity of a set; `None` of an empty one, which has no mean.
 pub(crate) fn opacity(set: &Gaussians) -> Option<Tensor<1>> {
     (!set.is_empty()).then(|| sigmoid(set.opacity_logits.val()).mean())
+}
+
+/// How much of the picture a set covers from nearer than is typical: the sum of opacity times the share of
+/// the picture under a Gaussian (at most all of it) times what the square of its disparity has above 1 (at
+/// most [`NEAREST`]), in units of the mean disparity of what the set covers. Like the photometric loss this
+/// is a mean over the picture. `None` of a set of which nothing is drawn.
+///
+/// What hangs between the cameras and the scene, as dark as what is behind it, changes no training picture,
+/// but darkens those of cameras between them. What moves is followed and must stay in sight: it pays the less
+/// the more its `motion [N]`, in world units. Gradient to the opacities only. `splats [N, C]` as projected.
+pub(crate) fn nearness(
+    set: &Gaussians,
+    splats: &Tensor<2>,
+    motion: Option<Tensor<1>>,
+    camera: &Camera,
+) -> Option<Tensor<1>> {
+    if set.is_empty() {
+        return None;
+    }
+    let splats = splats.clone().detach();
+    let column = |k: usize| {
+        splats
+            .clone()
+            .slice([0..set.len(), k..k + 1])
+            .squeeze_dim::<1>(1)
+    };
+    let picture = (camera.width * camera.height) as f32;
+    let det = column(CONIC_A) * column(CONIC_C) - column(CONIC_B).powi_scalar(2);
+    let hidden = (column(RADIUS_X).lower_equal_elem(0.0))
+        .bool_or(column(DEPTH).lower_equal_elem(0.0))
+        .bool_or(det.clone().lower_equal_elem(0.0));
+    let drawn = |values: Tensor<1>| values.mask_fill(hidden.clone(), 0.0);
+    let share = drawn(det.sqrt().recip() / picture).clamp_max(1.0);
+    let disparity = drawn(column(DEPTH).recip());
+    let cover = column(OPACITY) * share.clone();
+    let covered = to_host(Tensor::cat(
+        vec![cover.clone().sum(), (cover * disparity.clone()).sum()],
+        0,
+    ));
+    let typical = covered[1] / covered[0];
+    (typical > 0.0 && typical.is_finite()).then(|| {
+        let near = ((disparity.clone() / typical).powi_scalar(2) - 1.0).clamp(0.0, NEAREST);
+        let cost = sigmoid(set.opacity_logits.val()) * share * near;
+        let focal = (camera.fx / camera.width as f64) as f32;
+        match motion {
+            Some(motion) => (cost / (motion * disparity * (focal / AT_REST) + 1.0)).sum(),
+            None => cost.sum(),
+        }
+    })
 }
 
 /// Eq. 11: mean over Gaussians of the squared distance between the field's features at a point
@@ -193,6 +248,108 @@ mod tests {
         assert_eq!(set(0), None);
         assert_eq!(set(1), Some(0.5));
         assert_eq!(set(2), Some(0.75));
+    }
+
+    /// Opacity, area of one standard deviation in pixels, depth, whether it is drawn.
+    type Spot = (f32, f32, f32, bool);
+
+    /// A set of such Gaussians, as rows and as splats with round outlines.
+    fn spots(spots: &[Spot], device: &Device) -> (Gaussians, Tensor<2>) {
+        let points = vec![[0.0; 3]; spots.len()];
+        let mut rows = GaussianRows::from_points(&points, &points, 0, 0.1);
+        let mut splats = Vec::new();
+        for (logit, &(opacity, area, depth, drawn)) in rows.opacity_logits.iter_mut().zip(spots) {
+            *logit = dash_model::logit(opacity);
+            let mut splat = [0.0; N_COLUMNS];
+            if drawn {
+                splat[CONIC_A] = 1.0 / area;
+                splat[CONIC_C] = 1.0 / area;
+                splat[RADIUS_X] = area.sqrt();
+                splat[DEPTH] = depth;
+                splat[OPACITY] = opacity;
+            }
+            splats.extend(splat);
+        }
+        let splats = TensorData::new(splats, [spots.len(), N_COLUMNS]);
+        let set = Gaussians::from_rows(&rows, device);
+        (set, Tensor::from_data(splats, device))
+    }
+
+    /// [`nearness`] in a picture of 200 pixels, in double precision.
+    fn nearness_reference(spots: &[Spot]) -> f64 {
+        let drawn = || {
+            spots.iter().filter(|spot| spot.3).map(|spot| {
+                let share = (f64::from(spot.1) / 200.0).min(1.0);
+                (f64::from(spot.0) * share, 1.0 / f64::from(spot.2))
+            })
+        };
+        let covered: f64 = drawn().map(|(cover, _)| cover).sum();
+        let typical = drawn().map(|(cover, near)| cover * near).sum::<f64>() / covered;
+        drawn()
+            .map(|(cover, near)| cover * ((near / typical).powi(2) - 1.0).clamp(0.0, 16.0))
+            .sum()
+    }
+
+    #[test]
+    fn cover_costs_by_how_near_it_is() {
+        const SPOTS: [Spot; 6] = [
+            (0.9, 40.0, 3.0, true),
+            (0.5, 10.0, 6.0, true),
+            (0.1, 30.0, 1.0, true),
+            // Far nearer than the rest, larger than the picture, not drawn.
+            (0.02, 2.0, 0.01, true),
+            (0.3, 500.0, 8.0, true),
+            (0.7, 90.0, 2.0, false),
+        ];
+        let camera = Camera::new(10.0, 10.0, 10.0, 5.0, 20, 10);
+        let device = Device::flex().autodiff();
+        let (set, splats) = spots(&SPOTS, &device);
+        let cost = nearness(&set, &splats, None, &camera).expect("some are drawn");
+        let expected = nearness_reference(&SPOTS);
+        let found = f64::from(to_host(cost.clone())[0]);
+        assert!((found / expected - 1.0).abs() < 1e-5, "{found} {expected}");
+
+        // In other units all is as near as before.
+        let inches =
+            SPOTS.map(|(opacity, area, depth, drawn)| (opacity, area, 39.4 * depth, drawn));
+        let (same, far) = spots(&inches, &device);
+        let far = nearness(&same, &far, None, &camera).map(|cost| f64::from(to_host(cost)[0]));
+        assert!((far.expect("drawn") / expected - 1.0).abs() < 1e-5);
+
+        // What is nearer than typical pays for its cover, the rest nothing.
+        let gradients = cost.backward();
+        let gradient = set
+            .opacity_logits
+            .val()
+            .grad(&gradients)
+            .expect("of logits");
+        let step = 1e-3;
+        for (k, slope) in to_host(Tensor::<1>::from_inner(gradient))
+            .iter()
+            .enumerate()
+        {
+            let at = |by: f32| {
+                let mut rows = set.to_rows();
+                rows.opacity_logits[k] += by;
+                let moved = Gaussians::from_rows(&rows, &device);
+                f64::from(to_host(nearness(&moved, &splats, None, &camera).expect("drawn"))[0])
+            };
+            let difference = (at(step) - at(-step)) / f64::from(2.0 * step);
+            let error = (f64::from(*slope) - difference).abs();
+            assert!(error < 1e-3 * expected, "{k}: {slope} {difference}");
+            let near = SPOTS[k].3 && SPOTS[k].2 < 3.5;
+            assert_eq!(*slope > 0.0, near, "{k}: {slope}");
+        }
+    }
+
+    #[test]
+    fn nothing_drawn_covers_nothing() {
+        let camera = Camera::new(10.0, 10.0, 10.0, 5.0, 20, 10);
+        let device = Device::flex().autodiff();
+        for hidden in [&[][..], &[(0.7, 90.0, 2.0, false)]] {
+            let (set, splats) = spots(hidden, &device);
+            assert!(nearness(&set, &splats, None, &camera).is_none());
+        }
     }
 
     #[test]

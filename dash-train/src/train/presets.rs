@@ -52,6 +52,7 @@ impl TrainConfig {
                 field_motion: 0.1,
                 visible_motion: 2.5,
                 static_opacity: 0.01,
+                nearness: 0.001,
                 smoothness_share: 0.25,
                 smoothness_step: [5e-3, 1e-4],
             },
@@ -159,6 +160,7 @@ impl TrainConfig {
         self.loss.field_motion = 0.0;
         self.loss.visible_motion = 0.0;
         self.loss.static_opacity = 0.0;
+        self.loss.nearness = 0.0;
         self.loss.smoothness_share = 1.0;
         self.learning_rates.motion_damping = 0.0;
         self.iterations = 30_000;
@@ -223,6 +225,7 @@ impl TrainConfig {
             field_motion: 0.0,
             visible_motion: 0.0,
             static_opacity: 0.0,
+            nearness: 0.0,
             smoothness_share: 1.0,
             smoothness_step: [5e-3, 1e-4],
         };

@@ -167,7 +167,10 @@ fn clean_scenes_have_no_warnings() {
         ("brightness", &["exposures from"]),
         ("exposure", &["no jumps"]),
         ("motion", &["of a picture moves"]),
-        ("memory", &["192 pictures take 2.6 MiB of the 1.0 GiB that they may"]),
+        (
+            "memory",
+            &["192 pictures take 2.6 MiB of the 1.0 GiB that they may"],
+        ),
     ] {
         finds(&diagnosis, check, Severity::Ok, words);
     }

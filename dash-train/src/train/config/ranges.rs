@@ -99,6 +99,7 @@ impl TrainConfig {
                 loss.field_motion,
                 loss.visible_motion,
                 loss.static_opacity,
+                loss.nearness,
             ]
             .iter()
             .all(|weight| weight.is_finite() && *weight >= 0.0),

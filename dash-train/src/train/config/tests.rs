@@ -33,6 +33,7 @@ fn set_changes_one_value_and_refuses_others() {
         "loss.dssim",
         "loss.dssim=2",
         "loss.static_opacity=-0.1",
+        "loss.nearness=-0.1",
         "loss.visible_motion=nan",
         "loss.smoothness_share=0",
         "loss.smoothness_share=1.1",
