@@ -11,10 +11,10 @@ use rand::Rng;
 use super::optimizer::to_host;
 
 /// Most that nearness counts for.
-const NEAREST: f32 = 16.0;
+const NEAREST: f64 = 16.0;
 /// Motion, in shares of the image's width, with which a Gaussian pays half of what it would at rest for being
 /// near.
-const AT_REST: f32 = 0.005;
+const AT_REST: f64 = 0.005;
 
 /// `(1 - lambda_c) L1 + lambda_c (1 - SSIM)` of two images `[H, W, 3]`.
 pub(crate) fn photometric(
@@ -115,36 +115,62 @@ pub(crate) fn nearness(
     if set.is_empty() {
         return None;
     }
-    let splats = splats.clone().detach();
-    let column = |k: usize| {
-        splats
-            .clone()
-            .slice([0..set.len(), k..k + 1])
-            .squeeze_dim::<1>(1)
-    };
-    let picture = (camera.width * camera.height) as f32;
-    let det = column(CONIC_A) * column(CONIC_C) - column(CONIC_B).powi_scalar(2);
-    let hidden = (column(RADIUS_X).lower_equal_elem(0.0))
-        .bool_or(column(DEPTH).lower_equal_elem(0.0))
-        .bool_or(det.clone().lower_equal_elem(0.0));
-    let drawn = |values: Tensor<1>| values.mask_fill(hidden.clone(), 0.0);
-    let share = drawn(det.sqrt().recip() / picture).clamp_max(1.0);
-    let disparity = drawn(column(DEPTH).recip());
-    let cover = column(OPACITY) * share.clone();
-    let covered = to_host(Tensor::cat(
-        vec![cover.clone().sum(), (cover * disparity.clone()).sum()],
-        0,
-    ));
-    let typical = covered[1] / covered[0];
-    (typical > 0.0 && typical.is_finite()).then(|| {
-        let near = ((disparity.clone() / typical).powi_scalar(2) - 1.0).clamp(0.0, NEAREST);
-        let cost = sigmoid(set.opacity_logits.val()) * share * near;
-        let focal = (camera.fx / camera.width as f64) as f32;
-        match motion {
-            Some(motion) => (cost / (motion * disparity * (focal / AT_REST) + 1.0)).sum(),
-            None => cost.sum(),
-        }
-    })
+    // On the host, in one order: the mean disparity enters every gradient, and must not depend on how a
+    // device sums.
+    let picture = (camera.width * camera.height) as f64;
+    let drawn: Vec<Option<Drawn>> = to_host(splats.clone())
+        .chunks_exact(N_COLUMNS)
+        .map(|splat| Drawn::of(splat, picture))
+        .collect();
+    let covered = drawn.iter().flatten().map(|d| d.opacity * d.share);
+    let near = drawn.iter().flatten();
+    let near = near.map(|d| d.opacity * d.share * d.disparity);
+    let typical = near.sum::<f64>() / covered.sum::<f64>();
+    if !(typical > 0.0 && typical.is_finite()) {
+        return None;
+    }
+    let motion = motion.map_or_else(|| vec![0.0; drawn.len()], to_host);
+    let focal = camera.fx / camera.width as f64;
+    let weights: Vec<f32> = drawn
+        .iter()
+        .zip(motion)
+        .map(|(drawn, motion)| {
+            let Some(drawn) = drawn else {
+                return 0.0;
+            };
+            let near = (drawn.disparity / typical).powi(2) - 1.0;
+            let moved = f64::from(motion) * drawn.disparity * focal;
+            (drawn.share * near.clamp(0.0, NEAREST) / (1.0 + moved / AT_REST)) as f32
+        })
+        .collect();
+    let logits = set.opacity_logits.val();
+    let weights = TensorData::new(weights, [drawn.len()]);
+    let weights = Tensor::<1>::from_data(weights, &logits.device());
+    Some((sigmoid(logits) * weights).sum())
+}
+
+/// What a picture shows of a Gaussian.
+struct Drawn {
+    opacity: f64,
+    /// Of the picture, at most all of it.
+    share: f64,
+    /// One over the depth.
+    disparity: f64,
+}
+
+impl Drawn {
+    /// Of a packed splat in a picture of so many pixels; `None` if it shows nothing.
+    fn of(splat: &[f32], picture: f64) -> Option<Self> {
+        let value = |column: usize| f64::from(splat[column]);
+        let det = value(CONIC_A) * value(CONIC_C) - value(CONIC_B).powi(2);
+        let drawn = Self {
+            opacity: value(OPACITY),
+            share: (1.0 / det.sqrt() / picture).min(1.0),
+            disparity: 1.0 / value(DEPTH),
+        };
+        let shown = splat[RADIUS_X] > 0.0 && splat[DEPTH] > 0.0 && det > 0.0;
+        (shown && drawn.opacity.is_finite() && drawn.disparity.is_finite()).then_some(drawn)
+    }
 }
 
 /// Eq. 11: mean over Gaussians of the squared distance between the field's features at a point
