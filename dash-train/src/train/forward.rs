@@ -3,12 +3,11 @@
 use std::ops::RangeInclusive;
 
 use burn::tensor::{Tensor, TensorData};
-use dash_kernels::Camera;
 
 use super::coarse;
-use super::loss::{
-    nearness, opacity, photometric, smoothness, static_motion, visible_motion, where_counted,
-};
+use super::cover::{Cover, nearness, visible_motion};
+use super::loss::{opacity, photometric, smoothness, static_motion, where_counted};
+use super::optimizer::to_host;
 use super::trainer::Trainer;
 use crate::TrainError;
 use crate::dataset::View;
@@ -29,7 +28,7 @@ pub(crate) struct Forward {
     pub(super) image: Tensor<3>,
     pub(super) target: Tensor<3>,
     /// Zero leaves whose gradients are those of the packed splats, and the splats.
-    pub(crate) static_probe: (Tensor<2>, Tensor<2>),
+    pub(crate) static_probe: (Tensor<2>, Vec<f32>),
     pub(crate) dynamic_probe: Option<(Tensor<2>, Tensor<2>)>,
 }
 
@@ -39,21 +38,25 @@ impl Trainer {
         let (camera, time) = (&view.camera, view.time);
         let mut regularisers = Vec::new();
         let mut motion = None;
-        let static_splats = match coarse::coefficients(self)? {
+        let coefficients = coarse::coefficients(self)?;
+        let static_splats = match &coefficients {
             None => self.scene.static_splats(camera)?,
             Some(coefficients) => {
                 let basis = self.config.decomposition.basis;
                 let means = self.scene.static_set.means.val();
                 let moved = means + basis.displacement(coefficients.clone(), time);
-                let splats = self.scene.static_splats_at(moved, camera)?;
-                let extents = self.extents(coefficients);
-                motion = Some(extents.clone().detach());
-                regularisers.extend(self.motion_cost(extents, &splats, camera));
-                splats
+                self.scene.static_splats_at(moved, camera)?
             }
         };
+        let splats_on_host = to_host(static_splats.clone());
+        let cover = Cover::of(&splats_on_host, camera);
+        if let Some(coefficients) = coefficients {
+            let extents = self.extents(coefficients);
+            motion = Some(extents.clone().detach());
+            regularisers.extend(self.motion_cost(extents, &cover));
+        }
         let static_leaf = self.probe(&static_splats);
-        let joined = static_splats.clone() + static_leaf.clone();
+        let joined = static_splats + static_leaf.clone();
         let mut dynamic_probe = None;
         let splats = match self.scene.dynamic_splats(camera, time)? {
             None => joined,
@@ -94,8 +97,9 @@ impl Trainer {
         }
         let weight = self.config.loss.nearness;
         if weight > 0.0 {
-            let cover = nearness(&self.scene.static_set, &static_splats, motion, camera);
-            regularisers.extend(cover.map(|cover| cover * weight));
+            let motion = motion.map_or_else(Vec::new, to_host);
+            let cost = nearness(&self.scene.static_set, &cover, &motion);
+            regularisers.extend(cost.map(|cost| cost * weight));
         }
         for term in regularisers {
             loss = loss + term;
@@ -104,7 +108,7 @@ impl Trainer {
             loss,
             image: image.detach(),
             target,
-            static_probe: (static_leaf, static_splats),
+            static_probe: (static_leaf, splats_on_host),
             dynamic_probe,
         })
     }
@@ -127,16 +131,11 @@ impl Trainer {
 
     /// The cost of motions `[N]`: Eq. 5 while the field looks for motion; of every Gaussian as it
     /// appears in this view, once each has a trajectory of its own.
-    fn motion_cost(
-        &self,
-        extents: Tensor<1>,
-        splats: &Tensor<2>,
-        camera: &Camera,
-    ) -> Option<Tensor<1>> {
+    fn motion_cost(&self, extents: Tensor<1>, cover: &Cover) -> Option<Tensor<1>> {
         let (space, loss) = (self.motion_space.as_ref()?, &self.config.loss);
         // A cost of no weight is not worked out.
         let visible = |weight: f32, far: f32| {
-            (weight > 0.0).then(|| visible_motion(extents.clone(), splats, camera, far) * weight)
+            (weight > 0.0).then(|| visible_motion(extents.clone(), cover, far) * weight)
         };
         if self.motion.is_none() {
             return visible(loss.visible_motion, FAR_ALONE);

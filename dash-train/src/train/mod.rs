@@ -3,7 +3,10 @@
 mod checkpoint;
 pub(crate) mod coarse;
 pub mod config;
+mod cover;
 mod density;
+#[cfg(test)]
+mod fixture;
 mod forward;
 mod guard;
 pub(crate) mod initial;

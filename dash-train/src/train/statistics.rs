@@ -31,11 +31,11 @@ pub(crate) fn gather(
 ) -> Result<(), TrainError> {
     let camera = &view.camera;
     let half_size = [camera.width as f32 / 2.0, camera.height as f32 / 2.0];
-    let splats = to_host(forward.static_probe.1.clone());
-    if let Some(v_splats) = forward.static_probe.0.grad_remove(gradients) {
+    let (leaf, splats) = &forward.static_probe;
+    if let Some(v_splats) = leaf.grad_remove(gradients) {
         trainer
             .density_static
-            .add(&to_host(v_splats), &splats, half_size);
+            .add(&to_host(v_splats), splats, half_size);
     }
     if let Some((leaf, splats)) = &forward.dynamic_probe
         && let Some(v_splats) = leaf.grad_remove(gradients)
@@ -45,7 +45,7 @@ pub(crate) fn gather(
             .add(&to_host(v_splats), &to_host(splats.clone()), half_size);
     }
     if trainer.motion_space.is_some() {
-        gather_scale(trainer, &splats, view);
+        gather_scale(trainer, splats, view);
         if trainer.step.is_multiple_of(MASK_INTERVAL) {
             trainer.held_still = moving(trainer)?.iter().map(|moves| !moves).collect();
         }

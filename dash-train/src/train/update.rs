@@ -163,48 +163,24 @@ fn with_low_opacity(mut set: Gaussians) -> Gaussians {
 
 #[cfg(test)]
 mod tests {
-    use std::sync::Arc;
-
     use burn::tensor::Device;
     use dash_model::Gaussians;
 
     use super::*;
-    use crate::dataset::{LoadOptions, load};
-    use crate::synth::{self, SynthConfig};
-    use crate::train::{Preset, TrainConfig};
+    use crate::train::fixture::{config, dataset};
 
-    /// `bounce` in 4 cameras, 4 frames and 32x24 pixels; density control at every second step.
+    /// The small run, with density control of the static set at every second step.
     fn trainer() -> Trainer {
-        let folder = tempfile::tempdir().expect("a scratch folder");
-        let small = SynthConfig {
-            cameras: 4,
-            frames: 4,
-            width: 32,
-            height: 24,
-            ..SynthConfig::default()
-        };
-        synth::write(folder.path(), &small).expect("writes");
-        let dataset = load(folder.path(), &LoadOptions::default()).expect("sound");
-        let mut config = TrainConfig::preset(Preset::Quick);
+        let mut config = config();
         for assignment in [
-            "iterations=40",
-            "max_initial_points=300",
-            "min_initial_points=0",
-            "stages.warmup=0.1",
-            "stages.min_following=0",
-            "stages.decomposition=0.3",
-            "decomposition.floor=0",
-            "decomposition.quantile=0.5",
-            "decomposition.review_interval=0",
             "density_static.from=0",
             "density_static.until=1",
             "density_static.interval=2",
             "density_static.gradient_threshold=1e9",
-            "density_dynamic.until=0",
         ] {
             config.set(assignment).expect("a known key");
         }
-        Trainer::new(config, Arc::new(dataset), &Device::flex()).expect("valid")
+        Trainer::new(config, dataset(), &Device::flex()).expect("valid")
     }
 
     /// Makes every second static Gaussian transparent and tells how many are left of all.
