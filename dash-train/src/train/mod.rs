@@ -5,8 +5,6 @@ pub(crate) mod coarse;
 pub mod config;
 mod cover;
 mod density;
-#[cfg(test)]
-mod fixture;
 mod forward;
 mod guard;
 pub(crate) mod initial;

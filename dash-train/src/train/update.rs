@@ -92,10 +92,6 @@ pub(crate) fn densities(trainer: &mut Trainer) {
         if trainer.may_move() && step <= from_split {
             density.max_gaussians -= (KEPT_BACK * density.max_gaussians as f32) as usize;
         }
-        // What fades while motion is followed may only be where it no longer is.
-        if trainer.motion_space.is_some() {
-            density.min_opacity = 0.0;
-        }
         let rows = trainer.scene.static_set.to_rows();
         let round = control(
             &rows,
@@ -159,62 +155,4 @@ fn with_low_opacity(mut set: Gaussians) -> Gaussians {
         .opacity_logits
         .map(|logits| Tensor::from_inner(logits.inner().clamp_max(limit)).require_grad());
     set
-}
-
-#[cfg(test)]
-mod tests {
-    use burn::tensor::Device;
-    use dash_model::Gaussians;
-
-    use super::*;
-    use crate::train::fixture::{config, dataset};
-
-    /// The small run, with density control of the static set at every second step.
-    fn trainer() -> Trainer {
-        let mut config = config();
-        for assignment in [
-            "density_static.from=0",
-            "density_static.until=1",
-            "density_static.interval=2",
-            "density_static.gradient_threshold=1e9",
-        ] {
-            config.set(assignment).expect("a known key");
-        }
-        Trainer::new(config, dataset(), &Device::flex()).expect("valid")
-    }
-
-    /// Makes every second static Gaussian transparent and tells how many are left of all.
-    fn fade(trainer: &mut Trainer) -> usize {
-        let mut rows = trainer.scene.static_set.to_rows();
-        rows.opacity_logits
-            .iter_mut()
-            .step_by(2)
-            .for_each(|logit| *logit = -10.0);
-        trainer.scene.static_set = Gaussians::from_rows(&rows, &trainer.device);
-        rows.len() / 2
-    }
-
-    #[test]
-    fn what_fades_is_pruned_but_not_while_motion_is_followed() {
-        let mut trainer = trainer();
-        let n = trainer.scene.counts().0;
-        let left = fade(&mut trainer);
-        for _ in 0..2 {
-            trainer.step().expect("trains");
-        }
-        assert_eq!((n, trainer.scene.counts()), (300, (left, 0)), "warm-up");
-        let mut counts = Vec::new();
-        while trainer.step < 14 {
-            if trainer.step == 5 {
-                fade(&mut trainer);
-            }
-            trainer.step().expect("trains");
-            counts.push(trainer.scene.counts());
-        }
-        let (last_step, following) = (counts[counts.len() - 1], &counts[..10]);
-        assert_eq!(following, [(left, 0); 10], "up to the split, at 12");
-        let (rest, moves) = counts[10];
-        assert!(rest > 0 && moves > 0 && rest + moves == left, "{counts:?}");
-        assert!(last_step.0 < rest && last_step.1 == moves, "{counts:?}");
-    }
 }

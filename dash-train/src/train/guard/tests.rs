@@ -1,13 +1,20 @@
 //! What is not finite is put into a run, and must be found, named and mended within a step.
 
+use std::sync::{Arc, OnceLock};
+
 use burn::tensor::Device;
 use dash_model::parameters::{named_parameters, with_parameters};
 use dash_model::{GaussianRows, Gaussians};
 
 use super::*;
+use crate::dataset::{Dataset, LoadOptions, load};
+use crate::synth::{self, SynthConfig};
 use crate::train::density::DensityStatistics;
-use crate::train::fixture::{SPLIT, config, dataset};
 use crate::train::trainer::STATIC;
+use crate::train::{Preset, TrainConfig};
+
+/// The split of [`config`].
+const SPLIT: usize = 12;
 
 fn devices() -> Vec<Device> {
     vec![
@@ -16,6 +23,49 @@ fn devices() -> Vec<Device> {
         #[cfg(feature = "wgpu")]
         Device::wgpu(burn::tensor::DeviceKind::DefaultDevice),
     ]
+}
+
+/// `bounce`, 4 cameras, 4 frames, 32x24 pixels.
+fn dataset() -> Arc<Dataset> {
+    static LOADED: OnceLock<Arc<Dataset>> = OnceLock::new();
+    LOADED
+        .get_or_init(|| {
+            let folder = tempfile::tempdir().expect("a scratch folder");
+            let config = SynthConfig {
+                cameras: 4,
+                frames: 4,
+                width: 32,
+                height: 24,
+                ..SynthConfig::default()
+            };
+            synth::write(folder.path(), &config).expect("writes");
+            Arc::new(load(folder.path(), &LoadOptions::default()).expect("sound"))
+        })
+        .clone()
+}
+
+fn config() -> TrainConfig {
+    let mut config = TrainConfig::preset(Preset::Quick);
+    for assignment in [
+        "iterations=40",
+        "max_initial_points=300",
+        "min_initial_points=0",
+        "stages.warmup=0.1",
+        "stages.min_following=0",
+        "stages.settle=0.5",
+        "stages.decomposition=0.3",
+        "decomposition.floor=0",
+        "decomposition.quantile=0.5",
+        "decomposition.review_interval=0",
+        "decomposition.encoder.log2_hashmap_size=8",
+        "field.deformation.encoder.log2_hashmap_size=8",
+        "field.deformation.hidden=8",
+        "density_static.until=0",
+        "density_dynamic.until=0",
+    ] {
+        config.set(assignment).expect("a known key");
+    }
+    config
 }
 
 /// A run after `steps` steps, none of them skipped.
