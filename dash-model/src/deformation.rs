@@ -365,6 +365,22 @@ impl DeformationField {
         Ok(field)
     }
 
+    /// The field with zeros in the entries of its hash grid that points at `means [N, 3]`, in world units, read
+    /// at no time, and how many entries are read of how many, see [`HashEncoder::without_unread`]. `None` of a
+    /// field without a hash grid.
+    ///
+    /// [`HashEncoder::without_unread`]: crate::HashEncoder::without_unread
+    pub fn without_unread(&self, means: Tensor<2>) -> Option<(Self, [usize; 2])> {
+        let SpaceTimeEncoder::Hash(encoder) = &self.encoder else {
+            return None;
+        };
+        let places = to_host(self.space.normalize(means).detach());
+        let (encoder, counts) = encoder.without_unread(&places);
+        let mut field = self.clone();
+        field.encoder = SpaceTimeEncoder::Hash(encoder);
+        Some((field, counts))
+    }
+
     /// The box of space that the field covers.
     pub fn space(&self) -> &SpaceBox {
         &self.space

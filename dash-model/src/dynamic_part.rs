@@ -111,6 +111,17 @@ impl DynamicPart {
         Ok(part)
     }
 
+    /// The part with zeros in the entries of its field's hash grid that its Gaussians read at no time, and how
+    /// many entries they read of how many. It looks the same. `None` where the field has no hash grid.
+    pub fn without_unread(&self) -> Option<(Self, [usize; 2])> {
+        let (field, counts) = self.field.without_unread(self.gaussians.means.val())?;
+        let part = Self {
+            gaussians: self.gaussians.clone(),
+            field,
+        };
+        Some((part, counts))
+    }
+
     /// What the field's features are on average over the Gaussians and some times.
     ///
     /// # Errors

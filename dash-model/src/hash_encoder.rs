@@ -1,5 +1,7 @@
 //! The multiresolution hash encoding as a Burn module.
 
+mod unread;
+
 use burn::module::{Module, Param};
 use burn::tensor::{Device, Tensor, TensorData};
 use dash_kernels::hash_encode::{

@@ -377,6 +377,67 @@ fn a_field_with_less_does_on_average_what_it_did() {
 }
 
 #[test]
+fn entries_that_no_gaussian_reads_are_not_stored() {
+    let folder = tempfile::tempdir().expect("a scratch folder");
+    for (index, device) in devices().into_iter().enumerate() {
+        let placement = OffsetPlacement::BeforeActivation;
+        let whole = lively(scene(6, Some(2), placement, &device));
+        let dynamic = whole.dynamic.as_ref().expect("some move");
+        let (part, [n_read, n_entries]) = dynamic.without_unread().expect("a hash grid");
+        assert!(
+            n_read > 0 && 2 * n_read < n_entries,
+            "{n_read} of {n_entries}"
+        );
+        let sparse = DynamicScene {
+            dynamic: Some(part),
+            ..whole.clone()
+        };
+        for precision in [TablePrecision::Single, TablePrecision::Half] {
+            let bytes = match precision {
+                TablePrecision::Single => 4,
+                TablePrecision::Half => 2,
+            };
+            let marks = n_entries.div_ceil(8) + 1;
+            let saved = bytes * 2 * (n_entries - n_read) - marks;
+            let [all, left] = [&whole, &sparse].map(|scene| scene.stored_bytes(precision));
+            assert_eq!(all - left, saved);
+            let path = folder.path().join(format!("{index}-{precision:?}"));
+            sparse.save_with(&path, precision).expect("writes");
+            let loaded = DynamicScene::load(&path, &device).expect("reads");
+            for time in [0.0, 0.3, 1.0] {
+                let expected = match precision {
+                    TablePrecision::Single => pixels(&whole, time, Layer::Full),
+                    TablePrecision::Half => {
+                        let half = whole.with_half_tables().expect("has tables");
+                        pixels(&half, time, Layer::Full)
+                    }
+                };
+                assert_eq!(pixels(&loaded, time, Layer::Full), expected, "at {time}");
+            }
+        }
+        // A mark that is missing.
+        let path = folder.path().join(format!("{index}-Single"));
+        let file = path.join("scene.safetensors");
+        let mut bytes = std::fs::read(&file).expect("reads");
+        let header = u64::from_le_bytes(bytes[..8].try_into().expect("eight bytes")) as usize;
+        let names: serde_json::Value =
+            serde_json::from_slice(&bytes[8..8 + header]).expect("a header");
+        let marks = &names["dynamic.field.encoder.table.marks"];
+        assert_eq!(marks["dtype"], "U8");
+        let start = 8 + header + marks["data_offsets"][0].as_u64().expect("an offset") as usize;
+        let first = (start..).find(|&at| bytes[at] != 0).expect("a mark");
+        bytes[first] &= bytes[first] - 1;
+        std::fs::write(&file, bytes).expect("writes");
+        match DynamicScene::load(&path, &device) {
+            Err(ModelError::Format { expected, .. }) => {
+                assert!(expected.contains("a mark for each row"), "{expected}");
+            }
+            other => panic!("{other:?}"),
+        }
+    }
+}
+
+#[test]
 fn a_level_that_says_the_same_everywhere_is_not_missed() {
     let placement = OffsetPlacement::BeforeActivation;
     for device in devices() {

@@ -67,7 +67,10 @@ fn where_nothing_moves_there_is_no_byte_of_a_4d_field() {
 
 #[test]
 fn what_moves_keeps_its_field_and_the_run_says_why() {
-    let bench = trained("bounce", &[]);
+    // Levels that all have more entries than so few Gaussians read.
+    let tables = "field.deformation.encoder.log2_hashmap_size=14";
+    let levels = "field.deformation.encoder.base_resolution=[16,16,16,3]";
+    let bench = trained("bounce", &["--set", tables, "--set", levels]);
     assert!(holds(&bench, "run/scene/scene.safetensors", "dynamic."));
     let told = bench.ok(&["info", "run"]);
     let line = told.lines().find(|line| line.contains("4D field"));
@@ -77,6 +80,18 @@ fn what_moves_keeps_its_field_and_the_run_says_why() {
         told.contains("Gaussians that the pictures hardly show"),
         "{told}"
     );
+    // Without them nothing changes: where there are many, they go.
+    let unread = "entries of the field's tables that no Gaussian reads";
+    let line = told.lines().find(|line| line.contains(unread));
+    let line = line.unwrap_or_else(|| panic!("no line on entries:\n{told}"));
+    assert!(line.starts_with("left out"), "{line}");
+    let marks = "dynamic.field.encoder.table.marks";
+    assert!(holds(&bench, "run/scene/scene.safetensors", marks));
+    assert!(!holds(
+        &bench,
+        "run/checkpoints/000040/scene/scene.safetensors",
+        marks
+    ));
 }
 
 #[test]

@@ -2,8 +2,11 @@
 //!
 //! Version 2 of the files may hold tables of features as 16-bit floats, and the higher colour
 //! coefficients of those Gaussians only that have any, `SET.sh_rest`, with the numbers of these
-//! Gaussians, `SET.sh_rest.rows`. Files without either are of version 1.
+//! Gaussians, `SET.sh_rest.rows`. In version 3 tables may also lack their rows of zeros, see `marks`. A file is
+//! of the lowest version that has what is in it.
 
+mod marks;
+mod stored;
 mod tensors;
 
 use std::collections::BTreeMap;
@@ -15,21 +18,22 @@ use burn::tensor::Device;
 use rand::SeedableRng;
 use rand_pcg::Pcg64;
 use serde::{Deserialize, Serialize};
+use stored::{is_table, stored, whole};
 use tensors::{Stored, read_stored, write_stored};
 pub use tensors::{read_tensors, write_tensors};
 
 use crate::parameters::{HostTensor, named_parameters, with_parameters};
 use crate::{
     DeformationConfig, DeformationField, DynamicPart, DynamicScene, GaussianRows, Gaussians,
-    HashEncoder, ModelError, SceneSettings, SpaceBox,
+    ModelError, SceneSettings, SpaceBox,
 };
 
 /// Version of files in which every tensor is whole and f32.
 const PLAIN_VERSION: u32 = 1;
-/// Version of the others.
-const FORMAT_VERSION: u32 = 2;
-/// Sets whose higher colour coefficients may be stored for some Gaussians only.
-const SETS: [&str; 2] = ["static_set", "dynamic.gaussians"];
+/// Version of those in which tensors may also be 16 bits wide, or lack rows of colour.
+const REDUCED_VERSION: u32 = 2;
+/// Version of those in which tables may also lack rows.
+const FORMAT_VERSION: u32 = 3;
 /// Most functions of time that trajectories may be made of.
 const MAX_BASIS_FUNCTIONS: usize = 4096;
 
@@ -62,10 +66,6 @@ pub enum TablePrecision {
     Half,
 }
 
-fn is_table(name: &str) -> bool {
-    name.starts_with("dynamic.field.encoder.") && HashEncoder::is_table(name)
-}
-
 impl DynamicScene {
     /// Writes the scene into a folder, which is made if need be. Each file is complete or absent.
     ///
@@ -82,8 +82,8 @@ impl DynamicScene {
     pub fn save_with(&self, folder: &Path, precision: TablePrecision) -> Result<(), ModelError> {
         fs::create_dir_all(folder).map_err(|e| ModelError::io(folder, "create the folder", e))?;
         let tensors = stored(named_parameters(self), precision);
-        let plain = tensors.values().all(|t| matches!(t, Stored::Single(_)));
-        let description = self.describe(if plain { PLAIN_VERSION } else { FORMAT_VERSION });
+        let version = tensors.values().map(Stored::version).max();
+        let description = self.describe(version.unwrap_or(PLAIN_VERSION));
         let json = serde_json::to_vec_pretty(&description)
             .map_err(|e| ModelError::Config(format!("scene settings: {e}")))?;
         write_stored(&folder.join("scene.safetensors"), &tensors)?;
@@ -104,7 +104,7 @@ impl DynamicScene {
         if !(PLAIN_VERSION..=FORMAT_VERSION).contains(&description.format_version) {
             return Err(ModelError::format(
                 &json_path,
-                format!("format version {PLAIN_VERSION} or {FORMAT_VERSION}"),
+                format!("format version {PLAIN_VERSION} to {FORMAT_VERSION}"),
                 description.format_version.to_string(),
             ));
         }
@@ -162,68 +162,6 @@ impl DynamicScene {
     }
 }
 
-fn colour(set: &str) -> String {
-    format!("{set}.sh_rest")
-}
-
-fn rows_of(name: &str) -> String {
-    format!("{name}.rows")
-}
-
-/// A scene's parameters as they are stored.
-fn stored(
-    parameters: BTreeMap<String, HostTensor>,
-    precision: TablePrecision,
-) -> BTreeMap<String, Stored> {
-    let mut tensors = BTreeMap::new();
-    for (name, tensor) in parameters {
-        if precision == TablePrecision::Half && is_table(&name) {
-            tensors.insert(name, Stored::Half(tensor));
-        } else if SETS.iter().any(|set| colour(set) == name)
-            && let Some((rows, kept)) = tensors::without_zero_rows(&tensor)
-        {
-            tensors.insert(rows_of(&name), Stored::Rows(rows));
-            tensors.insert(name, Stored::Single(kept));
-        } else {
-            tensors.insert(name, Stored::Single(tensor));
-        }
-    }
-    tensors
-}
-
-/// The parameters of what was stored.
-fn whole(
-    mut stored: BTreeMap<String, Stored>,
-    path: &Path,
-) -> Result<BTreeMap<String, HostTensor>, ModelError> {
-    for set in SETS {
-        let name = colour(set);
-        let Some(Stored::Rows(rows)) = stored.remove(&rows_of(&name)) else {
-            continue;
-        };
-        let n = match stored.get(&format!("{set}.means")) {
-            Some(Stored::Single(means)) => means.shape.first().copied().unwrap_or(0),
-            _ => 0,
-        };
-        let spread = match stored.get(&name) {
-            Some(Stored::Single(kept)) => tensors::with_zero_rows(kept, &rows, n),
-            _ => None,
-        };
-        let spread = spread.ok_or_else(|| {
-            ModelError::format(
-                path,
-                format!(
-                    "in `{}` a rising number below {n} for each row of `{name}`",
-                    rows_of(&name)
-                ),
-                format!("{} numbers that do not fit", rows.len()),
-            )
-        })?;
-        stored.insert(name, Stored::Single(spread));
-    }
-    tensors::only_floats(stored, path)
-}
-
 impl SceneDescription {
     /// A scene of the right structure without Gaussians.
     fn skeleton(&self, static_width: usize, device: &Device) -> Result<DynamicScene, ModelError> {
@@ -256,8 +194,8 @@ impl SceneDescription {
         })
     }
 
-    /// The field's sizes are those of the stored values: a description must not ask for more memory
-    /// than its tensors take.
+    /// The field's sizes are those of the stored values, rows of zeros put back: a description must not ask for
+    /// more memory than these.
     fn check_field(
         &self,
         parameters: &BTreeMap<String, HostTensor>,

@@ -9,9 +9,13 @@ use std::path::Path;
 use burn::tensor::f16;
 use safetensors::tensor::{Dtype, SafeTensors, TensorView};
 
-use super::write_atomically;
+use super::{FORMAT_VERSION, PLAIN_VERSION, REDUCED_VERSION, write_atomically};
 use crate::ModelError;
 use crate::parameters::HostTensor;
+
+/// Most values of a Gaussian's higher colour coefficients: without any, a file could claim any number, and
+/// the Gaussians ask for the memory.
+const MAX_COLOUR: usize = 45;
 
 /// A tensor as it is stored.
 pub(super) enum Stored {
@@ -21,14 +25,26 @@ pub(super) enum Stored {
     Half(HostTensor),
     /// Numbers of rows.
     Rows(Vec<u32>),
+    /// Which rows of a tensor are stored.
+    Marks(Vec<u8>),
 }
 
 impl Stored {
+    /// The first version of scenes that has such tensors.
+    pub(super) fn version(&self) -> u32 {
+        match self {
+            Self::Single(_) => PLAIN_VERSION,
+            Self::Half(_) | Self::Rows(_) => REDUCED_VERSION,
+            Self::Marks(_) => FORMAT_VERSION,
+        }
+    }
+
     pub(super) fn bytes(&self) -> usize {
         match self {
             Self::Single(tensor) => size_of_val(tensor.values.as_slice()),
             Self::Half(tensor) => size_of::<f16>() * tensor.values.len(),
             Self::Rows(rows) => size_of_val(rows.as_slice()),
+            Self::Marks(marks) => marks.len(),
         }
     }
 }
@@ -60,8 +76,10 @@ pub(super) fn without_zero_rows(tensor: &HostTensor) -> Option<(Vec<u32>, HostTe
 
 /// The inverse: `None` unless `rows` rise, stay below `n`, and are as many as there are rows.
 pub(super) fn with_zero_rows(kept: &HostTensor, rows: &[u32], n: usize) -> Option<HostTensor> {
-    let width: usize = kept.shape.get(1..)?.iter().product();
-    let fit = kept.shape[0] == rows.len()
+    let dims = kept.shape.get(1..)?.iter();
+    let width = dims.copied().try_fold(1, usize::checked_mul)?;
+    let fit = width <= MAX_COLOUR
+        && kept.shape[0] == rows.len()
         && rows.is_sorted_by(|a, b| a < b)
         && rows.last().is_none_or(|&last| (last as usize) < n);
     if !fit {
@@ -115,6 +133,10 @@ pub(super) fn write_stored(
             let bytes = Cow::Borrowed(bytemuck::cast_slice(rows));
             (name.as_str(), Dtype::U32, vec![rows.len()], bytes)
         }
+        Stored::Marks(marks) => {
+            let bytes = Cow::Borrowed(marks.as_slice());
+            (name.as_str(), Dtype::U8, vec![marks.len()], bytes)
+        }
     });
     write(path, views.collect())
 }
@@ -142,7 +164,7 @@ pub fn read_tensors(path: &Path) -> Result<BTreeMap<String, HostTensor>, ModelEr
     only_floats(read_stored(path)?, path)
 }
 
-/// Tensors among which there are no numbers of rows.
+/// Tensors among which there are neither numbers nor marks of rows.
 ///
 /// # Errors
 /// [`ModelError::Format`] when there are.
@@ -155,6 +177,7 @@ pub(super) fn only_floats(
         .map(|(name, tensor)| match tensor {
             Stored::Single(tensor) | Stored::Half(tensor) => Ok((name, tensor)),
             Stored::Rows(_) => Err(not_floats(path, &name, Dtype::U32)),
+            Stored::Marks(_) => Err(not_floats(path, &name, Dtype::U8)),
         })
         .collect()
 }
@@ -189,6 +212,7 @@ pub(super) fn read_stored(path: &Path) -> Result<BTreeMap<String, Stored>, Model
                 Dtype::U32 if shape.len() == 1 => {
                     Stored::Rows(bytemuck::pod_collect_to_vec(view.data()))
                 }
+                Dtype::U8 if shape.len() == 1 => Stored::Marks(view.data().to_vec()),
                 kind => return Err(not_floats(path, &name, kind)),
             };
             Ok((name, tensor))
@@ -223,6 +247,11 @@ mod tests {
         for rows in [&[1, 1][..], &[3, 1], &[1, 4], &[1]] {
             assert!(with_zero_rows(&kept, rows, 4).is_none(), "{rows:?}");
         }
+        let vast = HostTensor {
+            shape: vec![0, 1 << 60],
+            values: Vec::new(),
+        };
+        assert!(with_zero_rows(&vast, &[], 4).is_none());
         let full = HostTensor {
             shape: vec![2, 1, 3],
             values: vec![1.0; 6],

@@ -226,7 +226,7 @@ mod tests {
     fn nearness_is_half_the_cost_where_something_moves_a_little() {
         let device = Device::flex();
         let (set, cover) = spots(&SPOTS[..3], &device);
-        // At depth 3, only the third is nearer than typical: half of the picture's width to a unit there.
+        // Only the third is much nearer than typical, and at depth 1: a unit is half of the picture's width.
         let at_rest = value(nearness(&set, &cover, &[]));
         let moves = value(nearness(&set, &cover, &[0.0, 0.0, 0.01]));
         let rest = value(nearness(&set, &cover, &[0.0, 0.0, 1e9]));
@@ -272,6 +272,11 @@ mod tests {
         assert!((cost([0.2, 0.4, 9.0, 9.0], far) - 0.02 * half).abs() < 1e-8);
         assert!(cost([1e6, 1e6, 0.0, 0.0], far) < 0.02 * 0.0501);
         assert_eq!(cost([0.0; 4], far), 0.0);
+        // Larger than the picture: as if it covered all of it.
+        let (_, vast) = spots(&[(0.5, 900.0, 2.0, true)], &device);
+        let moved = Tensor::<1>::from_data([0.2], &device);
+        let all = to_host(visible_motion(moved, &vast, far))[0];
+        assert!((all - 0.5 * half).abs() < 1e-7, "{all}");
         // Nearly straight.
         assert!((cost([0.2, 0.8, 9.0, 9.0], 1e6) - 0.01 * 0.15).abs() < 1e-8);
     }

@@ -1,5 +1,6 @@
 //! The forward pass of a step: the picture, the losses, and what statistics are taken from.
 
+use std::cell::LazyCell;
 use std::ops::RangeInclusive;
 
 use burn::tensor::{Tensor, TensorData};
@@ -49,7 +50,7 @@ impl Trainer {
             }
         };
         let splats_on_host = to_host(static_splats.clone());
-        let cover = Cover::of(&splats_on_host, camera);
+        let cover = LazyCell::new(|| Cover::of(&splats_on_host, camera));
         if let Some(coefficients) = coefficients {
             let extents = self.extents(coefficients);
             motion = Some(extents.clone().detach());

@@ -34,7 +34,11 @@ pub fn fixtures(parser: &str) -> Vec<Vec<u8>> {
         "image_header" | "image" => images(),
         "splat_ply" => splat_ply(),
         "cameras_json" => vec![cameras_json()],
-        "scene" => vec![scene(true), scene(false)],
+        "scene" => vec![
+            scene(Some(Tables::Whole)),
+            scene(Some(Tables::AsRead)),
+            scene(None),
+        ],
         "checkpoint_state" => vec![checkpoint_state()],
         "config_toml" => vec![config_toml()],
         other => panic!("no valid file for the parser {other}"),
@@ -265,19 +269,31 @@ fn crc32(bytes: &[u8]) -> u32 {
     })
 }
 
-/// A scene's two files, as the parser takes them.
-fn scene(dynamic: bool) -> Vec<u8> {
+/// What a scene's file has of its field's tables.
+#[derive(Clone, Copy, PartialEq)]
+enum Tables {
+    Whole,
+    /// The entries that the Gaussians read.
+    AsRead,
+}
+
+/// A scene's two files, as the parser takes them; `None` for one in which nothing moves.
+fn scene(tables: Option<Tables>) -> Vec<u8> {
     let device = Device::flex();
     let basis = TrajectoryBasis::Polyline { spans: 2 };
+    let (log2_hashmap_size, finest) = match tables {
+        Some(Tables::AsRead) => (8, 4),
+        _ => (3, 2),
+    };
     let config = DeformationConfig {
         representation: Representation::Hash,
         heads: Heads::default(),
         encoder: HashEncoderConfig {
             n_levels: 2,
             n_features_per_level: 1,
-            log2_hashmap_size: 3,
+            log2_hashmap_size,
             base_resolution: vec![1, 1, 1, 1],
-            finest_resolution: vec![2, 2, 2, 2],
+            finest_resolution: vec![finest; 4],
             smoothstep: false,
             reference_sizing: false,
             left_out_levels: Vec::new(),
@@ -288,10 +304,16 @@ fn scene(dynamic: bool) -> Vec<u8> {
     let mut rng = Pcg64::seed_from_u64(3);
     let scene = DynamicScene {
         static_set: Gaussians::from_rows(&rows(2, 0), &device),
-        dynamic: dynamic.then(|| DynamicPart {
-            gaussians: Gaussians::from_rows(&rows(1, 3 * basis.len()), &device),
-            field: DeformationField::new(&config, SpaceBox::fixed(1.0), &mut rng, &device)
-                .expect("a small field"),
+        dynamic: tables.map(|tables| {
+            let whole = DynamicPart {
+                gaussians: Gaussians::from_rows(&rows(1, 3 * basis.len()), &device),
+                field: DeformationField::new(&config, SpaceBox::fixed(1.0), &mut rng, &device)
+                    .expect("a small field"),
+            };
+            match tables {
+                Tables::Whole => whole,
+                Tables::AsRead => whole.without_unread().expect("a hash grid").0,
+            }
         }),
         settings: SceneSettings {
             background: [0.0; 3],

@@ -122,7 +122,7 @@ fn told(decision: &Decision) -> String {
             .map(|db| format!("{db:+.3} dB where something moves")),
         decision
             .bytes
-            .map(|size| format!("{} of memory", bytes(size))),
+            .map(|size| format!("{} on disk", bytes(size))),
         decision
             .millis
             .map(|millis| format!("{millis:+.2} ms a view")),

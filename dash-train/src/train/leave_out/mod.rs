@@ -105,6 +105,7 @@ pub(crate) fn after_training(
     parts::heads(&mut trials)?;
     parts::levels(&mut trials)?;
     parts::directions(&mut trials, &shares)?;
+    parts::unread_entries(&mut trials)?;
     parts::table_bits(&mut trials)?;
     decisions.extend(trials.decisions);
     Ok((trials.scene, trials.precision, decisions))

@@ -228,6 +228,28 @@ pub(super) fn directions(trials: &mut Trials, shares: &[f32]) -> Result<(), Trai
     Ok(())
 }
 
+/// Entries of the field's tables that no Gaussian reads, at whatever time: without them nothing changes.
+pub(super) fn unread_entries(trials: &mut Trials) -> Result<(), TrainError> {
+    let dynamic = trials.scene.dynamic.as_ref();
+    let Some((part, [n_read, n_entries])) = dynamic.and_then(DynamicPart::without_unread) else {
+        return Ok(());
+    };
+    let mut scene = trials.scene.clone();
+    scene.dynamic = Some(part);
+    let candidate = Candidate {
+        part: "entries of the field's tables that no Gaussian reads".into(),
+        reason: format!(
+            "{n_read} of {n_entries} are read at some time; {}",
+            may_cost()
+        ),
+        scene,
+        precision: trials.precision,
+        arithmetic: 0.0,
+    };
+    trials.judge(candidate)?;
+    Ok(())
+}
+
 /// Half the bits of the field's tables: the scene is then rounded to them.
 pub(super) fn table_bits(trials: &mut Trials) -> Result<(), TrainError> {
     let Some(scene) = trials.scene.with_half_tables() else {

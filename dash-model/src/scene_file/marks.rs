@@ -1,0 +1,198 @@
+//! Rows of zeros that are not stored, where many are.
+//!
+//! `NAME` then has the other rows only, and `NAME.marks` says which they are: a bit for each row, from the
+//! lowest of the first byte, and in one more byte how many bits of the last of these stand for no row.
+
+use std::collections::BTreeMap;
+use std::path::Path;
+
+use burn::tensor::f16;
+
+use super::tensors::Stored;
+use crate::ModelError;
+use crate::parameters::HostTensor;
+
+/// The name of the marks of a tensor.
+pub(super) fn marks_of(name: &str) -> String {
+    format!("{name}{SUFFIX}")
+}
+
+const SUFFIX: &str = ".marks";
+/// Most values of a row: a file without rows could claim any number, and its marks ask for the memory.
+const MAX_WIDTH: usize = 8;
+/// Most bytes of memory for each byte of a file.
+const MOST_PER_BYTE: usize = 32;
+
+/// The marks of a tensor `[N, ..]`, and its rows in which a bit is set; `None` where that takes no less room,
+/// at so many bytes a value.
+pub(super) fn marked(tensor: &HostTensor, bytes_per_value: usize) -> Option<(Vec<u8>, HostTensor)> {
+    let (n, width) = rows(tensor)?;
+    let mut marks = vec![0u8; n.div_ceil(8)];
+    let mut values = Vec::new();
+    for (row, of_row) in tensor.values.chunks_exact(width).enumerate() {
+        if of_row.iter().any(|value| value.to_bits() != 0) {
+            marks[row / 8] |= 1 << (row % 8);
+            values.extend_from_slice(of_row);
+        }
+    }
+    marks.push((8 * marks.len() - n) as u8);
+    let saved = bytes_per_value * (tensor.values.len() - values.len());
+    let mut shape = tensor.shape.clone();
+    shape[0] = values.len() / width;
+    let worthwhile = saved > marks.len() && is_allowed(tensor.values.len(), &marks, values.len());
+    worthwhile.then_some((marks, HostTensor { shape, values }))
+}
+
+/// The inverse; `None` unless there is a mark for each row.
+fn unmarked(kept: &HostTensor, marks_and_count: &[u8]) -> Option<HostTensor> {
+    let (n_kept, width) = rows(kept)?;
+    let (&unused, marks) = marks_and_count.split_last()?;
+    let n = (8 * marks.len()).checked_sub(usize::from(unused))?;
+    let is_marked = |row: usize| marks[row / 8] >> (row % 8) & 1 == 1;
+    let n_marked: usize = marks.iter().map(|byte| byte.count_ones() as usize).sum();
+    let n_values = n.checked_mul(width)?;
+    let fit = unused < 8
+        && n_marked == n_kept
+        && !(n..8 * marks.len()).any(is_marked)
+        && is_allowed(n_values, marks_and_count, kept.values.len());
+    if !fit {
+        return None;
+    }
+    let mut values = vec![0.0; n_values];
+    let stored = kept.values.chunks_exact(width);
+    for (row, of_row) in (0..n).filter(|&row| is_marked(row)).zip(stored) {
+        values[row * width..][..width].copy_from_slice(of_row);
+    }
+    let mut shape = kept.shape.clone();
+    shape[0] = n;
+    Some(HostTensor { shape, values })
+}
+
+/// Whether a table of so many values takes no more memory than its marks and the values that are stored
+/// may ask for.
+fn is_allowed(n_values: usize, marks: &[u8], n_stored: usize) -> bool {
+    let in_file = marks.len() + size_of::<f16>() * n_stored;
+    n_values <= MOST_PER_BYTE / size_of::<f32>() * in_file
+}
+
+/// Rows of a tensor and values in each; `None` where these are none, or more than a grid's features.
+fn rows(tensor: &HostTensor) -> Option<(usize, usize)> {
+    let &[n, width] = tensor.shape.as_slice() else {
+        return None;
+    };
+    (1..=MAX_WIDTH).contains(&width).then_some((n, width))
+}
+
+/// Puts the rows that were not stored back into the tables. Marks of anything else stay.
+///
+/// # Errors
+/// [`ModelError::Format`] when marks do not fit their table.
+pub(super) fn fill_in(
+    stored: &mut BTreeMap<String, Stored>,
+    is_table: impl Fn(&str) -> bool,
+    path: &Path,
+) -> Result<(), ModelError> {
+    let tables: Vec<String> = stored
+        .keys()
+        .filter_map(|name| name.strip_suffix(SUFFIX))
+        .filter(|name| is_table(name))
+        .map(String::from)
+        .collect();
+    for name in tables {
+        let marks = match stored.get(&marks_of(&name)) {
+            Some(Stored::Marks(marks)) => marks.clone(),
+            _ => continue,
+        };
+        stored.remove(&marks_of(&name));
+        let whole = match stored.get(&name) {
+            Some(Stored::Single(kept)) => unmarked(kept, &marks),
+            _ => None,
+        };
+        let whole = whole.ok_or_else(|| {
+            ModelError::format(
+                path,
+                format!("in `{}` a mark for each row of `{name}`", marks_of(&name)),
+                format!("{} bytes of marks that do not fit", marks.len()),
+            )
+        })?;
+        stored.insert(name, Stored::Single(whole));
+    }
+    Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn tensor(rows: &[[f32; 2]]) -> HostTensor {
+        HostTensor {
+            shape: vec![rows.len(), 2],
+            values: rows.concat(),
+        }
+    }
+
+    #[test]
+    fn rows_of_zeros_take_a_bit_each() {
+        for n in [8, 11, 16, 17] {
+            let mut rows = vec![[0.0; 2]; n];
+            rows[1] = [0.0, 2.0];
+            // A negative zero is not nothing: files keep every bit.
+            rows[n - 2] = [-0.0, 0.0];
+            rows[n - 1] = [f32::NAN, 3.0];
+            let whole = tensor(&rows);
+            let (marks, kept) = marked(&whole, 4).expect("most rows are zero");
+            assert_eq!(kept.shape, [3, 2]);
+            assert_eq!(marks.len(), n.div_ceil(8) + 1);
+            let back = unmarked(&kept, &marks).expect("what was taken out goes in");
+            let bits = |t: &HostTensor| t.values.iter().map(|v| v.to_bits()).collect::<Vec<_>>();
+            assert_eq!((bits(&back), back.shape), (bits(&whole), whole.shape));
+        }
+    }
+
+    #[test]
+    fn marks_are_made_only_where_they_save_room() {
+        let full = tensor(&[[1.0; 2]; 40]);
+        assert!(marked(&full, 4).is_none());
+        // A row of four bytes less, and six bytes of marks; then two rows.
+        let mut rows = [[1.0; 2]; 40];
+        rows[3] = [0.0; 2];
+        assert!(marked(&tensor(&rows), 2).is_none());
+        rows[4] = [0.0; 2];
+        assert!(marked(&tensor(&rows), 2).is_some());
+        let no_rows = HostTensor {
+            shape: vec![0, 2],
+            values: Vec::new(),
+        };
+        assert!(marked(&no_rows, 4).is_none());
+    }
+
+    #[test]
+    fn marks_that_do_not_fit_are_refused() {
+        let kept = tensor(&[[1.0; 2], [2.0; 2]]);
+        assert!(unmarked(&kept, &[0b11, 6]).is_some());
+        // None, no bits at all, too few, too many, beyond the last row, more unused bits than there are.
+        for marks in [
+            &[][..],
+            &[0],
+            &[0b1, 6],
+            &[0b111, 5],
+            &[0b110, 6],
+            &[0b11, 8],
+            &[0b11, 255],
+        ] {
+            assert!(unmarked(&kept, marks).is_none(), "{marks:?}");
+        }
+        // Nothing, of rows that would fill all memory.
+        let vast = HostTensor {
+            shape: vec![0, 1 << 60],
+            values: Vec::new(),
+        };
+        assert!(unmarked(&vast, &[0, 0]).is_none());
+        // Eight rows for a byte, of eight values.
+        let hollow = HostTensor {
+            shape: vec![0, 8],
+            values: Vec::new(),
+        };
+        assert!(unmarked(&hollow, &[0; 1000]).is_none());
+    }
+}
