@@ -300,13 +300,28 @@ fn damaged_runs() {
         bench.write(&path, whole);
     }
     let whole = bench.read("run/config.toml");
-    // Within the settings: what was decided comes after them, and a number that is cut off is still a number.
-    bench.truncate("run/config.toml", 0.2);
+    bench.truncate("run/config.toml", 0.5);
     bench.fails(&["eval", "run"], "config.toml");
     bench.fails(
         &["train", "room", "--out", "run", "--resume"],
         "config.toml",
     );
+    // Wherever it is cut off: a part of a number is a number, too.
+    for k in 0..24 {
+        let end = whole.len() * k / 24;
+        let last_line = whole[..end].iter().rposition(|&byte| byte == b'\n');
+        for end in [Some(end), last_line.map(|at| at + 1)]
+            .into_iter()
+            .flatten()
+        {
+            bench.write("run/config.toml", &whole[..end]);
+            bench.fails(&["info", "run"], "config.toml");
+        }
+    }
+    for gone in 1..4 {
+        bench.write("run/config.toml", &whole[..whole.len() - gone]);
+        bench.fails(&["info", "run"], "config.toml");
+    }
     bench.write("run/config.toml", whole);
 
     std::fs::remove_dir_all(bench.path("run/checkpoints/000030")).expect("removed");

@@ -8,7 +8,7 @@ use std::path::Path;
 
 use burn::tensor::f16;
 
-use super::tensors::Stored;
+use super::tensors::{self, Stored};
 use crate::ModelError;
 use crate::parameters::HostTensor;
 
@@ -26,46 +26,34 @@ const MOST_PER_BYTE: usize = 32;
 /// The marks of a tensor `[N, ..]`, and its rows in which a bit is set; `None` where that takes no less room,
 /// at so many bytes a value.
 pub(super) fn marked(tensor: &HostTensor, bytes_per_value: usize) -> Option<(Vec<u8>, HostTensor)> {
-    let (n, width) = rows(tensor)?;
+    let (n, _) = shape(tensor)?;
+    let (rows, kept) = tensors::rows_with_bits(tensor)?;
     let mut marks = vec![0u8; n.div_ceil(8)];
-    let mut values = Vec::new();
-    for (row, of_row) in tensor.values.chunks_exact(width).enumerate() {
-        if of_row.iter().any(|value| value.to_bits() != 0) {
-            marks[row / 8] |= 1 << (row % 8);
-            values.extend_from_slice(of_row);
-        }
+    for row in rows {
+        marks[row as usize / 8] |= 1 << (row % 8);
     }
     marks.push((8 * marks.len() - n) as u8);
-    let saved = bytes_per_value * (tensor.values.len() - values.len());
-    let mut shape = tensor.shape.clone();
-    shape[0] = values.len() / width;
-    let worthwhile = saved > marks.len() && is_allowed(tensor.values.len(), &marks, values.len());
-    worthwhile.then_some((marks, HostTensor { shape, values }))
+    let saved = bytes_per_value * (tensor.values.len() - kept.values.len());
+    let worthwhile =
+        saved > marks.len() && is_allowed(tensor.values.len(), &marks, kept.values.len());
+    worthwhile.then_some((marks, kept))
 }
 
 /// The inverse; `None` unless there is a mark for each row.
 fn unmarked(kept: &HostTensor, marks_and_count: &[u8]) -> Option<HostTensor> {
-    let (n_kept, width) = rows(kept)?;
+    let (_, width) = shape(kept)?;
     let (&unused, marks) = marks_and_count.split_last()?;
     let n = (8 * marks.len()).checked_sub(usize::from(unused))?;
     let is_marked = |row: usize| marks[row / 8] >> (row % 8) & 1 == 1;
-    let n_marked: usize = marks.iter().map(|byte| byte.count_ones() as usize).sum();
-    let n_values = n.checked_mul(width)?;
-    let fit = unused < 8
-        && n_marked == n_kept
-        && !(n..8 * marks.len()).any(is_marked)
-        && is_allowed(n_values, marks_and_count, kept.values.len());
+    let fit = unused < 8 && is_allowed(n.checked_mul(width)?, marks_and_count, kept.values.len());
     if !fit {
         return None;
     }
-    let mut values = vec![0.0; n_values];
-    let stored = kept.values.chunks_exact(width);
-    for (row, of_row) in (0..n).filter(|&row| is_marked(row)).zip(stored) {
-        values[row * width..][..width].copy_from_slice(of_row);
-    }
-    let mut shape = kept.shape.clone();
-    shape[0] = n;
-    Some(HostTensor { shape, values })
+    let rows: Option<Vec<u32>> = (0..8 * marks.len())
+        .filter(|&row| is_marked(row))
+        .map(|row| u32::try_from(row).ok())
+        .collect();
+    tensors::with_zero_rows(kept, &rows?, n)
 }
 
 /// Whether a table of so many values takes no more memory than its marks and the values that are stored
@@ -76,7 +64,7 @@ fn is_allowed(n_values: usize, marks: &[u8], n_stored: usize) -> bool {
 }
 
 /// Rows of a tensor and values in each; `None` where these are none, or more than a grid's features.
-fn rows(tensor: &HostTensor) -> Option<(usize, usize)> {
+fn shape(tensor: &HostTensor) -> Option<(usize, usize)> {
     let &[n, width] = tensor.shape.as_slice() else {
         return None;
     };

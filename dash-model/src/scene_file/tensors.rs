@@ -54,11 +54,10 @@ pub(super) fn half(value: f32) -> f16 {
     f16::from_f32(value.clamp(f16::MIN.to_f32(), f16::MAX.to_f32()))
 }
 
-/// The rows `[M, ..]` of a tensor `[N, ..]` in which a bit is set, and their numbers; `None` where that
-/// takes no less room.
-pub(super) fn without_zero_rows(tensor: &HostTensor) -> Option<(Vec<u32>, HostTensor)> {
-    let n = *tensor.shape.first()?;
-    let width: usize = tensor.shape[1..].iter().product();
+/// The rows `[M, ..]` of a tensor `[N, ..]` in which a bit is set, and their numbers; `None` where a row
+/// has no values, or a number does not fit.
+pub(super) fn rows_with_bits(tensor: &HostTensor) -> Option<(Vec<u32>, HostTensor)> {
+    let width: usize = tensor.shape.get(1..)?.iter().product();
     if width == 0 {
         return None;
     }
@@ -71,7 +70,13 @@ pub(super) fn without_zero_rows(tensor: &HostTensor) -> Option<(Vec<u32>, HostTe
     }
     let mut shape = tensor.shape.clone();
     shape[0] = rows.len();
-    (rows.len() * (width + 1) < n * width).then_some((rows, HostTensor { shape, values }))
+    Some((rows, HostTensor { shape, values }))
+}
+
+/// [`rows_with_bits`], where these and their numbers take less room.
+pub(super) fn without_zero_rows(tensor: &HostTensor) -> Option<(Vec<u32>, HostTensor)> {
+    rows_with_bits(tensor)
+        .filter(|(rows, kept)| rows.len() + kept.values.len() < tensor.values.len())
 }
 
 /// The inverse: `None` unless `rows` rise, stay below `n`, and are as many as there are rows.

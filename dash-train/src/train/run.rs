@@ -30,14 +30,14 @@ const LOG_INTERVAL: usize = 50;
 pub struct RunConfig {
     /// The data and how it is loaded.
     pub data: DataConfig,
-    /// The training.
-    pub train: TrainConfig,
     /// Which parts the finished scene kept and left out, and why. Another run decides for itself.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub decisions: Vec<Decision>,
     /// When its stages ended, if it is finished and anything may have moved. Another run finds its own.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub stage_ends: Option<StageEnds>,
+    /// The training. Last in the file, and without it there is no run: a file that was cut off lacks some of it.
+    pub train: TrainConfig,
 }
 
 impl RunConfig {
@@ -267,6 +267,13 @@ impl RunFolder {
 /// When it can't be read or a value does not fit.
 pub fn read_config(path: &Path) -> Result<RunConfig, TrainError> {
     let text = fs::read_to_string(path).map_err(|e| TrainError::io(path, "read", e))?;
+    if !text.ends_with('\n') {
+        return Err(TrainError::Config(format!(
+            "{}: expected a whole line at the end, found `{}`; the file was cut off: copy it again",
+            path.display(),
+            text.lines().last().unwrap_or_default()
+        )));
+    }
     let config: RunConfig = toml::from_str(&text)
         .map_err(|e| TrainError::Config(format!("{}: {}", path.display(), e.message())))?;
     config.train.validate()?;
