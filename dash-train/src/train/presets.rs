@@ -48,7 +48,7 @@ impl TrainConfig {
             loss: LossConfig {
                 dssim: 0.2,
                 static_motion: 0.01,
-                smoothness: 0.01,
+                smoothness: 0.002,
                 field_motion: 0.1,
                 visible_motion: 2.5,
                 static_opacity: 0.01,
@@ -161,6 +161,7 @@ impl TrainConfig {
         self.loss.visible_motion = 0.0;
         self.loss.static_opacity = 0.0;
         self.loss.nearness = 0.0;
+        self.loss.smoothness = 0.01;
         self.loss.smoothness_share = 1.0;
         self.learning_rates.motion_damping = 0.0;
         self.iterations = 30_000;
