@@ -107,6 +107,7 @@ fn scene((offsets, smoothstep): (OffsetPlacement, bool), device: &Device) -> Dyn
             background: BACKGROUND,
             sh_degree: SH_DEGREE,
             near_plane: NEAR_PLANE,
+            ndc_limit: None,
             trajectory_basis: BASIS,
             offsets,
         },

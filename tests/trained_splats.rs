@@ -52,6 +52,7 @@ fn rendered(rows: &GaussianRows, camera: &Camera, device: &burn::tensor::Device)
             background: BACKGROUND,
             sh_degree: SH_DEGREE,
             near_plane: NEAR_PLANE,
+            ndc_limit: None,
             trajectory_basis: TrajectoryBasis::Linear,
             offsets: OffsetPlacement::BeforeActivation,
         },

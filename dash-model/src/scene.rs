@@ -1,11 +1,11 @@
 //! The whole scene: static Gaussians, and the few that move.
 
 use burn::module::{Module, Param};
-use burn::tensor::Tensor;
+use burn::tensor::{Bool, Tensor};
 use dash_kernels::Camera;
 use dash_kernels::project::{Activation, ProjectOptions, project};
 use dash_kernels::rasterize::{RasterizeOptions, rasterize};
-use dash_kernels::splats::NEAR_PLANE;
+use dash_kernels::splats::{MEAN_X, MEAN_Y, NEAR_PLANE};
 use serde::{Deserialize, Serialize};
 
 use crate::{DynamicPart, GaussianRows, Gaussians, ModelError, TrajectoryBasis};
@@ -32,6 +32,11 @@ pub struct SceneSettings {
     /// Gaussians nearer than this along a camera's z are not drawn, world units.
     #[serde(default = "default_near_plane")]
     pub near_plane: f64,
+    /// Gaussians whose mean is projected to where x or y in normalised device coordinates (-1 to 1 in the
+    /// picture) is beyond this are not drawn; `None`: all are. So far out the projection of a covariance, exact at
+    /// its mean only, says nothing about what the picture shows of it.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub ndc_limit: Option<f64>,
     /// Functions of time of the coarse trajectories.
     pub trajectory_basis: TrajectoryBasis,
     /// Where rotation and scale offsets are added.
@@ -109,7 +114,7 @@ impl DynamicScene {
         camera: &Camera,
     ) -> Result<Tensor<2>, ModelError> {
         let set = &self.static_set;
-        Ok(project(
+        let splats = project(
             means,
             set.quats.val(),
             set.log_scales.val(),
@@ -121,7 +126,8 @@ impl DynamicScene {
                 near_plane: self.settings.near_plane,
                 ..Default::default()
             },
-        )?)
+        )?;
+        Ok(self.within_limit(splats, camera))
     }
 
     /// Packed splats of the dynamic Gaussians at `time`; `None` without a dynamic part.
@@ -137,7 +143,7 @@ impl DynamicScene {
             return Ok(None);
         };
         let deformed = dynamic.deform(&self.settings, time)?;
-        Ok(Some(project(
+        let splats = project(
             deformed.means,
             deformed.quats,
             deformed.scales,
@@ -149,7 +155,23 @@ impl DynamicScene {
                 activation: deformed.activation,
                 near_plane: self.settings.near_plane,
             },
-        )?))
+        )?;
+        Ok(Some(self.within_limit(splats, camera)))
+    }
+
+    /// The same splats, those beyond [`SceneSettings::ndc_limit`] as rows of zeros, which are not drawn.
+    fn within_limit(&self, splats: Tensor<2>, camera: &Camera) -> Tensor<2> {
+        let dims = splats.dims();
+        let Some(limit) = self.settings.ndc_limit.filter(|_| dims[0] > 0) else {
+            return splats;
+        };
+        let beyond = |column: usize, size: usize| -> Tensor<2, Bool> {
+            let half = 0.5 * size as f64;
+            let pixels = splats.clone().detach().narrow(1, column, 1);
+            ((pixels - half) / half).abs().greater_elem(limit)
+        };
+        let hidden = beyond(MEAN_X, camera.width).bool_or(beyond(MEAN_Y, camera.height));
+        splats.mask_fill(hidden.expand(dims), 0.0)
     }
 
     /// Draws packed splats over the scene's background.

@@ -100,6 +100,7 @@ fn scene(
             background: [0.1, 0.2, 0.3],
             sh_degree: 1,
             near_plane: 0.2,
+            ndc_limit: Some(50.0),
             trajectory_basis: BASIS,
             offsets,
         },
@@ -135,6 +136,43 @@ fn what_is_nearer_than_the_near_plane_is_not_drawn() {
         let background = [0.1, 0.2, 0.3, 0.0, 0.0];
         let empty = pixels(&scene, 0.3, Layer::Full);
         assert!(empty.chunks_exact(5).all(|pixel| pixel == background));
+    }
+}
+
+#[test]
+fn what_is_far_out_of_the_picture_is_not_drawn() {
+    // Four in front of the camera, whose half picture is 20 / 45 wide at a distance of 1.
+    let ndc = |offset: f32| f64::from(offset / 4.0 * 45.0 / 20.0);
+    for device in devices() {
+        for direction in [[1.0, 0.0], [-1.0, 0.0], [0.0, 1.0], [0.0, -1.0]] {
+            for moves in [false, true] {
+                let offset = 20.0;
+                let mut far = rows(1, 1, 1);
+                far.means[0] = [direction[0] * offset, direction[1] * offset, 0.0];
+                // So large that the picture shows it all the same.
+                far.log_scales[0] = [2.5; 3];
+                let mut scene = scene(5, Some(7), OffsetPlacement::BeforeActivation, &device);
+                let without = pixels(&scene, 0.3, Layer::Full);
+                if let Some(dynamic) = scene.dynamic.as_mut().filter(|_| moves) {
+                    let mut all = dynamic.gaussians.to_rows();
+                    far.trajectory_width = all.trajectory_width;
+                    far.trajectories = vec![0.0; far.trajectory_width];
+                    all.append(&far);
+                    dynamic.gaussians = Gaussians::from_rows(&all, &device);
+                } else {
+                    let mut all = scene.static_set.to_rows();
+                    all.append(&far);
+                    scene.static_set = Gaussians::from_rows(&all, &device);
+                }
+                scene.settings.ndc_limit = None;
+                let with = pixels(&scene, 0.3, Layer::Full);
+                assert!(largest_difference(&with, &without) > 0.1, "{direction:?}");
+                scene.settings.ndc_limit = Some(ndc(offset + 2.0));
+                assert_eq!(pixels(&scene, 0.3, Layer::Full), with);
+                scene.settings.ndc_limit = Some(ndc(offset - 2.0));
+                assert_eq!(pixels(&scene, 0.3, Layer::Full), without);
+            }
+        }
     }
 }
 

@@ -138,6 +138,7 @@ impl Make {
                 background: BACKGROUND,
                 sh_degree: 1,
                 near_plane: NEAR_PLANE * f64::from(self.scale),
+                ndc_limit: None,
                 trajectory_basis: BASIS,
                 offsets: OffsetPlacement::BeforeActivation,
             },

@@ -42,6 +42,10 @@ pub struct TrainConfig {
     /// Gaussians nearer to a camera than this are not drawn, world units. Absent: a part of the
     /// distance at which the training cameras see something.
     pub near_plane: Option<f64>,
+    /// Gaussians whose mean is farther out of the picture than this, in normalised device coordinates, are not
+    /// drawn. Absent: all are, as in 3DGS. Ours.
+    #[serde(default)]
+    pub ndc_limit: Option<f64>,
     /// Most points that the first Gaussians are made of; more are thinned evenly.
     pub max_initial_points: usize,
     /// Where the dataset brings fewer points, others are added at which several views agree.
@@ -323,8 +327,10 @@ impl TrainConfig {
         let mut cursor = &mut table;
         while let Some(key) = keys.next() {
             if keys.peek().is_none() {
-                let optional =
-                    matches!(path, "background" | "near_plane" | "learning_rates.extent");
+                let optional = matches!(
+                    path,
+                    "background" | "near_plane" | "ndc_limit" | "learning_rates.extent"
+                );
                 if !cursor.contains_key(key) && !optional {
                     let known: Vec<&str> = cursor.keys().map(String::as_str).collect();
                     return Err(refuse(format!(

@@ -10,6 +10,9 @@ use super::config::{
     MotionMeasure, Preset, Selection, SpaceRule, StageConfig, TimeWindow, TrainConfig,
 };
 
+/// Four widths of the picture from its middle.
+const NDC_LIMIT: f64 = 8.0;
+
 impl TrainConfig {
     /// The values of a preset.
     pub fn preset(preset: Preset) -> Self {
@@ -33,6 +36,7 @@ impl TrainConfig {
             sh_interval: 1.0 / 15.0,
             background: None,
             near_plane: None,
+            ndc_limit: Some(NDC_LIMIT),
             max_initial_points: 100_000,
             min_initial_points: 20_000,
             checkpoint_interval: 1_000,
@@ -157,6 +161,7 @@ impl TrainConfig {
 
     fn as_in_the_paper(&mut self) {
         self.keep = Keep::All;
+        self.ndc_limit = None;
         self.loss.field_motion = 0.0;
         self.loss.visible_motion = 0.0;
         self.loss.static_opacity = 0.0;
@@ -210,6 +215,7 @@ impl TrainConfig {
     fn as_released(&mut self) {
         self.keep = Keep::All;
         self.near_plane = Some(NEAR_PLANE);
+        self.ndc_limit = None;
         self.iterations = 50_000;
         self.sh_interval = 1_000.0 / 50_000.0;
         self.stages = StageConfig {

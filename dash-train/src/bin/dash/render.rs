@@ -138,6 +138,7 @@ fn ply_scene(path: &Path, device: &burn::tensor::Device) -> Result<DynamicScene,
         background: [0.0; 3],
         sh_degree: static_set.sh_degree(),
         near_plane: NEAR_PLANE,
+        ndc_limit: None,
         // Nothing moves, so that these two change nothing.
         trajectory_basis: TrajectoryBasis::Polyline { spans: 4 },
         offsets: OffsetPlacement::BeforeActivation,

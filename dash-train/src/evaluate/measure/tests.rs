@@ -64,6 +64,7 @@ fn an_empty_scene_scores_its_background() {
             background: [0.5; 3],
             sh_degree: 0,
             near_plane: 0.2,
+            ndc_limit: None,
             trajectory_basis: TrajectoryBasis::Polyline { spans: 4 },
             offsets: OffsetPlacement::BeforeActivation,
         },

@@ -57,6 +57,11 @@ impl TrainConfig {
             "near_plane must be greater than 0",
         )?;
         check(
+            self.ndc_limit
+                .is_none_or(|limit| limit >= 1.0 && limit.is_finite()),
+            "ndc_limit must be at least 1, the border of the picture",
+        )?;
+        check(
             self.background
                 .is_none_or(|b| b.iter().all(|v| (0.0..=1.0).contains(v))),
             "background must be three numbers in [0, 1]",

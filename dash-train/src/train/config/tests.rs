@@ -38,6 +38,7 @@ fn set_changes_one_value_and_refuses_others() {
         "loss.smoothness_share=0",
         "loss.smoothness_share=1.1",
         "near_plane=0",
+        "ndc_limit=0.9",
         "iterations=x",
         "a.b=1",
     ] {
