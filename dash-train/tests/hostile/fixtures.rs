@@ -319,6 +319,7 @@ fn scene(tables: Option<Tables>) -> Vec<u8> {
             background: [0.0; 3],
             sh_degree: 1,
             near_plane: 0.01,
+            ndc_limit: Some(8.0),
             trajectory_basis: basis,
             offsets: OffsetPlacement::BeforeActivation,
         },
