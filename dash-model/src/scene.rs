@@ -33,8 +33,8 @@ pub struct SceneSettings {
     #[serde(default = "default_near_plane")]
     pub near_plane: f64,
     /// Gaussians whose mean is projected to where x or y in normalised device coordinates (-1 to 1 in the
-    /// picture) is beyond this are not drawn; `None`: all are. So far out the projection of a covariance, exact at
-    /// its mean only, says nothing about what the picture shows of it.
+    /// picture) is beyond this are left out by [`DynamicScene::render`]; `None`: none is. So far out the projection of
+    /// a covariance, exact at its mean only, says nothing about what the picture shows of it.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub ndc_limit: Option<f64>,
     /// Functions of time of the coarse trajectories.
@@ -95,7 +95,8 @@ impl Rendering {
 }
 
 impl DynamicScene {
-    /// Packed splats of the static Gaussians, see [`project`].
+    /// Packed splats of the static Gaussians, see [`project`]; those beyond [`SceneSettings::ndc_limit`] are among
+    /// them.
     ///
     /// # Errors
     /// When a shape does not fit.
@@ -127,10 +128,11 @@ impl DynamicScene {
                 ..Default::default()
             },
         )?;
-        Ok(self.within_limit(splats, camera))
+        Ok(splats)
     }
 
-    /// Packed splats of the dynamic Gaussians at `time`; `None` without a dynamic part.
+    /// Packed splats of the dynamic Gaussians at `time`, those beyond [`SceneSettings::ndc_limit`] among them; `None`
+    /// without a dynamic part.
     ///
     /// # Errors
     /// When a shape does not fit.
@@ -156,7 +158,7 @@ impl DynamicScene {
                 near_plane: self.settings.near_plane,
             },
         )?;
-        Ok(Some(self.within_limit(splats, camera)))
+        Ok(Some(splats))
     }
 
     /// The same splats, those beyond [`SceneSettings::ndc_limit`] as rows of zeros, which are not drawn.
@@ -222,7 +224,7 @@ impl DynamicScene {
             1 => parts.swap_remove(0),
             _ => Tensor::cat(parts, 0),
         };
-        self.rasterize(splats, camera)
+        self.rasterize(self.within_limit(splats, camera), camera)
     }
 
     /// All Gaussians as they are at `time`: static rows first.
