@@ -40,7 +40,7 @@ const TIME: f32 = 0.37;
 const SH_DEGREE: usize = 1;
 /// Share of D-SSIM in the loss.
 const DSSIM: f32 = 0.2;
-const BASIS: TrajectoryBasis = TrajectoryBasis::Polyline { spans: 2 };
+const BASIS: TrajectoryBasis = TrajectoryBasis::polyline(2);
 
 /// Where offsets are added and how features are interpolated: ours, and as released.
 const FORMS: [(OffsetPlacement, bool); 2] = [

@@ -94,26 +94,46 @@ impl SpaceBox {
 const EXTENT_EPSILON: f32 = 1e-12;
 
 /// Functions of time that the coarse stage's trajectories are made of.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum TrajectoryBasis {
     /// `p(t) = p + t dp`, the paper's Eq. 4.
     Linear,
-    /// A polyline that starts at `p` and adds `dp_k` over the k-th of equal spans of the clip. What
-    /// is learnt of one span moves all later times along but no earlier one, so motion can be
-    /// followed from the first frame on.
+    /// A polyline that is at `p` at one time, from where on it adds `dp_k` over the k-th of equal spans of the
+    /// clip, and before which it takes it away. What is learnt of one span moves all times beyond it along
+    /// but none nearer, so motion can be followed from that time on.
     Polyline {
         /// The number of spans.
         spans: usize,
+        /// The time at which nothing is displaced, in [0, 1].
+        #[serde(default, skip_serializing_if = "is_start")]
+        anchor: f32,
     },
 }
 
+fn is_start(anchor: &f32) -> bool {
+    *anchor == 0.0
+}
+
 impl TrajectoryBasis {
+    /// A polyline of `spans` that is at `p` at the start of the clip.
+    pub const fn polyline(spans: usize) -> Self {
+        Self::Polyline { spans, anchor: 0.0 }
+    }
+
+    /// The time at which nothing is displaced, in [0, 1].
+    pub fn anchor(self) -> f32 {
+        match self {
+            Self::Linear => 0.0,
+            Self::Polyline { anchor, .. } => anchor,
+        }
+    }
+
     /// The number of functions `B`.
     pub fn len(self) -> usize {
         match self {
             Self::Linear => 1,
-            Self::Polyline { spans } => spans,
+            Self::Polyline { spans, .. } => spans,
         }
     }
 
@@ -126,8 +146,11 @@ impl TrajectoryBasis {
     pub fn at(self, time: f32) -> Vec<f32> {
         match self {
             Self::Linear => vec![time],
-            Self::Polyline { spans } => (0..spans)
-                .map(|k| (time * spans as f32 - k as f32).clamp(0.0, 1.0))
+            Self::Polyline { spans, anchor } => (0..spans)
+                .map(|k| {
+                    let way = |time: f32| (time * spans as f32 - k as f32).clamp(0.0, 1.0);
+                    way(time) - way(anchor)
+                })
                 .collect(),
         }
     }
@@ -149,15 +172,18 @@ impl TrajectoryBasis {
         (self.squared_extent(coefficients) + EXTENT_EPSILON).sqrt()
     }
 
-    /// Mean square distance from where the trajectory starts, in units that make it `|dp|^2` for a
+    /// Mean square distance from where nothing is displaced, in units that make it `|dp|^2` for a
     /// steady motion, as the paper measures it.
     ///
     /// # Shapes
     /// `coefficients [N, B * 3] -> [N]`
     pub fn squared_extent(self, coefficients: Tensor<2>) -> Tensor<1> {
-        let ends = self.len();
-        let times: Vec<f32> = (1..=ends).map(|k| k as f32 / ends as f32).collect();
-        let steady: f32 = times.iter().map(|t| t * t).sum();
+        let (ends, anchor) = (self.len(), self.anchor());
+        let times: Vec<f32> = (0..=ends)
+            .map(|k| k as f32 / ends as f32)
+            .filter(|&time| time != anchor)
+            .collect();
+        let steady: f32 = times.iter().map(|t| (t - anchor).powi(2)).sum();
         let values: Vec<Vec<f32>> = times.into_iter().map(|time| self.at(time)).collect();
         combine(coefficients, &values)
             .powi_scalar(2)
@@ -192,7 +218,7 @@ mod tests {
 
     #[test]
     fn a_polyline_moves_later_times_only_and_ends_where_its_parts_add_up() {
-        let basis = TrajectoryBasis::Polyline { spans: 4 };
+        let basis = TrajectoryBasis::polyline(4);
         assert_eq!(basis.at(0.0), [0.0; 4]);
         assert_eq!(basis.at(0.375), [1.0, 0.5, 0.0, 0.0]);
         assert_eq!(basis.at(1.0), [1.0; 4]);
@@ -206,6 +232,25 @@ mod tests {
             [1.0, 1.0, 0.0]
         );
         assert_eq!(at(1.0).try_into_vec::<f32>().expect("f32"), [1.0, 2.0, 3.0]);
+    }
+
+    #[test]
+    fn an_anchored_polyline_moves_times_beyond_its_spans_on_either_side() {
+        let basis = TrajectoryBasis::Polyline {
+            spans: 4,
+            anchor: 0.625,
+        };
+        assert_eq!(basis.at(0.625), [0.0; 4]);
+        assert_eq!(basis.at(1.0), [0.0, 0.0, 0.5, 1.0]);
+        assert_eq!(basis.at(0.5), [0.0, 0.0, -0.5, 0.0]);
+        assert_eq!(basis.at(0.125), [-0.5, -1.0, -0.5, 0.0]);
+        // A steady motion goes as far whatever the time at which nothing is displaced.
+        let steady = || Tensor::<2>::from_data([[0.75; 12]], &burn::tensor::Device::flex());
+        for basis in [basis, TrajectoryBasis::polyline(4)] {
+            let extent = basis.squared_extent(steady()).into_data();
+            let extent = extent.try_into_vec::<f32>().expect("f32")[0];
+            assert!((extent - 27.0).abs() < 1e-4, "{extent}");
+        }
     }
 
     #[test]

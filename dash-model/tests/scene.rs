@@ -19,7 +19,7 @@ use rand::{Rng, SeedableRng};
 use rand_pcg::Pcg64;
 
 const SIZE: usize = 40;
-const BASIS: TrajectoryBasis = TrajectoryBasis::Polyline { spans: 4 };
+const BASIS: TrajectoryBasis = TrajectoryBasis::polyline(4);
 
 fn devices() -> Vec<Device> {
     vec![
@@ -171,6 +171,16 @@ fn what_is_far_out_of_the_picture_is_not_drawn() {
                 assert_eq!(pixels(&scene, 0.3, Layer::Full), with);
                 scene.settings.ndc_limit = Some(ndc(offset - 2.0));
                 assert_eq!(pixels(&scene, 0.3, Layer::Full), without);
+                // Steps of training draw the splats, not the limited picture.
+                let splats = if moves {
+                    scene.dynamic_splats(&camera(), 0.3).expect("projects")
+                } else {
+                    Some(scene.static_splats(&camera()).expect("projects"))
+                };
+                let splats = splats.expect("a layer").into_data();
+                let splats = splats.try_into_vec::<f32>().expect("f32");
+                let last = &splats[splats.len() - dash_kernels::splats::N_COLUMNS..];
+                assert!(last[dash_kernels::splats::RADIUS_X] > 0.0, "{last:?}");
             }
         }
     }

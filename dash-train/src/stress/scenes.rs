@@ -26,7 +26,7 @@ const PIXEL: f64 = 1e-4;
 const BAND: f64 = 1e-3;
 const SIZE: [usize; 2] = [48, 36];
 const BACKGROUND: [f32; 3] = [0.2, 0.4, 0.1];
-const BASIS: TrajectoryBasis = TrajectoryBasis::Polyline { spans: 2 };
+const BASIS: TrajectoryBasis = TrajectoryBasis::polyline(2);
 
 pub(super) const CASES: &[Case] = &[
     Case {

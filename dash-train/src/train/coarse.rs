@@ -107,12 +107,38 @@ pub(crate) fn coefficients(trainer: &Trainer) -> Result<Option<Tensor<2>>, Train
     })
 }
 
-/// The end of the shortest first part of the clip in which the training cameras see the scene from
-/// sides enough to make out its shape: the first time of a rig, the first few of cameras that take
-/// turns, none of a camera that is carried along.
-pub(crate) fn first_part(dataset: &Dataset, train_views: &[usize]) -> Option<f32> {
+/// A part of the clip.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) struct Part {
+    /// Its first time.
+    from: f32,
+    /// Its last.
+    to: f32,
+}
+
+impl Part {
+    /// Whether it holds a time.
+    pub(crate) fn holds(self, time: f32) -> bool {
+        (self.from..=self.to).contains(&time)
+    }
+
+    /// The time in its middle.
+    pub(crate) fn middle(self) -> f32 {
+        0.5 * (self.from + self.to)
+    }
+}
+
+/// The shortest part of the clip, around its middle, in which the training cameras see the scene from
+/// sides enough to make out its shape: one time of a rig, a few of cameras that take turns, none of a
+/// camera that is carried along. From the middle, what moves is followed both ways, half as far as from an
+/// end.
+pub(crate) fn first_part(dataset: &Dataset, train_views: &[usize]) -> Option<Part> {
     let mut views: Vec<&View> = train_views.iter().map(|&i| &dataset.views[i]).collect();
     views.sort_by(|a, b| a.time.total_cmp(&b.time));
+    let (first, last) = (views.first()?.time, views.last()?.time);
+    let middle = views[views.len() / 2].time;
+    let away = |view: &View| (view.time - middle).abs();
+    views.sort_by(|a, b| away(a).total_cmp(&away(b)));
     let positions: Vec<glam::DVec3> = views
         .iter()
         .map(|view| view.camera.position().into())
@@ -127,18 +153,24 @@ pub(crate) fn first_part(dataset: &Dataset, train_views: &[usize]) -> Option<f32
     if all <= NO_SPREAD * positions.iter().map(|p| p.length()).fold(1.0, f64::max) {
         return None;
     }
-    let (first, last) = (views.first()?.time, views.last()?.time);
-    let at_once = views.iter().filter(|view| view.time == first).count();
+    let at_once = views.iter().filter(|view| view.time == middle).count();
     let needed = if at_once >= MIN_CAMERAS {
         at_once
     } else {
         MIN_VIEWS
     };
+    let of_nearest = |n: usize| {
+        let times = views[..n].iter().map(|view| view.time);
+        Part {
+            from: times.clone().fold(middle, f32::min),
+            to: times.fold(middle, f32::max),
+        }
+    };
     (needed..=views.len())
-        .map(|n| (n, views[n - 1].time))
-        .take_while(|(_, end)| end - first <= MAX_FIRST_PART * (last - first))
+        .map(|n| (n, of_nearest(n)))
+        .take_while(|(_, part)| part.to - part.from <= MAX_FIRST_PART * (last - first))
         .find(|&(n, _)| spread(&positions[..n]) >= MIN_SPREAD * all)
-        .map(|(_, end)| end)
+        .map(|(_, part)| part)
 }
 
 /// Whether the first two stages start from the first part of the clip and see more and more.
@@ -152,26 +184,32 @@ pub(crate) fn window_grows(trainer: &Trainer) -> bool {
 /// has followed what moves into a new frame, that frame would teach them to fade where they should be
 /// moved.
 pub(crate) fn teaches_gaussians(trainer: &Trainer, time: f32) -> bool {
-    trainer.motion.is_none() || time <= time_window(trainer, trainer.step).1
+    trainer.motion.is_none()
+        || time_window(trainer, trainer.step).is_none_or(|(_, known)| known.holds(time))
 }
 
-/// The latest time that is trained on at `step`, and the time after which frames are new.
-pub(crate) fn time_window(trainer: &Trainer, step: usize) -> (f32, f32) {
-    const ALL: (f32, f32) = (1.0, 1.0);
-    let Some(first) = trainer.first_part.filter(|_| window_grows(trainer)) else {
-        return ALL;
-    };
+/// The part of the clip that is trained on at `step`, and the part of that outside of which frames are new;
+/// `None`: all of it.
+pub(crate) fn time_window(trainer: &Trainer, step: usize) -> Option<(Part, Part)> {
+    let first = trainer.first_part.filter(|_| window_grows(trainer))?;
     let stages = Stages::of(trainer);
     if step < stages.warmup {
-        return (first, first);
+        return Some((first, first));
     }
     let grown = share(stages.warmup, stages.settle, step) / GROWN;
     if grown >= 1.0 {
-        return ALL;
+        return None;
     }
-    let window = first + (1.0 - first) * grown;
-    let frame = 1.0 / (trainer.dataset.n_frames - 1).max(1) as f32;
-    (window, (window - NEW_FRAMES * frame).max(first))
+    let window = Part {
+        from: first.from * (1.0 - grown),
+        to: first.to + (1.0 - first.to) * grown,
+    };
+    let new = NEW_FRAMES / (trainer.dataset.n_frames - 1).max(1) as f32;
+    let known = Part {
+        from: (window.from + new).min(first.from),
+        to: (window.to - new).max(first.to),
+    };
+    Some((window, known))
 }
 
 /// Gives every Gaussian the trajectory that the field has for it.
@@ -199,7 +237,7 @@ mod tests {
     use crate::dataset::Layout;
 
     /// One training view at each place and time.
-    fn part_of(views: impl Iterator<Item = ([f64; 3], f32)>) -> Option<f32> {
+    fn part_of(views: impl Iterator<Item = ([f64; 3], f32)>) -> Option<Part> {
         let views: Vec<View> = views
             .map(|(eye, time)| {
                 let camera = Camera::new(2.0, 2.0, 1.0, 1.0, 2, 2);
@@ -227,16 +265,20 @@ mod tests {
     }
 
     #[test]
-    fn a_first_part_is_as_long_as_it_takes_to_see_the_shape() {
+    fn a_first_part_is_in_the_middle_and_as_long_as_it_takes_to_see_the_shape() {
         let times = || (0..100).map(|k| k as f32 / 99.0);
+        let part = |from: u32, to: u32| {
+            let [from, to] = [from, to].map(|k| k as f32 / 99.0);
+            Some(Part { from, to })
+        };
         let rig = |n: u32| {
             times().flat_map(move |t| (0..n).map(move |c| (around(f64::from(c) / f64::from(n)), t)))
         };
-        assert_eq!(part_of(rig(4)), Some(0.0));
+        assert_eq!(part_of(rig(4)), part(50, 50));
         // Too few to show a shape at once, but enough within a few times.
-        assert_eq!(part_of(rig(2)), Some(3.0 / 99.0));
+        assert_eq!(part_of(rig(2)), part(48, 51));
         let in_turns = times().zip((0..).map(|k| around(f64::from(k * 5 % 12) / 12.0)));
-        assert_eq!(part_of(in_turns.map(|(t, eye)| (eye, t))), Some(7.0 / 99.0));
+        assert_eq!(part_of(in_turns.map(|(t, eye)| (eye, t))), part(46, 53));
         let carried = times().map(|t| (around(0.5 * f64::from(t)), t));
         assert_eq!(part_of(carried), None);
         assert_eq!(part_of(times().map(|t| (around(0.3), t))), None);

@@ -43,7 +43,7 @@ pub struct TrainConfig {
     /// distance at which the training cameras see something.
     pub near_plane: Option<f64>,
     /// Gaussians whose mean is farther out of the picture than this, in normalised device coordinates, are not
-    /// drawn. Absent: all are, as in 3DGS. Ours.
+    /// drawn, but in the steps of training, which lose by it. Absent: all are, as in 3DGS. Ours.
     #[serde(default)]
     pub ndc_limit: Option<f64>,
     /// Most points that the first Gaussians are made of; more are thinned evenly.
@@ -363,7 +363,10 @@ impl TrainConfig {
     pub fn for_frames(&self, n_frames: usize) -> Self {
         let mut config = self.clone();
         let cells = (n_frames as u32).div_ceil(2).max(2);
-        if let TrajectoryBasis::Polyline { spans: spans @ 0 } = &mut config.decomposition.basis {
+        if let TrajectoryBasis::Polyline {
+            spans: spans @ 0, ..
+        } = &mut config.decomposition.basis
+        {
             *spans = (cells as usize).min(MAX_SPANS);
         }
         let encoder = &mut config.field.deformation.encoder;

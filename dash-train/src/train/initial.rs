@@ -6,6 +6,7 @@ use dash_kernels::splats::NEAR_PLANE;
 use dash_model::{Camera, SpaceBox};
 use rand_pcg::Pcg64;
 
+use super::coarse::Part;
 use super::sweep::Sweep;
 use crate::cameras::focus_point;
 use crate::dataset::{Dataset, DatasetError, View};
@@ -14,6 +15,8 @@ use crate::dataset::{Dataset, DatasetError, View};
 const MAX_VIEWS: usize = 64;
 /// Share of the points on either side that do not count for the scene's size.
 const EXTENT_TAIL: f32 = 0.05;
+/// Points that are looked for where pictures change, as a share of how many there should be in all.
+const CHANGING_SHARE: f32 = 0.25;
 /// Share of the points in a picture that may be nearer than what counts as its nearest.
 const NEAR_TAIL: f64 = 0.01;
 /// Part of the distance of the nearest at which Gaussians begin to be drawn.
@@ -37,7 +40,7 @@ pub(crate) struct InitialPoints {
 pub(crate) fn initial_points(
     dataset: &Dataset,
     train_views: &[usize],
-    first_part: Option<f32>,
+    first_part: Option<Part>,
     background: [f32; 3],
     limits: [usize; 2],
     rng: &mut Pcg64,
@@ -57,10 +60,8 @@ pub(crate) fn initial_points(
                 .push(cloud.colors[row].map(|c| f32::from(c) / 255.0));
         }
     }
-    let sweep = Sweep::new(
-        &views_at_start(dataset, train_views, first_part),
-        background,
-    )?;
+    let views = views_at_start(dataset, train_views, first_part);
+    let sweep = Sweep::new(&views, background)?;
     if kept > 0 && !sweep.shows(&points) {
         tracing::warn!(
             "the {n} points of {} have other colours than the pictures where they are, as if drawn at random: they are not used",
@@ -74,18 +75,43 @@ pub(crate) fn initial_points(
         points.positions.extend(swept.positions);
         points.colors.extend(swept.colors);
     }
+    if first_part.is_some() {
+        let others = at_other_times(dataset, train_views, &views);
+        let most = (CHANGING_SHARE * limits[0].min(limits[1]) as f32) as usize;
+        let swept = sweep.changing_points(most, &others, background, rng)?;
+        points.positions.extend(swept.positions);
+        points.colors.extend(swept.colors);
+    }
     Ok(points)
+}
+
+/// Of the camera of each of some views, the first and the last training view, where it stands in the same
+/// place; beside the index among the views.
+fn at_other_times<'a>(
+    dataset: &'a Dataset,
+    train_views: &[usize],
+    views: &[&View],
+) -> Vec<(usize, &'a View)> {
+    let all = || train_views.iter().map(|&i| &dataset.views[i]);
+    let mut others = Vec::new();
+    for (index, view) in views.iter().enumerate() {
+        let same = || all().filter(|other| other.camera == view.camera && other.time != view.time);
+        let first = same().min_by(|a, b| a.time.total_cmp(&b.time));
+        let last = same().max_by(|a, b| a.time.total_cmp(&b.time));
+        others.extend(first.into_iter().chain(last).map(|other| (index, other)));
+    }
+    others
 }
 
 /// The views of the first part of the clip, where it has one; else some of all times.
 pub(crate) fn views_at_start<'a>(
     dataset: &'a Dataset,
     train_views: &[usize],
-    first_part: Option<f32>,
+    first_part: Option<Part>,
 ) -> Vec<&'a View> {
     let views = || train_views.iter().map(|&i| &dataset.views[i]);
-    if let Some(end) = first_part {
-        return views().filter(|view| view.time <= end).collect();
+    if let Some(part) = first_part {
+        return views().filter(|view| part.holds(view.time)).collect();
     }
     let stride = train_views.len().div_ceil(MAX_VIEWS).max(1);
     views().step_by(stride).collect()

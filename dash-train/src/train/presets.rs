@@ -85,7 +85,7 @@ impl TrainConfig {
                 quantile: 0.0,
                 floor: 0.005,
                 keep_trajectories: true,
-                basis: TrajectoryBasis::Polyline { spans: 0 },
+                basis: TrajectoryBasis::polyline(0),
                 encoder: HashEncoderConfig {
                     n_levels: 8,
                     n_features_per_level: 2,

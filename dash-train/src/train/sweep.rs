@@ -3,6 +3,7 @@
 
 use dash_kernels::Camera;
 use rand::Rng;
+use rand::seq::SliceRandom;
 use rand_pcg::Pcg64;
 use rayon::prelude::*;
 
@@ -34,6 +35,8 @@ const MIN_CONTRAST: f32 = 0.02;
 /// Difference between a cloud and the pictures, as a share of that of a cloud with its colours
 /// interchanged, from which on it is a random one.
 const MAX_CHANCE: f32 = 0.9;
+/// Mean colour difference between times from which on a pixel changes.
+const MIN_CHANGE: f32 = 0.03;
 /// Pixels more transparent than this show nothing.
 const MIN_ALPHA: f32 = 0.5;
 
@@ -90,6 +93,44 @@ impl Sweep {
                 (picture, x, rng.random_range(0..camera.height))
             })
             .collect();
+        self.points_on(&rays, n)
+    }
+
+    /// At most `n` of them where views differ from those of the same cameras at other times: `others` has
+    /// them, each beside the index of the view that it is compared with.
+    pub(crate) fn changing_points(
+        &self,
+        n: usize,
+        others: &[(usize, &View)],
+        background: [f32; 3],
+        rng: &mut Pcg64,
+    ) -> Result<InitialPoints, DatasetError> {
+        let changes: Vec<Vec<(usize, usize, usize)>> = others
+            .par_iter()
+            .map(|&(index, other)| {
+                let (picture, other) =
+                    (&self.pictures[index], other.at_most(MAX_SIDE, background)?);
+                let width = picture.camera.width;
+                let others = smoothed(&other.rgb, &other.camera);
+                let pairs = picture.colors.iter().zip(&others);
+                let changed = pairs
+                    .enumerate()
+                    .filter(|(_, (a, b))| difference(**a, **b) > MIN_CHANGE);
+                Ok(changed
+                    .map(|(k, _)| (index, k % width, k / width))
+                    .collect())
+            })
+            .collect::<Result<_, DatasetError>>()?;
+        let mut rays = changes.concat();
+        rays.sort_unstable();
+        rays.dedup();
+        rays.shuffle(rng);
+        rays.truncate(DRAWS_PER_POINT * n);
+        Ok(self.points_on(&rays, n))
+    }
+
+    /// At most `n` points on rays, each of a view and a pixel's x and y.
+    fn points_on(&self, rays: &[(usize, usize, usize)], n: usize) -> InitialPoints {
         let found: Vec<([f32; 3], [f32; 3])> = rays
             .par_iter()
             .filter_map(|&(index, x, y)| {
@@ -288,6 +329,55 @@ mod tests {
         points.colors.fill([0.5; 3]);
         assert!(sweep.shows(&points), "one colour says nothing");
         assert!(sweep.shows(&InitialPoints::default()));
+    }
+
+    #[test]
+    fn points_of_what_changes_lie_there() {
+        let views = walls();
+        let before: Vec<View> = views
+            .iter()
+            .map(|view| {
+                // Something else is where x and y are in [0, 0.5].
+                let mut pixels = view.rgb([0.0; 3]).expect("in memory");
+                for (k, pixel) in pixels.chunks_exact_mut(3).enumerate() {
+                    let at = [(k % 60) as f64 + 0.5 - 30.0, (k / 60) as f64 + 0.5 - 24.0];
+                    let local = [at[0] / 60.0 * 4.0, at[1] / 60.0 * 4.0, 4.0];
+                    let position = view.camera.position();
+                    let place = |axis: usize| {
+                        let turned: f64 = (0..3)
+                            .map(|r| view.camera.rotation[r][axis] * local[r])
+                            .sum();
+                        position[axis] + turned
+                    };
+                    if [0, 1]
+                        .iter()
+                        .all(|&axis| (0.0..=0.5).contains(&place(axis)))
+                    {
+                        pixel.fill(0.0);
+                    }
+                }
+                let bytes = pixels.iter().map(|v| (v * 255.0) as u8).collect();
+                View::from_rgb8("before", view.camera.clone(), 0.5, bytes)
+            })
+            .collect();
+        let views: Vec<&View> = views.iter().collect();
+        let sweep = Sweep::new(&views, [0.0; 3]).expect("in memory");
+        let mut rng = Pcg64::seed_from_u64(5);
+        let compared: Vec<(usize, &View)> = before.iter().enumerate().collect();
+        let mut points = |others: &[(usize, &View)]| {
+            sweep
+                .changing_points(100, others, [0.0; 3], &mut rng)
+                .expect("in memory")
+        };
+        let changing = points(&compared);
+        let n = changing.positions.len();
+        let inside = |p: &&[f32; 3]| [p[0], p[1]].iter().all(|v| (-0.3..=0.8).contains(v));
+        let there = changing.positions.iter().filter(inside).count();
+        assert!(n > 50 && n <= 100, "{n}");
+        assert!(10 * there >= 9 * n, "{there} of {n}");
+        let same: Vec<(usize, &View)> = views.iter().copied().enumerate().collect();
+        assert!(points(&same).positions.is_empty(), "nothing changes");
+        assert!(points(&[]).positions.is_empty(), "nothing to compare with");
     }
 
     #[test]

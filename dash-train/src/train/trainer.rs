@@ -9,7 +9,7 @@ use dash_model::{DynamicScene, GaussianRows, Gaussians, MotionField, SceneSettin
 use rand::SeedableRng;
 use rand_pcg::Pcg64;
 
-use super::coarse::Stages;
+use super::coarse::{Part, Stages};
 use super::config::TrainConfig;
 use super::density::DensityStatistics;
 use super::guard::{self, Skipped, SkippedStep};
@@ -55,8 +55,8 @@ pub struct Trainer {
     pub(crate) extent: f32,
     /// The part of space that the capture is about.
     pub(crate) core: Core,
-    /// The end of the clip's first part, if it has one.
-    pub(crate) first_part: Option<f32>,
+    /// The part of the clip that training starts from, if it has one.
+    pub(crate) first_part: Option<Part>,
     pub(crate) scene: DynamicScene,
     /// The coarse field, from the warm-up until Gaussians have trajectories of their own.
     pub(crate) motion: Option<MotionField>,
@@ -99,8 +99,9 @@ impl Trainer {
             });
         }
         let first_part = coarse::first_part(&dataset, &train_views);
-        if first_part.is_some() {
+        if let Some(part) = first_part {
             config.make_room_for_following();
+            config.follow_from(part.middle());
         }
         let mut rng = Pcg64::seed_from_u64(config.seed);
         let background = config.background.or(dataset.background).unwrap_or([0.0; 3]);
@@ -274,9 +275,8 @@ impl Trainer {
         let (views, train_views) = (&self.dataset.views, &self.train_views);
         let time = |index: usize| views[train_views[index]].time;
         let n = train_views.len();
-        let (window, recent) = coarse::time_window(self, self.step);
-        let index = if window < 1.0 {
-            let (seen, new) = (|i| time(i) <= window, |i| time(i) > recent);
+        let index = if let Some((window, known)) = coarse::time_window(self, self.step) {
+            let (seen, new) = (|i| window.holds(time(i)), |i| !known.holds(time(i)));
             self.sampler.next_of_growing(n, seen, new, &mut self.rng)
         } else {
             self.sampler.next(n, |_| true, &mut self.rng)

@@ -280,7 +280,7 @@ enum Tables {
 /// A scene's two files, as the parser takes them; `None` for one in which nothing moves.
 fn scene(tables: Option<Tables>) -> Vec<u8> {
     let device = Device::flex();
-    let basis = TrajectoryBasis::Polyline { spans: 2 };
+    let basis = TrajectoryBasis::polyline(2);
     let (log2_hashmap_size, finest) = match tables {
         Some(Tables::AsRead) => (8, 4),
         _ => (3, 2),

@@ -140,7 +140,7 @@ fn ply_scene(path: &Path, device: &burn::tensor::Device) -> Result<DynamicScene,
         near_plane: NEAR_PLANE,
         ndc_limit: None,
         // Nothing moves, so that these two change nothing.
-        trajectory_basis: TrajectoryBasis::Polyline { spans: 4 },
+        trajectory_basis: TrajectoryBasis::polyline(4),
         offsets: OffsetPlacement::BeforeActivation,
     };
     Ok(DynamicScene {

@@ -65,7 +65,7 @@ fn an_empty_scene_scores_its_background() {
             sh_degree: 0,
             near_plane: 0.2,
             ndc_limit: None,
-            trajectory_basis: TrajectoryBasis::Polyline { spans: 4 },
+            trajectory_basis: TrajectoryBasis::polyline(4),
             offsets: OffsetPlacement::BeforeActivation,
         },
     };

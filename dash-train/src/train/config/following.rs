@@ -1,5 +1,7 @@
 //! Stages of runs that are too short for the shares of their preset.
 
+use dash_model::TrajectoryBasis;
+
 use super::{Selection, TimeWindow, TrainConfig};
 
 /// The form of the shortest runs, as shares like those of the configuration: most steps follow motion,
@@ -11,6 +13,16 @@ const SHORT_SETTLE: f32 = 0.85;
 const SHORT_DENSITIES: [f32; 2] = [0.75, 0.85];
 
 impl TrainConfig {
+    /// Trajectories start from where things are at `time`, if motion is followed from there.
+    pub(crate) fn follow_from(&mut self, time: f32) {
+        let follows = self.stages.window == TimeWindow::Growing;
+        if let TrajectoryBasis::Polyline { anchor, .. } = &mut self.decomposition.basis
+            && follows
+        {
+            *anchor = time;
+        }
+    }
+
     /// Moves the stages towards the form of the shortest runs, as far as it takes to leave
     /// [`min_following`](super::StageConfig::min_following) steps.
     pub(crate) fn make_room_for_following(&mut self) {
