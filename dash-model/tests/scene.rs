@@ -267,6 +267,48 @@ fn a_saved_scene_renders_the_same_bits() {
 }
 
 #[test]
+fn an_anchored_scene_is_at_rest_there_and_its_files_say_so() {
+    let folder = tempfile::tempdir().expect("a scratch folder");
+    let anchored = |anchor: f32| {
+        let device = Device::flex();
+        let mut scene = scene(6, Some(4), OffsetPlacement::BeforeActivation, &device);
+        scene.settings.trajectory_basis = TrajectoryBasis::Polyline { spans: 4, anchor };
+        scene
+    };
+    let saved = |scene: &DynamicScene, name: &str| {
+        let path = folder.path().join(name);
+        scene.save(&path).expect("writes");
+        let text = std::fs::read_to_string(path.join("scene.json")).expect("reads");
+        (DynamicScene::load(&path, &Device::flex()), text)
+    };
+    let (middle, text) = saved(&anchored(0.5), "middle");
+    assert!(text.contains("\"format_version\": 4"), "{text}");
+    let middle = middle.expect("reads");
+    let expected = anchored(0.5);
+    for time in [0.0, 0.5, 0.9] {
+        let [read, written] = [&middle, &expected].map(|s| pixels(s, time, Layer::Full));
+        assert_eq!(read, written);
+    }
+    let start = pixels(&anchored(0.0), 0.9, Layer::Full);
+    assert_ne!(pixels(&middle, 0.9, Layer::Full), start);
+    let (plain, text) = saved(
+        &{
+            let mut scene = anchored(0.0);
+            scene.settings.ndc_limit = None;
+            scene
+        },
+        "start",
+    );
+    plain.expect("reads");
+    assert!(text.contains("\"format_version\": 1"), "{text}");
+    for bad in [-0.1, 1.5] {
+        let (read, _) = saved(&anchored(bad), "bad");
+        let error = read.expect_err("out of the clip").to_string();
+        assert!(error.contains("anchor in [0, 1]"), "{error}");
+    }
+}
+
+#[test]
 fn tables_stored_in_half_the_bits_are_read_back_as_announced() {
     let folder = tempfile::tempdir().expect("a scratch folder");
     for (index, device) in devices().into_iter().enumerate() {

@@ -2,8 +2,9 @@
 //!
 //! Version 2 of the files may hold tables of features as 16-bit floats, and the higher colour
 //! coefficients of those Gaussians only that have any, `SET.sh_rest`, with the numbers of these
-//! Gaussians, `SET.sh_rest.rows`. In version 3 tables may also lack their rows of zeros, see `marks`. A file is
-//! of the lowest version that has what is in it.
+//! Gaussians, `SET.sh_rest.rows`. In version 3 tables may also lack their rows of zeros, see `marks`. In version 4
+//! trajectories may be at rest at another time than the first, and the settings may have an `ndc_limit`. A file
+//! is of the lowest version that has what is in it.
 
 mod marks;
 mod stored;
@@ -33,7 +34,9 @@ const PLAIN_VERSION: u32 = 1;
 /// Version of those in which tensors may also be 16 bits wide, or lack rows of colour.
 const REDUCED_VERSION: u32 = 2;
 /// Version of those in which tables may also lack rows.
-const FORMAT_VERSION: u32 = 3;
+const MARKED_VERSION: u32 = 3;
+/// Version of those with an anchor of trajectories, or a limit to what is drawn.
+const FORMAT_VERSION: u32 = 4;
 /// Most functions of time that trajectories may be made of.
 const MAX_BASIS_FUNCTIONS: usize = 4096;
 
@@ -82,8 +85,9 @@ impl DynamicScene {
     pub fn save_with(&self, folder: &Path, precision: TablePrecision) -> Result<(), ModelError> {
         fs::create_dir_all(folder).map_err(|e| ModelError::io(folder, "create the folder", e))?;
         let tensors = stored(named_parameters(self), precision);
-        let version = tensors.values().map(Stored::version).max();
-        let description = self.describe(version.unwrap_or(PLAIN_VERSION));
+        let versions = tensors.values().map(Stored::version);
+        let version = versions.fold(settings_version(&self.settings), u32::max);
+        let description = self.describe(version);
         let json = serde_json::to_vec_pretty(&description)
             .map_err(|e| ModelError::Config(format!("scene settings: {e}")))?;
         write_stored(&folder.join("scene.safetensors"), &tensors)?;
@@ -159,6 +163,15 @@ impl DynamicScene {
                     .map_or(0, |coefficients| coefficients.dims()[1]),
             }),
         }
+    }
+}
+
+/// The first version of scenes that has such settings.
+fn settings_version(settings: &SceneSettings) -> u32 {
+    if settings.ndc_limit.is_some() || settings.trajectory_basis.anchor() != 0.0 {
+        FORMAT_VERSION
+    } else {
+        PLAIN_VERSION
     }
 }
 
@@ -274,6 +287,14 @@ impl SceneDescription {
                 path,
                 format!("trajectories of at most {MAX_BASIS_FUNCTIONS} functions of time"),
                 functions.to_string(),
+            ));
+        }
+        let anchor = self.settings.trajectory_basis.anchor();
+        if !(0.0..=1.0).contains(&anchor) {
+            return Err(ModelError::format(
+                path,
+                "trajectories with an anchor in [0, 1]",
+                anchor.to_string(),
             ));
         }
         for (name, tensor) in parameters {

@@ -9,7 +9,7 @@ use std::path::Path;
 use burn::tensor::f16;
 use safetensors::tensor::{Dtype, SafeTensors, TensorView};
 
-use super::{FORMAT_VERSION, PLAIN_VERSION, REDUCED_VERSION, write_atomically};
+use super::{MARKED_VERSION, PLAIN_VERSION, REDUCED_VERSION, write_atomically};
 use crate::ModelError;
 use crate::parameters::HostTensor;
 
@@ -35,7 +35,7 @@ impl Stored {
         match self {
             Self::Single(_) => PLAIN_VERSION,
             Self::Half(_) | Self::Rows(_) => REDUCED_VERSION,
-            Self::Marks(_) => FORMAT_VERSION,
+            Self::Marks(_) => MARKED_VERSION,
         }
     }
 

@@ -13,7 +13,7 @@ use rand_pcg::Pcg64;
 use super::finding::{Finding, percent};
 use crate::dataset::{Dataset, DatasetError, known_point_file};
 use crate::ply::{PointCloud, read_points_counting};
-use crate::train::coarse::first_part;
+use crate::train::coarse::start_part;
 use crate::train::initial::{Core, InitialPoints, views_at_start};
 use crate::train::sweep::Sweep;
 use crate::train::validation::hold_out;
@@ -217,7 +217,7 @@ pub(super) fn inside(cloud: &Cloud, cameras: &[Camera]) -> Option<Finding> {
 /// pictures show their colours. Otherwise it is the box of what several views agree on.
 pub(super) fn training_box(dataset: &Dataset) -> Result<(SpaceBox, bool), DatasetError> {
     let (train_views, _) = hold_out(dataset);
-    let views = views_at_start(dataset, &train_views, first_part(dataset, &train_views));
+    let views = views_at_start(dataset, &train_views, start_part(dataset, &train_views));
     let sweep = Sweep::new(&views, dataset.background.unwrap_or([0.0; 3]))?;
     let mut points = InitialPoints::default();
     if let Some(cloud) = &dataset.points {

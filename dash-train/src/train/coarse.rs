@@ -15,7 +15,7 @@ use crate::dataset::{Dataset, View};
 const GROWN: f32 = 0.8;
 /// Frames that count as new when the window reaches them.
 const NEW_FRAMES: f32 = 2.0;
-/// Cameras at the first time that show its shape.
+/// Cameras at one time that show the scene's shape.
 const MIN_CAMERAS: usize = 4;
 /// Views of several times that do, if these are not far apart.
 const MIN_VIEWS: usize = 8;
@@ -23,8 +23,8 @@ const MIN_VIEWS: usize = 8;
 const MIN_SPREAD: f64 = 0.5;
 /// Spread of cameras that stand in one place, as a share of where they are.
 const NO_SPREAD: f64 = 1e-6;
-/// Most of the clip that its first part may be.
-const MAX_FIRST_PART: f32 = 0.1;
+/// Most of the clip that training may start from.
+const MAX_START_PART: f32 = 0.1;
 
 /// The steps at which the stages before the 4D one change.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -132,7 +132,7 @@ impl Part {
 /// sides enough to make out its shape: one time of a rig, a few of cameras that take turns, none of a
 /// camera that is carried along. From the middle, what moves is followed both ways, half as far as from an
 /// end.
-pub(crate) fn first_part(dataset: &Dataset, train_views: &[usize]) -> Option<Part> {
+pub(crate) fn start_part(dataset: &Dataset, train_views: &[usize]) -> Option<Part> {
     let mut views: Vec<&View> = train_views.iter().map(|&i| &dataset.views[i]).collect();
     views.sort_by(|a, b| a.time.total_cmp(&b.time));
     let (first, last) = (views.first()?.time, views.last()?.time);
@@ -168,16 +168,16 @@ pub(crate) fn first_part(dataset: &Dataset, train_views: &[usize]) -> Option<Par
     };
     (needed..=views.len())
         .map(|n| (n, of_nearest(n)))
-        .take_while(|(_, part)| part.to - part.from <= MAX_FIRST_PART * (last - first))
+        .take_while(|(_, part)| part.to - part.from <= MAX_START_PART * (last - first))
         .find(|&(n, _)| spread(&positions[..n]) >= MIN_SPREAD * all)
         .map(|(_, part)| part)
 }
 
-/// Whether the first two stages start from the first part of the clip and see more and more.
+/// Whether the first two stages start from a part of the clip and see more and more.
 pub(crate) fn window_grows(trainer: &Trainer) -> bool {
     trainer.config.stages.window == TimeWindow::Growing
         && trainer.may_move()
-        && trainer.first_part.is_some()
+        && trainer.start_part.is_some()
 }
 
 /// Whether a view at `time` teaches the Gaussians too, and not the coarse field alone: until the field
@@ -191,7 +191,7 @@ pub(crate) fn teaches_gaussians(trainer: &Trainer, time: f32) -> bool {
 /// The part of the clip that is trained on at `step`, and the part of that outside of which frames are new;
 /// `None`: all of it.
 pub(crate) fn time_window(trainer: &Trainer, step: usize) -> Option<(Part, Part)> {
-    let first = trainer.first_part.filter(|_| window_grows(trainer))?;
+    let first = trainer.start_part.filter(|_| window_grows(trainer))?;
     let stages = Stages::of(trainer);
     if step < stages.warmup {
         return Some((first, first));
@@ -256,7 +256,7 @@ mod tests {
             points: None,
             background: None,
         };
-        first_part(&dataset, &all)
+        start_part(&dataset, &all)
     }
 
     fn around(turn: f64) -> [f64; 3] {
@@ -265,7 +265,7 @@ mod tests {
     }
 
     #[test]
-    fn a_first_part_is_in_the_middle_and_as_long_as_it_takes_to_see_the_shape() {
+    fn the_start_part_is_in_the_middle_and_as_long_as_it_takes_to_see_the_shape() {
         let times = || (0..100).map(|k| k as f32 / 99.0);
         let part = |from: u32, to: u32| {
             let [from, to] = [from, to].map(|k| k as f32 / 99.0);

@@ -36,11 +36,12 @@ pub(crate) struct InitialPoints {
 }
 
 /// The dataset's points, at most `limits[1]`, unless they are random; and where they are fewer than
-/// `limits[0]`, points that views agree on: those of the clip's first part, if it has one.
+/// `limits[0]`, points that views agree on: those of the part of the clip that training starts from, if it has
+/// one. Then also some where these views differ from other times.
 pub(crate) fn initial_points(
     dataset: &Dataset,
     train_views: &[usize],
-    first_part: Option<Part>,
+    start_part: Option<Part>,
     background: [f32; 3],
     limits: [usize; 2],
     rng: &mut Pcg64,
@@ -60,7 +61,7 @@ pub(crate) fn initial_points(
                 .push(cloud.colors[row].map(|c| f32::from(c) / 255.0));
         }
     }
-    let views = views_at_start(dataset, train_views, first_part);
+    let views = views_at_start(dataset, train_views, start_part);
     let sweep = Sweep::new(&views, background)?;
     if kept > 0 && !sweep.shows(&points) {
         tracing::warn!(
@@ -75,7 +76,7 @@ pub(crate) fn initial_points(
         points.positions.extend(swept.positions);
         points.colors.extend(swept.colors);
     }
-    if first_part.is_some() {
+    if start_part.is_some() {
         let others = at_other_times(dataset, train_views, &views);
         let most = (CHANGING_SHARE * limits[0].min(limits[1]) as f32) as usize;
         let swept = sweep.changing_points(most, &others, background, rng)?;
@@ -103,14 +104,14 @@ fn at_other_times<'a>(
     others
 }
 
-/// The views of the first part of the clip, where it has one; else some of all times.
+/// The views of the part of the clip that training starts from, where it has one; else some of all times.
 pub(crate) fn views_at_start<'a>(
     dataset: &'a Dataset,
     train_views: &[usize],
-    first_part: Option<Part>,
+    start_part: Option<Part>,
 ) -> Vec<&'a View> {
     let views = || train_views.iter().map(|&i| &dataset.views[i]);
-    if let Some(part) = first_part {
+    if let Some(part) = start_part {
         return views().filter(|view| part.holds(view.time)).collect();
     }
     let stride = train_views.len().div_ceil(MAX_VIEWS).max(1);
