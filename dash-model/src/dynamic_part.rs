@@ -1,8 +1,8 @@
 //! The Gaussians that move, with the field that moves them.
 
 use burn::module::{Module, Param};
-use burn::tensor::Tensor;
 use burn::tensor::activation::sigmoid;
+use burn::tensor::{Int, Tensor};
 use dash_kernels::project::Activation;
 
 use crate::deformation::Offsets;
@@ -62,7 +62,20 @@ impl DynamicPart {
     /// When a shape does not fit.
     pub fn deform(&self, settings: &SceneSettings, time: f32) -> Result<Deformed, ModelError> {
         let features = self.features(time)?;
-        Ok(self.deform_with(settings, time, self.field.decode(features)))
+        Ok(self.deform_from(settings, time, features))
+    }
+
+    /// The Gaussians at `time`, from the field's features there, as [`DynamicPart::features`] gives them.
+    ///
+    /// # Shapes
+    /// `features [N, features]`
+    pub fn deform_from(
+        &self,
+        settings: &SceneSettings,
+        time: f32,
+        features: Tensor<2>,
+    ) -> Deformed {
+        self.deform_with(settings, time, self.field.decode(features))
     }
 
     /// The part without a head of its field. What the head adds on average over `times` becomes the
@@ -140,10 +153,45 @@ impl DynamicPart {
     }
 
     /// What the field knows of the Gaussians at `time`, `[N, features]`.
-    fn features(&self, time: f32) -> Result<Tensor<2>, ModelError> {
+    /// The field's features at the Gaussians' canonical places.
+    ///
+    /// # Shapes
+    /// `-> [N, features]`
+    ///
+    /// # Errors
+    /// When a shape does not fit.
+    pub fn features(&self, time: f32) -> Result<Tensor<2>, ModelError> {
         let canonical = &self.gaussians;
         let embeddings = canonical.embeddings.as_ref().map(Param::val);
         self.field.features(canonical.means.val(), embeddings, time)
+    }
+
+    /// The same, and the features at other points of the field's unit cube, in one lookup: the gradient of a
+    /// lookup is as large as the tables, however few the points.
+    ///
+    /// # Shapes
+    /// `rows [M]`: whose embeddings each of `points [M, 4]` has `-> [N, features], [M, features]`
+    ///
+    /// # Errors
+    /// When a shape does not fit.
+    pub fn features_and_at(
+        &self,
+        time: f32,
+        rows: Tensor<1, Int>,
+        points: Tensor<2>,
+    ) -> Result<(Tensor<2>, Tensor<2>), ModelError> {
+        let canonical = &self.gaussians;
+        let unit = self.field.space().normalize(canonical.means.val());
+        let [n, m] = [unit.dims()[0], points.dims()[0]];
+        let times = Tensor::full([n, 1], time, &unit.device());
+        let own = Tensor::cat(vec![unit, times], 1);
+        let embeddings = canonical.embeddings.as_ref().map(|embeddings| {
+            let own = embeddings.val();
+            Tensor::cat(vec![own.clone(), own.select(0, rows)], 0)
+        });
+        let all = Tensor::cat(vec![own, points], 0);
+        let features = self.field.features_at(all, embeddings)?;
+        Ok((features.clone().narrow(0, 0, n), features.narrow(0, n, m)))
     }
 
     fn deform_with(&self, settings: &SceneSettings, time: f32, offsets: Offsets) -> Deformed {

@@ -8,7 +8,7 @@ use dash_kernels::rasterize::{RasterizeOptions, rasterize};
 use dash_kernels::splats::{MEAN_X, MEAN_Y, NEAR_PLANE};
 use serde::{Deserialize, Serialize};
 
-use crate::{DynamicPart, GaussianRows, Gaussians, ModelError, TrajectoryBasis};
+use crate::{Deformed, DynamicPart, GaussianRows, Gaussians, ModelError, TrajectoryBasis};
 
 /// Where the decoder's rotation and scale offsets are added.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
@@ -145,6 +145,18 @@ impl DynamicScene {
             return Ok(None);
         };
         let deformed = dynamic.deform(&self.settings, time)?;
+        self.deformed_splats(deformed, camera).map(Some)
+    }
+
+    /// Packed splats of deformed Gaussians.
+    ///
+    /// # Errors
+    /// When a shape does not fit.
+    pub fn deformed_splats(
+        &self,
+        deformed: Deformed,
+        camera: &Camera,
+    ) -> Result<Tensor<2>, ModelError> {
         let splats = project(
             deformed.means,
             deformed.quats,
@@ -158,7 +170,7 @@ impl DynamicScene {
                 near_plane: self.settings.near_plane,
             },
         )?;
-        Ok(Some(splats))
+        Ok(splats)
     }
 
     /// The same splats, those beyond [`SceneSettings::ndc_limit`] as rows of zeros, which are not drawn.

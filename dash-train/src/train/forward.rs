@@ -4,6 +4,7 @@ use std::cell::LazyCell;
 use std::ops::RangeInclusive;
 
 use burn::tensor::{Tensor, TensorData};
+use dash_kernels::Camera;
 
 use super::coarse;
 use super::cover::{Cover, nearness, visible_motion};
@@ -59,7 +60,7 @@ impl Trainer {
         let static_leaf = self.probe(&static_splats);
         let joined = static_splats + static_leaf.clone();
         let mut dynamic_probe = None;
-        let splats = match self.scene.dynamic_splats(camera, time)? {
+        let splats = match self.dynamic_splats(camera, time, &mut regularisers)? {
             None => joined,
             Some(splats) => {
                 let leaf = self.probe(&splats);
@@ -78,20 +79,6 @@ impl Trainer {
             Some(counted) => where_counted(image, target, counted),
         };
         let mut loss = photometric(image.clone(), target.clone(), self.config.loss.dssim)?;
-        if self.config.loss.smoothness > 0.0
-            && let Some(dynamic) = self
-                .scene
-                .dynamic
-                .as_ref()
-                .filter(|d| !d.gaussians.is_empty())
-        {
-            let (share, step) = (
-                self.config.loss.smoothness_share,
-                self.config.loss.smoothness_step,
-            );
-            let term = smoothness(dynamic, time, share, step, &mut self.rng)?;
-            regularisers.push(term * self.config.loss.smoothness);
-        }
         let weight = self.config.loss.static_opacity;
         if weight > 0.0 {
             regularisers.extend(opacity(&self.scene.static_set).map(|mean| mean * weight));
@@ -112,6 +99,28 @@ impl Trainer {
             static_probe: (static_leaf, splats_on_host),
             dynamic_probe,
         })
+    }
+
+    /// Packed splats of the dynamic Gaussians; `None` without any. Eq. 11 joins the regularisers, from the
+    /// same lookup of the field.
+    fn dynamic_splats(
+        &mut self,
+        camera: &Camera,
+        time: f32,
+        regularisers: &mut Vec<Tensor<1>>,
+    ) -> Result<Option<Tensor<2>>, TrainError> {
+        let Some(dynamic) = &self.scene.dynamic else {
+            return Ok(None);
+        };
+        let loss = &self.config.loss;
+        if loss.smoothness <= 0.0 || dynamic.gaussians.is_empty() {
+            return Ok(self.scene.dynamic_splats(camera, time)?);
+        }
+        let (share, step) = (loss.smoothness_share, loss.smoothness_step);
+        let (features, term) = smoothness(dynamic, time, share, step, &mut self.rng)?;
+        regularisers.push(term * loss.smoothness);
+        let deformed = dynamic.deform_from(&self.scene.settings, time, features);
+        Ok(Some(self.scene.deformed_splats(deformed, camera)?))
     }
 
     /// A leaf of zeros: added to packed splats, its gradient is theirs.

@@ -53,36 +53,31 @@ pub(crate) fn opacity(set: &Gaussians) -> Option<Tensor<1>> {
     (!set.is_empty()).then(|| sigmoid(set.opacity_logits.val()).mean())
 }
 
-/// Eq. 11: mean over Gaussians of the squared distance between the field's features at a point
-/// and at a small random step from it. Of the Gaussians, a `share` drawn anew at every call: its mean is
-/// that of all on average.
+/// The field's features at the Gaussians, and Eq. 11: the mean over Gaussians of the squared distance between
+/// these and the features at a small random step from each. Of the Gaussians, a `share` drawn anew at every
+/// call: its mean is that of all on average.
 pub(crate) fn smoothness(
     dynamic: &DynamicPart,
     time: f32,
     share: f32,
     step: [f32; 2],
     rng: &mut impl Rng,
-) -> Result<Tensor<1>, ModelError> {
+) -> Result<(Tensor<2>, Tensor<1>), ModelError> {
     let (field, gaussians) = (&dynamic.field, &dynamic.gaussians);
     let all = gaussians.len();
     let n = ((share * all as f32).ceil() as usize).min(all);
     let device = gaussians.means.val().device();
-    let drawn = (n < all).then(|| {
-        let mut drawn: Vec<i32> = rand::seq::index::sample(rng, all, n)
+    let mut drawn: Vec<i32> = match n < all {
+        true => rand::seq::index::sample(rng, all, n)
             .into_iter()
             .map(|row| row as i32)
-            .collect();
-        drawn.sort_unstable();
-        Tensor::<1, Int>::from_data(TensorData::new(drawn, [n]), &device)
-    });
-    let of_drawn = |rows: Tensor<2>| match &drawn {
-        Some(drawn) => rows.select(0, drawn.clone()),
-        None => rows,
+            .collect(),
+        false => (0..all as i32).collect(),
     };
-    let embeddings = || gaussians.embeddings.as_ref().map(|e| of_drawn(e.val()));
-    let unit = field
-        .space()
-        .normalize(of_drawn(gaussians.means.val().detach()));
+    drawn.sort_unstable();
+    let drawn = Tensor::<1, Int>::from_data(TensorData::new(drawn, [n]), &device);
+    let means = gaussians.means.val().detach();
+    let unit = field.space().normalize(means.select(0, drawn.clone()));
     let points = Tensor::cat(vec![unit, Tensor::full([n, 1], time, &device)], 1);
     let steps: Vec<f32> = (0..4 * n)
         .map(|i| {
@@ -91,10 +86,11 @@ pub(crate) fn smoothness(
         })
         .collect();
     let steps = Tensor::<2>::from_data(TensorData::new(steps, [n, 4]), &device);
-    let nearby = (points.clone() + steps).clamp(0.0, 1.0);
-    let difference =
-        field.features_at(points, embeddings())? - field.features_at(nearby, embeddings())?;
-    Ok(difference.powi_scalar(2).sum() / n.max(1) as f32)
+    let nearby = (points + steps).clamp(0.0, 1.0);
+    let (features, nearby) = dynamic.features_and_at(time, drawn.clone(), nearby)?;
+    let difference = features.clone().select(0, drawn) - nearby;
+    let mean = difference.powi_scalar(2).sum() / n.max(1) as f32;
+    Ok((features, mean))
 }
 
 #[cfg(test)]
@@ -130,7 +126,7 @@ mod tests {
             let terms = (0..DRAWS).map(|k| {
                 let time = k as f32 / DRAWS as f32;
                 let term = smoothness(&dynamic, time, share, [5e-3, 1e-4], &mut rng);
-                f64::from(to_host(term.expect("valid"))[0])
+                f64::from(to_host(term.expect("valid").1)[0])
             });
             terms.sum::<f64>() / DRAWS as f64
         };
