@@ -56,6 +56,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
                 );
             }
         },
+        pace: None,
     };
     let (trainer, _) = train(&run, &config.train, dataset.clone(), &device, options)?;
     let name = config.data.device.as_str();

@@ -63,6 +63,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
                 );
             }
         },
+        pace: None,
     };
     let (trainer, _) = train(&run, &config, dataset.clone(), &device, options)?;
 

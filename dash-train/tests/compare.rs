@@ -50,6 +50,17 @@ fn methods_are_trained_once_and_told_in_one_table() {
     bench.ok(&arguments("dash", "0.3"));
     assert!(bench.path(scene).is_file());
     bench.fails(&arguments("dash", "0.4"), "compare.toml differs");
+    // How fast the machine was is kept with what it measured.
+    let speed = String::from_utf8(bench.read("all/speed.toml")).expect("UTF-8");
+    assert!(speed.starts_with("reference_step_secs = "), "{speed}");
+    std::fs::remove_file(bench.path(scene)).expect("removed");
+    for bad in ["reference_step_secs = -1.0\n", "reference_step_secs\n"] {
+        bench.write("all/speed.toml", bad);
+        bench.fails(&arguments("dash", "0.3"), "speed.toml");
+    }
+    bench.write("all/speed.toml", &speed);
+    bench.ok(&arguments("dash", "0.3"));
+    assert_eq!(bench.read("all/speed.toml"), speed.as_bytes());
 }
 
 #[test]

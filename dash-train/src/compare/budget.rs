@@ -5,6 +5,7 @@ use std::time::Instant;
 
 use burn::tensor::Device;
 
+use super::gauge::Gauge;
 use crate::TrainError;
 use crate::dataset::Dataset;
 use crate::train::{StepReport, TrainConfig, Trainer};
@@ -28,7 +29,7 @@ const TOLERANCE: f64 = 0.15;
 /// Training seconds to be spent.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Budget {
-    /// Evaluation and file writing excluded.
+    /// Evaluation and file writing excluded, at the speed that the machine had when the comparison began.
     pub seconds: f64,
 }
 
@@ -50,6 +51,7 @@ impl Budget {
         config: &TrainConfig,
         dataset: &Arc<Dataset>,
         device: &Device,
+        gauge: &mut Gauge,
         on_step: OnStep<'_>,
     ) -> Result<usize, TrainError> {
         let mut iterations = FIRST_TRIAL;
@@ -62,20 +64,20 @@ impl Budget {
             };
             on_step(iterations, None);
             let mut trainer = Trainer::new(config, dataset.clone(), device)?;
-            let (mut start, mut seconds) = (Instant::now(), 0.0);
+            let mut seconds = 0.0;
             while !trainer.is_finished() && seconds < self.seconds {
+                let start = Instant::now();
                 let report = trainer.step()?;
-                if report.step == COLD {
-                    start = Instant::now();
+                if report.step > COLD {
+                    seconds += gauge.paced(start.elapsed().as_secs_f64())?;
                 }
-                seconds = start.elapsed().as_secs_f64();
                 on_step(iterations, Some((&report, seconds)));
             }
             let warm = trainer.steps_done().saturating_sub(COLD).max(1) as f64;
             points.push((warm, seconds));
             let start = Instant::now();
             trainer.needed_scene()?;
-            at_the_end = start.elapsed().as_secs_f64();
+            at_the_end = gauge.paced(start.elapsed().as_secs_f64())?;
             if seconds >= TRIAL_SHARE * self.seconds {
                 break;
             }

@@ -2,10 +2,13 @@
 //!
 //! Every method is a change of one preset ([`Method::of`]) and trains as long as the budget says: short
 //! runs of its own schedule tell how many steps that is, and its first run is done again with another
-//! number of steps where that misses the budget by more than 15 %. Each run is an ordinary run's folder,
+//! number of steps where that misses the budget by more than 15 %. Seconds are those that the machine would
+//! have taken at the speed it had when the comparison began: every two seconds some steps of a reference run
+//! are timed (`OUT/speed.toml` keeps what they took at first). Each run is an ordinary run's folder,
 //! `OUT/METHOD/seed-S`.
 
 mod budget;
+mod gauge;
 mod method;
 
 use std::fs;
@@ -18,6 +21,7 @@ use dash_model::scene_file::write_atomically;
 use serde::{Deserialize, Serialize};
 
 pub use budget::Budget;
+use gauge::Gauge;
 pub use method::Method;
 
 use crate::TrainError;
@@ -31,7 +35,7 @@ use crate::train::{
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Comparison {
-    /// Training seconds that each run should take.
+    /// Training seconds that each run should take, at the speed that the machine has when the comparison begins.
     pub budget_secs: f64,
     /// Measurements along each run.
     pub curve: usize,
@@ -39,6 +43,14 @@ pub struct Comparison {
     pub data: DataConfig,
     /// What every method changes. Its iterations and seed are replaced.
     pub preset: TrainConfig,
+}
+
+/// How fast the machine was when a comparison began: `OUT/speed.toml`.
+#[derive(Debug, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Speed {
+    /// Seconds of a step of the reference run.
+    reference_step_secs: f64,
 }
 
 /// A run of a comparison.
@@ -86,6 +98,7 @@ impl Comparison {
         }
         self.claim(out)?;
         let mut runs = Vec::new();
+        let mut gauge = None;
         for &method in methods {
             let mut known = None;
             for seed in 0..seeds {
@@ -93,6 +106,10 @@ impl Comparison {
                 let (run, results) = match finished(&root)? {
                     Some(finished) => finished,
                     None => {
+                        let gauge = match &mut gauge {
+                            Some(gauge) => gauge,
+                            none => none.insert(self.gauge(out, dataset, device)?),
+                        };
                         let mut config = method.of(&self.preset);
                         config.seed = seed;
                         let budget = Budget {
@@ -101,16 +118,17 @@ impl Comparison {
                         config.iterations = match known {
                             Some(iterations) => iterations,
                             None => {
-                                budget.iterations(&config, dataset, device, &mut |n, step| {
-                                    match step {
+                                let mut told =
+                                    |n: usize, step: Option<(&StepReport, f64)>| match step {
                                         None => observer.begin(method, seed, n, true),
                                         Some((report, secs)) => observer.step(report, secs),
-                                    }
-                                })?
+                                    };
+                                budget.iterations(&config, dataset, device, gauge, &mut told)?
                             }
                         };
                         observer.begin(method, seed, config.iterations, false);
-                        let first = self.train(config.clone(), &root, dataset, device, observer)?;
+                        let first =
+                            self.train(config.clone(), &root, dataset, device, gauge, observer)?;
                         let secs = first.1.train_seconds.unwrap_or(self.budget_secs);
                         match budget.corrected(config.iterations, secs) {
                             // All seeds take the same number of steps.
@@ -119,7 +137,7 @@ impl Comparison {
                                 fs::remove_dir_all(&root)
                                     .map_err(|e| TrainError::io(&root, "remove", e))?;
                                 observer.begin(method, seed, iterations, false);
-                                self.train(config, &root, dataset, device, observer)?
+                                self.train(config, &root, dataset, device, gauge, observer)?
                             }
                             _ => first,
                         }
@@ -143,6 +161,7 @@ impl Comparison {
         root: &Path,
         dataset: &Arc<Dataset>,
         device: &Device,
+        gauge: &mut Gauge,
         observer: &mut dyn Observer,
     ) -> Result<(RunFolder, Results), TrainError> {
         let config = RunConfig::new(self.data.clone(), config);
@@ -155,6 +174,7 @@ impl Comparison {
             resume: false,
             curve: self.curve,
             on_step: &mut |report, secs| observer.step(report, secs),
+            pace: Some(&mut |secs| gauge.paced(secs)),
         };
         train(&run, &config.train, dataset.clone(), device, options)?;
         let name = (device, self.data.device.as_str());
@@ -169,6 +189,45 @@ impl Comparison {
         let checkpoints = run.checkpoints_path();
         fs::remove_dir_all(&checkpoints).map_err(|e| TrainError::io(&checkpoints, "remove", e))?;
         Ok((run, results))
+    }
+
+    /// The machine's speed, against that when the comparison in `out` began.
+    fn gauge(
+        &self,
+        out: &Path,
+        dataset: &Arc<Dataset>,
+        device: &Device,
+    ) -> Result<Gauge, TrainError> {
+        let path = out.join("speed.toml");
+        let known = match fs::read_to_string(&path) {
+            Ok(text) => {
+                let speed = toml::from_str::<Speed>(&text).ok();
+                let sound = speed
+                    .filter(|s| s.reference_step_secs > 0.0 && s.reference_step_secs.is_finite());
+                Some(sound.ok_or_else(|| {
+                    TrainError::run(
+                        &path,
+                        format!(
+                            "expected `reference_step_secs = SECONDS`, found `{}`; remove the file to measure \
+                             the runs that are missing by the machine's present speed",
+                            text.trim()
+                        ),
+                    )
+                })?)
+            }
+            Err(e) if e.kind() == std::io::ErrorKind::NotFound => None,
+            Err(e) => return Err(TrainError::io(&path, "read", e)),
+        };
+        let first = known.as_ref().map(|speed| speed.reference_step_secs);
+        let gauge = Gauge::new(&self.preset, dataset, device, first)?;
+        if known.is_none() {
+            let speed = Speed {
+                reference_step_secs: gauge.first(),
+            };
+            let text = toml::to_string(&speed).map_err(|e| TrainError::Config(e.to_string()))?;
+            write_atomically(&path, |mut file| file.write_all(text.as_bytes()))?;
+        }
+        Ok(gauge)
     }
 
     /// Makes `out` this comparison's, or finds that it is.

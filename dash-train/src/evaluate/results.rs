@@ -27,7 +27,8 @@ pub struct Results {
     pub seed: u64,
     /// Training steps.
     pub iterations: usize,
-    /// Seconds of training, evaluation and file writing excluded.
+    /// Seconds of training, evaluation and file writing excluded; of a comparison's runs, at the speed that its
+    /// machine had when it began.
     pub train_seconds: Option<f64>,
     /// Size of `RUN/scene`.
     pub storage_bytes: u64,

@@ -288,11 +288,16 @@ pub struct TrainOptions<'a> {
     pub curve: usize,
     /// Called after every step, with the seconds trained so far.
     pub on_step: &'a mut dyn FnMut(&StepReport, f64),
+    /// What the seconds of a step count for; `None`: themselves.
+    pub pace: Option<Pace<'a>>,
 }
+
+/// Turns the seconds that something took into those that it counts for.
+pub type Pace<'a> = &'a mut dyn FnMut(f64) -> Result<f64, TrainError>;
 
 /// Trains to the end, writing checkpoints, the log, and at last the scene.
 ///
-/// Returns the trainer and the seconds trained (evaluation and file writing excluded).
+/// Returns the trainer and the seconds trained (evaluation and file writing excluded, paced as the options say).
 ///
 /// # Errors
 /// What [`Trainer::step`] and writing refuse; checkpoints written until then remain.
@@ -301,7 +306,7 @@ pub fn train(
     config: &TrainConfig,
     dataset: Arc<Dataset>,
     device: &Device,
-    options: TrainOptions<'_>,
+    mut options: TrainOptions<'_>,
 ) -> Result<(Trainer, f64), TrainError> {
     let checkpoints = run.checkpoints_path();
     let found = if options.resume {
@@ -337,7 +342,11 @@ pub fn train(
         if last {
             finished = Some(trainer.needed_scene()?);
         }
-        seconds += start.elapsed().as_secs_f64();
+        let spent = start.elapsed().as_secs_f64();
+        seconds += match &mut options.pace {
+            Some(pace) => pace(spent)?,
+            None => spent,
+        };
         if !report.skipped {
             loss += report.loss;
             psnr += report.psnr;

@@ -99,6 +99,7 @@ pub fn run(args: &TrainArgs, shared: &Shared) -> Result<String, Failure> {
         resume: args.resume,
         curve: args.curve,
         on_step: &mut |report, secs| progress.step(report, secs),
+        pace: None,
     };
     let trained = train(&run, &config.train, dataset.clone(), &device, options);
     progress.finish();

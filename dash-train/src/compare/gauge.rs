@@ -1,0 +1,131 @@
+//! How fast the machine is, by steps of a reference run. Neighbours and the processor's clock change that by a
+//! factor of two within minutes, and methods that train one after the other should not differ by it.
+
+use std::sync::Arc;
+use std::time::Instant;
+
+use burn::tensor::Device;
+use dash_model::DynamicScene;
+
+use super::Method;
+use crate::TrainError;
+use crate::dataset::Dataset;
+use crate::train::{TrainConfig, Trainer};
+
+/// Seconds of training between two looks.
+const INTERVAL: f64 = 2.0;
+/// Reference steps of a look.
+const STEPS: usize = 4;
+/// Those of the first one.
+const FIRST_STEPS: usize = 32;
+/// Steps before it, which pay for what later ones find ready.
+const COLD: usize = 10;
+/// More steps than any comparison takes.
+const ENDLESS: usize = 1 << 40;
+
+/// A run of 3DGS on the comparison's data whose steps all do the same.
+pub(super) struct Gauge {
+    reference: Trainer,
+    scene: DynamicScene,
+    /// Seconds of a reference step when the comparison began.
+    first: f64,
+    /// How many times as long one takes now.
+    slowness: f64,
+    /// Seconds since the last look.
+    since: f64,
+}
+
+impl Gauge {
+    /// `first`: [`Gauge::first`] of the comparison that this goes on with; `None` for the present speed.
+    pub(super) fn new(
+        preset: &TrainConfig,
+        dataset: &Arc<Dataset>,
+        device: &Device,
+        first: Option<f64>,
+    ) -> Result<Self, TrainError> {
+        let mut config = Method::Static.of(preset);
+        config.iterations = ENDLESS;
+        config.density_static.until = 0.0;
+        let mut reference = Trainer::new(config, dataset.clone(), device)?;
+        for _ in 0..COLD {
+            reference.step()?;
+        }
+        let scene = reference.scene.clone();
+        let mut gauge = Self {
+            reference,
+            scene,
+            first: 1.0,
+            slowness: 1.0,
+            since: 0.0,
+        };
+        let now = gauge.step_seconds(FIRST_STEPS)?;
+        gauge.first = first.unwrap_or(now);
+        gauge.slowness = now / gauge.first;
+        Ok(gauge)
+    }
+
+    /// Seconds of a reference step when the comparison began.
+    pub(super) fn first(&self) -> f64 {
+        self.first
+    }
+
+    /// What so many seconds of training would have been at the speed of the comparison's begin.
+    pub(super) fn paced(&mut self, seconds: f64) -> Result<f64, TrainError> {
+        self.since += seconds;
+        if self.since >= INTERVAL {
+            self.since = 0.0;
+            self.slowness = self.step_seconds(STEPS)? / self.first;
+        }
+        Ok(seconds / self.slowness)
+    }
+
+    /// Mean seconds of a reference step now.
+    fn step_seconds(&mut self, steps: usize) -> Result<f64, TrainError> {
+        let mut seconds = 0.0;
+        for _ in 0..steps {
+            self.reference.scene = self.scene.clone();
+            let start = Instant::now();
+            self.reference.step()?;
+            seconds += start.elapsed().as_secs_f64();
+        }
+        Ok(seconds / steps as f64)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::dataset::{LoadOptions, load};
+    use crate::synth::{self, SynthConfig};
+    use crate::train::Preset;
+
+    #[test]
+    fn a_machine_that_has_become_slower_trains_for_longer() {
+        let folder = tempfile::tempdir().expect("a scratch folder");
+        let config = SynthConfig {
+            cameras: 4,
+            frames: 2,
+            width: 32,
+            height: 24,
+            ..SynthConfig::default()
+        };
+        synth::write(folder.path(), &config).expect("writes");
+        let dataset = Arc::new(load(folder.path(), &LoadOptions::default()).expect("sound"));
+        let mut preset = TrainConfig::preset(Preset::Quick);
+        preset.min_initial_points = 200;
+        let device = Device::flex();
+        let gauge = |first| Gauge::new(&preset, &dataset, &device, first).expect("trains");
+        let mut begun = gauge(None);
+        assert_eq!(begun.slowness, 1.0);
+        assert_eq!(begun.paced(0.5).expect("trains"), 0.5);
+        let sizes = begun.reference.scene.counts();
+        begun.paced(INTERVAL).expect("looks");
+        assert!(begun.slowness > 0.0 && begun.slowness.is_finite());
+        assert_eq!(begun.reference.scene.counts(), sizes);
+        // A step took a millionth of a second then: what takes one now would have been quick.
+        let mut later = gauge(Some(1e-6));
+        assert_eq!(later.first(), 1e-6);
+        let paced = later.paced(0.5).expect("trains");
+        assert!(paced > 0.0 && paced < 0.05, "{paced}");
+    }
+}
