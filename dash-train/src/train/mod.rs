@@ -13,6 +13,7 @@ mod lines;
 mod loss;
 mod optimizer;
 mod presets;
+mod promote;
 mod review;
 mod run;
 mod sampler;

@@ -99,6 +99,7 @@ impl TrainConfig {
                 hidden: 32,
                 review_interval: 500,
                 review_floor: 0.005,
+                promote_floor: 0.0,
             },
             field: FieldConfig {
                 deformation: DeformationConfig {
@@ -275,6 +276,7 @@ impl TrainConfig {
             hidden: 64,
             review_interval: 0,
             review_floor: 0.0,
+            promote_floor: 0.0,
         };
         self.field = FieldConfig {
             deformation: DeformationConfig {

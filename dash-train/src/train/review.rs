@@ -95,7 +95,7 @@ fn held_still(scene: &DynamicScene, ways: &Ways) -> Result<Gaussians, TrainError
 }
 
 /// Whether the dynamic set has had its time to grow; before, it may still be finding what moves.
-fn is_grown(trainer: &Trainer) -> bool {
+pub(crate) fn is_grown(trainer: &Trainer) -> bool {
     trainer.step >= trainer.config.step_at(trainer.config.density_dynamic.until)
 }
 

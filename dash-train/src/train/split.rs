@@ -133,6 +133,17 @@ pub(crate) fn keep_dynamic(trainer: &mut Trainer, stay: &[usize]) {
     }
 }
 
+/// Keeps these static Gaussians only.
+pub(crate) fn keep_static(trainer: &mut Trainer, stay: &[usize]) {
+    let n = trainer.scene.static_set.len();
+    let rows = trainer.scene.static_set.to_rows().gather(stay);
+    trainer.scene.static_set = Gaussians::from_rows(&rows, &trainer.device);
+    trainer.density_static = trainer.density_static.gather(stay);
+    trainer
+        .optimizer
+        .edit_rows(STATIC, stay, &vec![false; stay.len()], n);
+}
+
 fn space_for(rule: SpaceRule, means: &[[f32; 3]]) -> SpaceBox {
     match rule {
         SpaceRule::Fixed(bound) => SpaceBox::fixed(bound),

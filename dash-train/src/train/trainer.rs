@@ -17,7 +17,7 @@ use super::initial::{Core, initial_points, near_plane};
 use super::leave_out::{self, Decision};
 use super::optimizer::{Optimizer, to_host};
 use super::sampler::ViewSampler;
-use super::{coarse, review, statistics, update, validation};
+use super::{coarse, promote, review, statistics, update, validation};
 use crate::TrainError;
 use crate::dataset::{Dataset, Split, View};
 
@@ -56,7 +56,7 @@ pub struct Trainer {
     /// The part of space that the capture is about.
     pub(crate) core: Core,
     /// The part of the clip that training starts from, if it has one.
-    pub(crate) first_part: Option<Part>,
+    pub(crate) start_part: Option<Part>,
     pub(crate) scene: DynamicScene,
     /// The coarse field, from the warm-up until Gaussians have trajectories of their own.
     pub(crate) motion: Option<MotionField>,
@@ -98,8 +98,8 @@ impl Trainer {
                 dataset: dataset.root.clone(),
             });
         }
-        let first_part = coarse::first_part(&dataset, &train_views);
-        if let Some(part) = first_part {
+        let start_part = coarse::start_part(&dataset, &train_views);
+        if let Some(part) = start_part {
             config.make_room_for_following();
             config.follow_from(part.middle());
         }
@@ -108,7 +108,7 @@ impl Trainer {
         let points = initial_points(
             &dataset,
             &train_views,
-            first_part,
+            start_part,
             background,
             [config.min_initial_points, config.max_initial_points],
             &mut rng,
@@ -145,7 +145,7 @@ impl Trainer {
             validation_views,
             extent,
             core,
-            first_part,
+            start_part,
             scene,
             motion: None,
             motion_space: None,
@@ -311,6 +311,9 @@ impl Trainer {
         let start = Stages::of(self).end;
         if interval > 0 && self.step > start && (self.step - start).is_multiple_of(interval) {
             review::review(self)?;
+            if !review::is_grown(self) {
+                promote::promote(self)?;
+            }
         }
         Ok(())
     }

@@ -81,6 +81,14 @@ impl TrainConfig {
             self.decomposition.basis.len() <= MAX_BASIS_FUNCTIONS,
             &format!("decomposition.basis may have up to {MAX_BASIS_FUNCTIONS} spans"),
         )?;
+        check(
+            self.decomposition.promote_floor >= 0.0 && self.decomposition.promote_floor.is_finite(),
+            "decomposition.promote_floor must not be negative",
+        )?;
+        check(
+            (0.0..=1.0).contains(&self.decomposition.basis.anchor()),
+            "decomposition.basis may have an anchor in [0, 1]",
+        )?;
         let fitted = self.for_frames(2);
         let motion = fitted
             .decomposition

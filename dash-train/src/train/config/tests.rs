@@ -39,6 +39,8 @@ fn set_changes_one_value_and_refuses_others() {
         "loss.smoothness_share=1.1",
         "near_plane=0",
         "ndc_limit=0.9",
+        "decomposition.promote_floor=-0.1",
+        "decomposition.basis={polyline={spans=4, anchor=1.1}}",
         "iterations=x",
         "a.b=1",
     ] {
