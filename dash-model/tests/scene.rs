@@ -300,7 +300,7 @@ fn an_anchored_scene_is_at_rest_there_and_its_files_say_so() {
         "start",
     );
     plain.expect("reads");
-    assert!(text.contains("\"format_version\": 1"), "{text}");
+    assert!(text.contains("\"format_version\": 2"), "{text}");
     for bad in [-0.1, 1.5] {
         let (read, _) = saved(&anchored(bad), "bad");
         let error = read.expect_err("out of the clip").to_string();
