@@ -171,6 +171,10 @@ impl ModuleVisitor for Watch<'_> {
         let tensor = param.val();
         let n_rows = tensor.dims()[0];
         let n: usize = tensor.dims().iter().product();
+        // Higher colour coefficients of degree 0; Burn takes a size of 0 for that of before.
+        if n == 0 {
+            return;
+        }
         let gradient = tensor.grad(self.gradients);
         let parts = [
             (Part::Values, Some(tensor.inner())),

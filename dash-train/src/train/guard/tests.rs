@@ -107,6 +107,19 @@ fn skipped_once(trainer: &mut Trainer) -> SkippedStep {
 }
 
 #[test]
+fn colours_without_higher_coefficients_train() {
+    for device in devices() {
+        let mut config = config();
+        config.set("sh_degree=0").expect("a known key");
+        let mut trainer = Trainer::new(config, dataset(), &device).expect("valid");
+        while !trainer.is_finished() {
+            assert!(!trainer.step().expect("trains").skipped);
+        }
+        assert_eq!(trainer.scene.static_set.sh_degree(), 0);
+    }
+}
+
+#[test]
 fn a_lost_mean_costs_its_gaussian_and_one_step() {
     for device in devices() {
         let mut trainer = trained(3, &device);
