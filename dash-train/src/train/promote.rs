@@ -181,19 +181,20 @@ mod tests {
         let mut trainer = Trainer::new(config, Arc::new(dataset()), &device).expect("valid");
         let camera = trainer.dataset.views[0].camera.clone();
         // The side that a picture shows on its left.
-        let left = if camera.transform([0.5, 0.0, 0.0])[0] < 0.0 {
-            0.5
+        let left = if camera.transform([1.0, 0.0, 0.0])[0] < 0.0 {
+            1.0
         } else {
-            -0.5
+            -1.0
         };
         let of = |places: &[[f32; 3]]| {
-            let rows = GaussianRows::from_points(places, &vec![[0.5; 3]; places.len()], 0, 0.2);
+            let mut rows = GaussianRows::from_points(places, &vec![[0.5; 3]; places.len()], 0, 0.2);
+            rows.log_scales.fill([0.2f32.ln(); 3]);
             Gaussians::from_rows(&rows, &device.clone().autodiff())
         };
         let deformation = &trainer.config.field.deformation;
         let mut rng = Pcg64::seed_from_u64(4);
         let field =
-            DeformationField::new(deformation, SpaceBox::fixed(1.0), &mut rng, &trainer.device);
+            DeformationField::new(deformation, SpaceBox::fixed(1.2), &mut rng, &trainer.device);
         // The last is as wrong as the second, but outside of what the field covers.
         trainer.scene.static_set = of(&[[left, 0.0, 0.0], [-left, 0.0, 0.0], [-left, 0.0, 1.5]]);
         trainer.scene.dynamic = Some(DynamicPart {
