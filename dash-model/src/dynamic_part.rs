@@ -5,7 +5,6 @@ use burn::tensor::activation::sigmoid;
 use burn::tensor::{Int, Tensor};
 use dash_kernels::project::Activation;
 
-use crate::deformation::Offsets;
 use crate::gaussians::to_host;
 use crate::{DeformationField, Gaussians, Head, ModelError, OffsetPlacement, SceneSettings};
 
@@ -63,19 +62,6 @@ impl DynamicPart {
     pub fn deform(&self, settings: &SceneSettings, time: f32) -> Result<Deformed, ModelError> {
         let features = self.features(time)?;
         Ok(self.deform_from(settings, time, features))
-    }
-
-    /// The Gaussians at `time`, from the field's features there, as [`DynamicPart::features`] gives them.
-    ///
-    /// # Shapes
-    /// `features [N, features]`
-    pub fn deform_from(
-        &self,
-        settings: &SceneSettings,
-        time: f32,
-        features: Tensor<2>,
-    ) -> Deformed {
-        self.deform_with(settings, time, self.field.decode(features))
     }
 
     /// The part without a head of its field. What the head adds on average over `times` becomes the
@@ -152,7 +138,6 @@ impl DynamicPart {
         Ok(to_host(sum.detach() / times.len() as f32))
     }
 
-    /// What the field knows of the Gaussians at `time`, `[N, features]`.
     /// The field's features at the Gaussians' canonical places.
     ///
     /// # Shapes
@@ -194,13 +179,23 @@ impl DynamicPart {
         Ok((features.clone().narrow(0, 0, n), features.narrow(0, n, m)))
     }
 
-    fn deform_with(&self, settings: &SceneSettings, time: f32, offsets: Offsets) -> Deformed {
+    /// The Gaussians at `time`, from the field's features there, as [`DynamicPart::features`] gives them.
+    ///
+    /// # Shapes
+    /// `features [N, features]`
+    pub fn deform_from(
+        &self,
+        settings: &SceneSettings,
+        time: f32,
+        features: Tensor<2>,
+    ) -> Deformed {
         fn plus<const D: usize>(value: Tensor<D>, offset: Option<Tensor<D>>) -> Tensor<D> {
             match offset {
                 Some(offset) => value + offset,
                 None => value,
             }
         }
+        let offsets = self.field.decode(features);
         let canonical = &self.gaussians;
         let means = self.coarse_means(settings, time) + offsets.means;
         let opacity_logits = plus(canonical.opacity_logits.val(), offsets.opacity_logits);

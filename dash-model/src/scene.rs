@@ -115,7 +115,7 @@ impl DynamicScene {
         camera: &Camera,
     ) -> Result<Tensor<2>, ModelError> {
         let set = &self.static_set;
-        let splats = project(
+        Ok(project(
             means,
             set.quats.val(),
             set.log_scales.val(),
@@ -127,8 +127,7 @@ impl DynamicScene {
                 near_plane: self.settings.near_plane,
                 ..Default::default()
             },
-        )?;
-        Ok(splats)
+        )?)
     }
 
     /// Packed splats of the dynamic Gaussians at `time`, those beyond [`SceneSettings::ndc_limit`] among them; `None`
@@ -157,7 +156,7 @@ impl DynamicScene {
         deformed: Deformed,
         camera: &Camera,
     ) -> Result<Tensor<2>, ModelError> {
-        let splats = project(
+        Ok(project(
             deformed.means,
             deformed.quats,
             deformed.scales,
@@ -169,8 +168,7 @@ impl DynamicScene {
                 activation: deformed.activation,
                 near_plane: self.settings.near_plane,
             },
-        )?;
-        Ok(splats)
+        )?)
     }
 
     /// The same splats, those beyond [`SceneSettings::ndc_limit`] as rows of zeros, which are not drawn.

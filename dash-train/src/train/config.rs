@@ -46,7 +46,7 @@ pub struct TrainConfig {
     /// drawn, but in the steps of training, which lose by it. Absent: all are, as in 3DGS. Ours.
     #[serde(default)]
     pub ndc_limit: Option<f64>,
-    /// Most points that the first Gaussians are made of; more are thinned evenly.
+    /// Most points that the first Gaussians are made of, those where pictures change aside; more are thinned evenly.
     pub max_initial_points: usize,
     /// Where the dataset brings fewer points, others are added at which several views agree.
     pub min_initial_points: usize,

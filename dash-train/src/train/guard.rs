@@ -4,16 +4,19 @@
 //! a feature of an infinite table entry is zero), so neither a picture nor a loss shows that a
 //! parameter is lost. All parameters and all gradients are therefore looked at in every step.
 
+mod watch;
+
 use std::collections::BTreeSet;
 use std::fmt;
 
-use burn::module::{Module, ModuleMapper, ModuleVisitor, Param};
+use burn::module::{Module, ModuleMapper, Param};
 use burn::tensor::{Gradients, Tensor, TensorData};
 use dash_kernels::KernelError;
 use dash_kernels::finite::FiniteFlags;
 use dash_model::Gaussians;
 use dash_model::parameters::Path;
 use serde::{Deserialize, Serialize};
+use watch::Watch;
 
 use super::optimizer::to_host;
 use super::split::keep_dynamic;
@@ -135,73 +138,13 @@ pub(crate) struct Fault {
     rows: Vec<usize>,
 }
 
-/// A tensor that is looked at.
-struct Watched {
-    tensor: String,
-    part: Part,
-    n_rows: usize,
-    values: Tensor<1>,
-}
-
-/// Gathers parameters and their gradients.
-struct Watch<'a> {
-    path: Path,
-    gradients: &'a Gradients,
-    watched: Vec<Watched>,
-}
-
-impl Watch<'_> {
-    fn visit<M: Module>(&mut self, prefix: &str, module: &M) {
-        self.path.enter(prefix, "");
-        module.visit(self);
-        self.path.exit("");
-    }
-}
-
-impl ModuleVisitor for Watch<'_> {
-    fn enter_module(&mut self, name: &str, container_type: &str) {
-        self.path.enter(name, container_type);
-    }
-
-    fn exit_module(&mut self, _name: &str, container_type: &str) {
-        self.path.exit(container_type);
-    }
-
-    fn visit_float<const D: usize>(&mut self, param: &Param<Tensor<D>>) {
-        let tensor = param.val();
-        let n_rows = tensor.dims()[0];
-        let n: usize = tensor.dims().iter().product();
-        // Higher colour coefficients of degree 0; Burn takes a size of 0 for that of before.
-        if n == 0 {
-            return;
-        }
-        let gradient = tensor.grad(self.gradients);
-        let parts = [
-            (Part::Values, Some(tensor.inner())),
-            (Part::Gradient, gradient),
-        ];
-        for (part, values) in parts {
-            self.watched.extend(values.map(|values| Watched {
-                tensor: self.path.name(),
-                part,
-                n_rows,
-                values: values.reshape([n]),
-            }));
-        }
-    }
-}
-
 /// Every parameter and every gradient that is not finite; `None` where they all are, and the loss.
 pub(crate) fn look(
     trainer: &Trainer,
     gradients: &Gradients,
     loss: f32,
 ) -> Result<Option<Vec<Fault>>, KernelError> {
-    let mut watch = Watch {
-        path: Path::default(),
-        gradients,
-        watched: Vec::new(),
-    };
+    let mut watch = Watch::new(gradients);
     watch.visit("scene", &trainer.scene);
     if let Some(motion) = &trainer.motion {
         watch.visit("motion", motion);

@@ -1,13 +1,11 @@
 //! Static Gaussians under which an error moves with time become dynamic.
 
-use burn::module::Module;
 use burn::tensor::{Tensor, TensorData};
 use dash_kernels::splats::{DEPTH, N_COLUMNS, RED};
 use dash_model::{Gaussians, SpaceBox};
 
-use super::optimizer::to_host;
 use super::split::keep_static;
-use super::statistics::spread;
+use super::statistics::{splat_gradient, spread};
 use super::trainer::{DYNAMIC, Trainer};
 use crate::TrainError;
 use crate::dataset::View;
@@ -67,34 +65,28 @@ fn is_within(space: &SpaceBox, mean: [f32; 3]) -> bool {
 
 /// For each of some views, in the order of their times, the error of each static Gaussian.
 fn errors(trainer: &Trainer) -> Result<Vec<Vec<Error>>, TrainError> {
-    // Without the graph: nothing would free what leads to splats through which no gradient flows.
-    let scene = trainer.scene.valid();
-    let n_static = scene.static_set.len();
+    let (n_static, _) = trainer.scene.counts();
     let mut views: Vec<&View> = spread(trainer, VIEWS).collect();
     views.sort_by(|a, b| a.time.total_cmp(&b.time));
     let of_view = |view: &View| -> Result<Vec<Error>, TrainError> {
-        let mut splats = vec![scene.static_splats(&view.camera)?];
-        splats.extend(scene.dynamic_splats(&view.camera, view.time)?);
-        let leaf = Tensor::from_inner(Tensor::cat(splats, 0)).require_grad();
-        let image = scene.rasterize(leaf.clone(), &view.camera)?.image;
-        let (truth, counted) = view.rgb_and_counted(scene.settings.background)?;
-        let truth = TensorData::new(truth, [view.camera.height, view.camera.width, 3]);
-        let truth = Tensor::<3>::from_data(truth, &trainer.device);
-        let rgb = image.clone().narrow(2, 0, 3);
-        let mut error = truth - rgb.clone().detach();
-        if let Some(counted) = counted {
-            let counted = TensorData::new(counted, [view.camera.height, view.camera.width, 1]);
-            error = error * Tensor::<3>::from_data(counted, &trainer.device);
-        }
+        let (truth, counted) = view.rgb_and_counted(trainer.scene.settings.background)?;
+        let tensor = |values: Vec<f32>, channels: usize| {
+            let shape = [view.camera.height, view.camera.width, channels];
+            Tensor::<3>::from_data(TensorData::new(values, shape), &trainer.device)
+        };
         // Colours and depth of a splat enter a pixel with its weight: the gradients of these sums.
-        let sum = (rgb * error).sum() + image.narrow(2, 4, 1).sum();
-        let mut errors = vec![[0.0; 4]; n_static];
-        if let Some(weights) = leaf.grad(&sum.backward()) {
-            let weights = to_host(weights);
-            for (error, splat) in errors.iter_mut().zip(weights.chunks_exact(N_COLUMNS)) {
-                let [red, green, blue] = [0, 1, 2].map(|c| f64::from(splat[RED + c]));
-                *error = [red, green, blue, splat[DEPTH].into()];
+        let gradient = splat_gradient(trainer, view, |image| {
+            let rgb = image.clone().narrow(2, 0, 3);
+            let mut error = tensor(truth, 3) - rgb.clone().detach();
+            if let Some(counted) = counted {
+                error = error * tensor(counted, 1);
             }
+            (rgb * error).sum() + image.narrow(2, 4, 1).sum()
+        })?;
+        let mut errors = vec![[0.0; 4]; n_static];
+        for (error, splat) in errors.iter_mut().zip(gradient.chunks_exact(N_COLUMNS)) {
+            let [red, green, blue] = [0, 1, 2].map(|c| f64::from(splat[RED + c]));
+            *error = [red, green, blue, splat[DEPTH].into()];
         }
         Ok(errors)
     };

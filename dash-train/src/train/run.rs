@@ -1,5 +1,7 @@
 //! A run on disk: `config.toml`, `log.jsonl`, `curve.jsonl`, `checkpoints/`, `scene/`.
 
+mod config;
+
 use std::fs::{self, File};
 use std::io::Write;
 use std::path::{Path, PathBuf};
@@ -7,9 +9,9 @@ use std::sync::Arc;
 use std::time::Instant;
 
 use burn::tensor::Device;
+pub use config::{DataConfig, RunConfig, StageEnds, read_config};
 use dash_model::DynamicScene;
 use dash_model::scene_file::{TablePrecision, write_atomically};
-use serde::{Deserialize, Serialize};
 
 use super::checkpoint::{latest_checkpoint, load_checkpoint, save_checkpoint};
 use super::coarse::Stages;
@@ -18,97 +20,11 @@ use super::leave_out::Decision;
 use super::lines::{LogLine, append, read_lines, reopen_curve, reopen_log};
 use super::trainer::{StepReport, Trainer};
 use crate::TrainError;
-use crate::dataset::{Dataset, FrameRange, Layout, LoadOptions};
+use crate::dataset::Dataset;
 use crate::evaluate::{CurveLine, CurveProbe};
 
 /// Steps between two lines of `log.jsonl`.
 const LOG_INTERVAL: usize = 50;
-
-/// What `config.toml` holds: enough to run again with the same result.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct RunConfig {
-    /// The data and how it is loaded.
-    pub data: DataConfig,
-    /// Which parts the finished scene kept and left out, and why. Another run decides for itself.
-    #[serde(default, skip_serializing_if = "Vec::is_empty")]
-    pub decisions: Vec<Decision>,
-    /// When its stages ended, if it is finished and anything may have moved. Another run finds its own.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub stage_ends: Option<StageEnds>,
-    /// The training. Last in the file, and without it there is no run: a file that was cut off lacks some of it.
-    pub train: TrainConfig,
-}
-
-impl RunConfig {
-    /// The keys of what is recorded about a finished run, which no other run takes over.
-    pub const RECORDED: [&str; 2] = ["decisions", "stage_ends"];
-
-    /// A run that has not begun.
-    pub fn new(data: DataConfig, train: TrainConfig) -> Self {
-        Self {
-            data,
-            train,
-            decisions: Vec::new(),
-            stage_ends: None,
-        }
-    }
-
-    /// The same before it began: without what is recorded about a finished run.
-    pub fn as_begun(&self) -> Self {
-        Self::new(self.data.clone(), self.train.clone())
-    }
-}
-
-/// The steps at which stages of a run ended.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct StageEnds {
-    /// The warm-up.
-    pub warmup: usize,
-    /// The decomposition: the split.
-    pub decomposition: usize,
-}
-
-/// The data of a run and how it is loaded.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct DataConfig {
-    /// The dataset's folder.
-    pub dataset: PathBuf,
-    /// Its layout, where it is not to be recognised by its files.
-    pub layout: Option<Layout>,
-    /// Factor by which images are made smaller.
-    pub downscale: f64,
-    /// Cameras of the test split, where they are not the layout's own.
-    pub test_cameras: Option<Vec<usize>>,
-    /// Which of its frames, where not the usual ones.
-    #[serde(default)]
-    pub frames: Option<FrameRange>,
-    /// Whether white in the dataset's `masks/` marks what does not count, instead of what does.
-    #[serde(default)]
-    pub invert_masks: bool,
-    /// Whether views whose image cannot be read are left out.
-    #[serde(default)]
-    pub skip_broken: bool,
-    /// The device it ran on, as named on the command line.
-    pub device: String,
-}
-
-impl DataConfig {
-    /// Options to load it with.
-    pub fn load_options(&self) -> LoadOptions {
-        LoadOptions {
-            layout: self.layout,
-            downscale: self.downscale,
-            test_cameras: self.test_cameras.clone(),
-            frames: self.frames,
-            invert_masks: self.invert_masks,
-            skip_broken: self.skip_broken,
-            ..Default::default()
-        }
-    }
-}
 
 /// A run's folder.
 #[derive(Debug, Clone)]
@@ -259,25 +175,6 @@ impl RunFolder {
     pub fn curve(&self) -> Result<Vec<CurveLine>, TrainError> {
         read_lines(&self.curve_path())
     }
-}
-
-/// Reads a `config.toml`.
-///
-/// # Errors
-/// When it can't be read or a value does not fit.
-pub fn read_config(path: &Path) -> Result<RunConfig, TrainError> {
-    let text = fs::read_to_string(path).map_err(|e| TrainError::io(path, "read", e))?;
-    if !text.ends_with('\n') {
-        return Err(TrainError::Config(format!(
-            "{}: expected a whole line at the end, found `{}`; the file was cut off: copy it again",
-            path.display(),
-            text.lines().last().unwrap_or_default()
-        )));
-    }
-    let config: RunConfig = toml::from_str(&text)
-        .map_err(|e| TrainError::Config(format!("{}: {}", path.display(), e.message())))?;
-    config.train.validate()?;
-    Ok(config)
 }
 
 /// How [`train`] runs.

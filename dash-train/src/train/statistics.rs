@@ -110,25 +110,31 @@ pub(crate) fn largest_shares<'a>(
     trainer: &Trainer,
     views: impl Iterator<Item = &'a View>,
 ) -> Result<Vec<f32>, TrainError> {
-    // Without the graph: nothing would free what leads to splats through which no gradient flows.
-    let scene = trainer.scene.valid();
-    let (n_static, n_dynamic) = scene.counts();
+    let (n_static, n_dynamic) = trainer.scene.counts();
     let mut largest = vec![0.0f32; n_static + n_dynamic];
     for view in views {
-        let mut splats = vec![scene.static_splats(&view.camera)?];
-        splats.extend(scene.dynamic_splats(&view.camera, view.time)?);
         // The red of a splat enters a pixel with its weight: the gradient of the sum of all red.
-        let leaf = Tensor::from_inner(Tensor::cat(splats, 0)).require_grad();
-        let red = scene
-            .rasterize(leaf.clone(), &view.camera)?
-            .image
-            .narrow(2, 0, 1);
-        if let Some(weights) = leaf.grad(&red.sum().backward()) {
-            let weights = to_host(weights);
-            for (share, row) in largest.iter_mut().zip(weights.chunks_exact(N_COLUMNS)) {
-                *share = share.max(row[RED]);
-            }
+        let weights = splat_gradient(trainer, view, |image| image.narrow(2, 0, 1).sum())?;
+        for (share, row) in largest.iter_mut().zip(weights.chunks_exact(N_COLUMNS)) {
+            *share = share.max(row[RED]);
         }
     }
     Ok(largest)
+}
+
+/// The gradient of a number that is made of a view's picture `[H, W, 5]`, to the packed splats, static ones
+/// first; nothing where it does not depend on them.
+pub(crate) fn splat_gradient(
+    trainer: &Trainer,
+    view: &View,
+    number: impl FnOnce(Tensor<3>) -> Tensor<1>,
+) -> Result<Vec<f32>, TrainError> {
+    // Without the graph: nothing would free what leads to splats through which no gradient flows.
+    let scene = trainer.scene.valid();
+    let mut splats = vec![scene.static_splats(&view.camera)?];
+    splats.extend(scene.dynamic_splats(&view.camera, view.time)?);
+    let leaf = Tensor::from_inner(Tensor::cat(splats, 0)).require_grad();
+    let image = scene.rasterize(leaf.clone(), &view.camera)?.image;
+    let gradients = number(image).backward();
+    Ok(leaf.grad(&gradients).map_or_else(Vec::new, to_host))
 }

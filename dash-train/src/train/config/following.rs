@@ -15,11 +15,13 @@ const SHORT_DENSITIES: [f32; 2] = [0.75, 0.85];
 impl TrainConfig {
     /// Trajectories start from where things are at `time`, if motion is followed from there.
     pub(crate) fn follow_from(&mut self, time: f32) {
-        let follows = self.stages.window == TimeWindow::Growing;
-        if let TrajectoryBasis::Polyline { anchor, .. } = &mut self.decomposition.basis
-            && follows
-        {
-            *anchor = time;
+        if self.stages.window == TimeWindow::Growing {
+            let basis = &mut self.decomposition.basis;
+            // A line is a polyline of one span.
+            *basis = TrajectoryBasis::Polyline {
+                spans: basis.len(),
+                anchor: time,
+            };
         }
     }
 
@@ -81,6 +83,29 @@ mod tests {
             config.density_dynamic.until,
         ]
         .map(|share| config.step_at(share))
+    }
+
+    #[test]
+    fn what_is_followed_from_a_time_is_at_rest_then() {
+        let followed = |set: &[&str]| {
+            let mut config = TrainConfig::preset(Preset::Quick);
+            for assignment in set {
+                config.set(assignment).expect("a known key");
+            }
+            let mut config = config.for_frames(24);
+            config.follow_from(0.5);
+            config.validate().expect("valid");
+            config.decomposition.basis
+        };
+        let line = followed(&["decomposition.basis=linear"]);
+        assert_eq!(
+            (line.at(0.0), line.at(0.5), line.at(1.0)),
+            (vec![-0.5], vec![0.0], vec![0.5])
+        );
+        let polyline = followed(&[]);
+        assert_eq!((polyline.len(), polyline.anchor()), (12, 0.5));
+        let paper = followed(&["decomposition.basis=linear", "stages.window=all"]);
+        assert_eq!(paper, TrajectoryBasis::Linear);
     }
 
     #[test]
