@@ -44,6 +44,7 @@ pub mod ssim;
 mod testing;
 #[cfg(test)]
 mod testing_hash;
+pub mod trajectory;
 
 pub use camera::Camera;
 pub use determinism::{is_deterministic, set_deterministic};

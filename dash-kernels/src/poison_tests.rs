@@ -11,6 +11,7 @@ use crate::rasterize::{N_CHANNELS, RasterizeOptions, rasterize};
 use crate::splats::N_COLUMNS;
 use crate::ssim::ssim;
 use crate::testing::{assert_finite, devices, normals, poison, rng, tensor, to_f32, values};
+use crate::trajectory::{Polyline, squared_extent};
 
 fn random(seed: u64, n: usize) -> Vec<f32> {
     to_f32(&normals(&mut rng(seed), n))
@@ -149,6 +150,29 @@ fn similarity() {
                         values(y.grad(grads).expect("tracked")),
                     ]
                 });
+            }
+        }
+    }
+}
+
+#[test]
+fn extents_of_trajectories() {
+    let (n, n_spans) = (3, 4);
+    let polyline = Polyline::new(n_spans, 0.4).expect("a time in [0, 1]");
+    let good = [random(12, n * 3 * n_spans), random(13, n)];
+    for device in devices() {
+        for input in 0..good.len() {
+            for slot in 0..good[input].len() {
+                for value in poison() {
+                    let mut bad = good.clone();
+                    bad[input][slot] = value;
+                    let coefficients = tracked(&bad[0], [n, 3 * n_spans], &device);
+                    let out = squared_extent(coefficients.clone(), polyline).expect("fits");
+                    let name = format!("{device:?}, {value} in slot {slot} of input {input}");
+                    assert_sound(&name, out, &bad[1], |grads| {
+                        vec![values(coefficients.grad(grads).expect("tracked"))]
+                    });
+                }
             }
         }
     }

@@ -1,7 +1,10 @@
 //! The box of space that a field covers, and the coarse trajectories in it.
 
 use burn::tensor::{Tensor, TensorData};
+use dash_kernels::trajectory::{Polyline, squared_extent};
 use serde::{Deserialize, Serialize};
+
+use crate::ModelError;
 
 /// An axis-aligned box mapped onto the unit cube.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
@@ -160,56 +163,31 @@ impl TrajectoryBasis {
     /// # Shapes
     /// `coefficients [N, B * 3] -> [N, 3]`, world units.
     pub fn displacement(self, coefficients: Tensor<2>, time: f32) -> Tensor<2> {
-        combine(coefficients, &[self.at(time)])
+        let rows = coefficients.dims()[1];
+        let mut weights = vec![0.0f32; rows * 3];
+        for (k, value) in self.at(time).into_iter().enumerate() {
+            for axis in 0..3 {
+                weights[(3 * k + axis) * 3 + axis] = value;
+            }
+        }
+        let weights = TensorData::new(weights, [rows, 3]);
+        let weights = Tensor::from_data(weights, &coefficients.device());
+        coefficients.matmul(weights)
     }
 
-    /// How far each trajectory goes, `|dp|` of the paper: the square root of
-    /// [`TrajectoryBasis::squared_extent`].
+    /// How far each trajectory goes, `|dp|` of the paper: the square root of [`squared_extent`], the mean square
+    /// distance from where nothing is displaced, in units that make it `|dp|^2` for a steady motion, as the paper
+    /// measures it.
     ///
     /// # Shapes
     /// `coefficients [N, B * 3] -> [N]`, world units.
-    pub fn extent(self, coefficients: Tensor<2>) -> Tensor<1> {
-        (self.squared_extent(coefficients) + EXTENT_EPSILON).sqrt()
-    }
-
-    /// Mean square distance from where nothing is displaced, in units that make it `|dp|^2` for a
-    /// steady motion, as the paper measures it.
     ///
-    /// # Shapes
-    /// `coefficients [N, B * 3] -> [N]`
-    pub fn squared_extent(self, coefficients: Tensor<2>) -> Tensor<1> {
-        let (ends, anchor) = (self.len(), self.anchor());
-        let times: Vec<f32> = (0..=ends)
-            .map(|k| k as f32 / ends as f32)
-            .filter(|&time| time != anchor)
-            .collect();
-        let steady: f32 = times.iter().map(|t| (t - anchor).powi(2)).sum();
-        let values: Vec<Vec<f32>> = times.into_iter().map(|time| self.at(time)).collect();
-        combine(coefficients, &values)
-            .powi_scalar(2)
-            .sum_dim(1)
-            .squeeze_dim::<1>(1)
-            / steady
+    /// # Errors
+    /// When the shape does not fit.
+    pub fn extent(self, coefficients: Tensor<2>) -> Result<Tensor<1>, ModelError> {
+        let squared = squared_extent(coefficients, Polyline::new(self.len(), self.anchor())?)?;
+        Ok((squared + EXTENT_EPSILON).sqrt())
     }
-}
-
-/// Displacements at several times, one product: `coefficients [N, B * 3]`, the functions' values at
-/// `M` times -> `[N, M * 3]`.
-fn combine(coefficients: Tensor<2>, values: &[Vec<f32>]) -> Tensor<2> {
-    let (columns, rows) = (3 * values.len(), coefficients.dims()[1]);
-    let mut weights = vec![0.0f32; rows * columns];
-    for (time, values) in values.iter().enumerate() {
-        for (k, value) in values.iter().enumerate() {
-            for axis in 0..3 {
-                weights[(3 * k + axis) * columns + 3 * time + axis] = *value;
-            }
-        }
-    }
-    let weights = Tensor::from_data(
-        TensorData::new(weights, [rows, columns]),
-        &coefficients.device(),
-    );
-    coefficients.matmul(weights)
 }
 
 #[cfg(test)]
@@ -247,9 +225,9 @@ mod tests {
         // A steady motion goes as far whatever the time at which nothing is displaced.
         let steady = || Tensor::<2>::from_data([[0.75; 12]], &burn::tensor::Device::flex());
         for basis in [basis, TrajectoryBasis::polyline(4)] {
-            let extent = basis.squared_extent(steady()).into_data();
+            let extent = basis.extent(steady()).expect("four spans").into_data();
             let extent = extent.try_into_vec::<f32>().expect("f32")[0];
-            assert!((extent - 27.0).abs() < 1e-4, "{extent}");
+            assert!((extent - 27f32.sqrt()).abs() < 1e-5, "{extent}");
         }
     }
 

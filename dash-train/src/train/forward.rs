@@ -53,7 +53,7 @@ impl Trainer {
         let splats_on_host = to_host(static_splats.clone());
         let cover = LazyCell::new(|| Cover::of(&splats_on_host, camera));
         if let Some(coefficients) = coefficients {
-            let extents = self.extents(coefficients);
+            let extents = self.extents(coefficients)?;
             motion = Some(extents.clone().detach());
             regularisers.extend(self.motion_cost(extents, &cover));
         }
@@ -131,12 +131,12 @@ impl Trainer {
     /// How far the trajectories of `coefficients [N, B * 3]` go, `[N]`, world units. The smallest length
     /// that this tells from rest is a millionth, so that scenes of an extraordinary size are measured in
     /// units that suit them.
-    pub(crate) fn extents(&self, coefficients: Tensor<2>) -> Tensor<1> {
+    pub(crate) fn extents(&self, coefficients: Tensor<2>) -> Result<Tensor<1>, TrainError> {
         let basis = self.config.decomposition.basis;
-        match motion_unit(self.extent) {
-            None => basis.extent(coefficients),
-            Some(unit) => basis.extent(coefficients / unit) * unit,
-        }
+        Ok(match motion_unit(self.extent) {
+            None => basis.extent(coefficients)?,
+            Some(unit) => basis.extent(coefficients / unit)? * unit,
+        })
     }
 
     /// The cost of motions `[N]`: Eq. 5 while the field looks for motion; of every Gaussian as it

@@ -79,7 +79,7 @@ pub(crate) fn moving(trainer: &Trainer) -> Result<Vec<bool>, TrainError> {
     let Some(coefficients) = coarse::coefficients(trainer)? else {
         return Ok(vec![false; trainer.scene.static_set.len()]);
     };
-    let extents = to_host(trainer.extents(coefficients));
+    let extents = to_host(trainer.extents(coefficients)?);
     let motion: Vec<f32> = extents
         .iter()
         .zip(trainer.motion_statistics.means())
