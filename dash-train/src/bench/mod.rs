@@ -7,7 +7,7 @@
 //! # Map
 //! - this file: what is asked for and the loop over it; `file`: what is written.
 //! - `error`: errors of many values; `timing`: medians and quartiles.
-//! - `hash_encode`, `project`, `rasterize`, `ssim`, `adam`: one operation each;
+//! - `hash_encode`, `project`, `rasterize`, `ssim`, `adam`, `squared_extent`: one operation each;
 //!   `determinant`: two forms of one formula, on the host; `stiffness`: inputs made harder and harder.
 
 mod adam;
@@ -17,6 +17,7 @@ mod file;
 mod hash_encode;
 mod project;
 mod rasterize;
+mod squared_extent;
 mod ssim;
 mod stiffness;
 #[cfg(test)]
@@ -55,16 +56,19 @@ pub enum Op {
     Ssim,
     /// A step of Adam.
     Adam,
+    /// How far trajectories go.
+    SquaredExtent,
 }
 
 impl Op {
     /// All of them.
-    pub const ALL: [Self; 5] = [
+    pub const ALL: [Self; 6] = [
         Self::HashEncode,
         Self::Project,
         Self::Rasterize,
         Self::Ssim,
         Self::Adam,
+        Self::SquaredExtent,
     ];
 
     /// Its name in `dash-kernels`.
@@ -75,6 +79,7 @@ impl Op {
             Self::Rasterize => "rasterize",
             Self::Ssim => "ssim",
             Self::Adam => "adam",
+            Self::SquaredExtent => "squared_extent",
         }
     }
 }
@@ -89,7 +94,7 @@ impl fmt::Display for Op {
 pub struct BenchOptions {
     /// The operations.
     pub ops: Vec<Op>,
-    /// Points, Gaussians, pixels or values that they are measured with.
+    /// Points, Gaussians, pixels, values or trajectories that they are measured with.
     pub sizes: Vec<usize>,
     /// The devices and their names.
     pub devices: Vec<(String, Device)>,
@@ -136,6 +141,7 @@ impl Bench<'_> {
                         Op::Rasterize => rasterize::measure(self, target, size),
                         Op::Ssim => ssim::measure(self, target, size),
                         Op::Adam => adam::measure(self, target, size),
+                        Op::SquaredExtent => squared_extent::measure(self, target, size),
                     };
                     self.unless_too_large(measured, &format!("{name}: {op}, {size}"))?;
                 }

@@ -8,7 +8,7 @@
 //! # Map
 //! `measured`: what a case finds; `inputs`: random inputs and tensors; `projected`: Gaussians on a
 //! device and in `f64`; `projection`,
-//! `rasterization`, `hash_grid`, `similarity`, `optimiser`, `selection`, `scenes`, `training`: the
+//! `rasterization`, `hash_grid`, `similarity`, `trajectories`, `optimiser`, `selection`, `scenes`, `training`: the
 //! cases of each family.
 
 mod hash_grid;
@@ -22,6 +22,7 @@ mod scenes;
 mod selection;
 mod similarity;
 mod training;
+mod trajectories;
 
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::time::Instant;
@@ -81,6 +82,7 @@ pub fn cases() -> Vec<Case> {
         rasterization::CASES,
         hash_grid::CASES,
         similarity::CASES,
+        trajectories::CASES,
         optimiser::CASES,
         selection::CASES,
         scenes::CASES,
