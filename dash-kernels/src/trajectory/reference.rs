@@ -48,6 +48,7 @@ pub fn squared_extent_vjp(
     n_spans: usize,
     anchor: f64,
 ) -> Vec<f64> {
+    let inverse_steady = inverse_steady(n_spans, anchor);
     let mut gradient = vec![0.0; coefficients.len()];
     let rows = coefficients.chunks_exact(3 * n_spans).zip(v_out);
     for ((row, v), gradient) in rows.zip(gradient.chunks_exact_mut(3 * n_spans)) {
@@ -57,8 +58,7 @@ pub fn squared_extent_vjp(
                 let spans = row[axis..].iter().step_by(3);
                 let at: f64 = spans.zip(&shares).map(|(c, share)| c * share).sum();
                 for (k, share) in shares.iter().enumerate() {
-                    gradient[3 * k + axis] +=
-                        2.0 * v * at * share * inverse_steady(n_spans, anchor);
+                    gradient[3 * k + axis] += 2.0 * v * at * share * inverse_steady;
                 }
             }
         }
