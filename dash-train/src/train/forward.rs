@@ -10,9 +10,9 @@ use super::coarse;
 use super::cover::{Cover, nearness, visible_motion};
 use super::loss::{opacity, photometric, smoothness, static_motion, where_counted};
 use super::optimizer::to_host;
-use super::target::Target;
 use super::trainer::Trainer;
 use crate::TrainError;
+use crate::dataset::View;
 
 /// Motion from which on more of it costs little more, in shares of the image's width, while the field
 /// looks for it.
@@ -36,8 +36,8 @@ pub(crate) struct Forward {
 
 impl Trainer {
     /// The loss of a view, with what the coarse stages and the regularisers add.
-    pub(super) fn forward(&mut self, target: Target) -> Result<Forward, TrainError> {
-        let (camera, time) = (&target.camera, target.time);
+    pub(super) fn forward(&mut self, view: &View) -> Result<Forward, TrainError> {
+        let (camera, time) = (&view.camera, view.time);
         let mut regularisers = Vec::new();
         let mut motion = None;
         let coefficients = coarse::coefficients(self)?;
@@ -71,13 +71,14 @@ impl Trainer {
         };
         let rendering = self.scene.rasterize(splats, camera)?;
         let image = rendering.rgb();
-        let rgb = TensorData::new(target.rgb, [camera.height, camera.width, 3]);
-        let truth = Tensor::<3>::from_data(rgb, &self.device);
-        let (image, truth) = match target.counted {
-            None => (image, truth),
-            Some(counted) => where_counted(image, truth, counted),
+        let (target, counted) = view.rgb_and_counted(self.scene.settings.background)?;
+        let target = TensorData::new(target, [camera.height, camera.width, 3]);
+        let target = Tensor::<3>::from_data(target, &self.device);
+        let (image, target) = match counted {
+            None => (image, target),
+            Some(counted) => where_counted(image, target, counted),
         };
-        let mut loss = photometric(image.clone(), truth.clone(), self.config.loss.dssim)?;
+        let mut loss = photometric(image.clone(), target.clone(), self.config.loss.dssim)?;
         let weight = self.config.loss.static_opacity;
         if weight > 0.0 {
             regularisers.extend(opacity(&self.scene.static_set).map(|mean| mean * weight));
@@ -94,7 +95,7 @@ impl Trainer {
         Ok(Forward {
             loss,
             image: image.detach(),
-            target: truth,
+            target,
             static_probe: (static_leaf, splats_on_host),
             dynamic_probe,
         })

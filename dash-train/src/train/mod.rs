@@ -20,7 +20,6 @@ mod sampler;
 mod split;
 mod statistics;
 pub(crate) mod sweep;
-mod target;
 mod trainer;
 mod update;
 pub(crate) mod validation;

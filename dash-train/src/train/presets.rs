@@ -48,7 +48,6 @@ impl TrainConfig {
                 settle: 0.7,
                 window: TimeWindow::Growing,
                 min_following: 1_000,
-                following_downscale: 2,
             },
             loss: LossConfig {
                 dssim: 0.2,
@@ -178,7 +177,6 @@ impl TrainConfig {
             settle: 1.0,
             window: TimeWindow::All,
             min_following: 0,
-            following_downscale: 1,
         };
         self.decomposition.measure = MotionMeasure::World;
         self.decomposition.quantile = 0.8;
@@ -227,7 +225,6 @@ impl TrainConfig {
             settle: 1.0,
             window: TimeWindow::All,
             min_following: 0,
-            following_downscale: 1,
         };
         self.loss = LossConfig {
             dssim: 0.0,

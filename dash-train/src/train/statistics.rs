@@ -3,7 +3,6 @@
 
 use burn::module::Module;
 use burn::tensor::{Gradients, Tensor};
-use dash_kernels::Camera;
 use dash_kernels::splats::{DEPTH, N_COLUMNS, RADIUS_X, RED};
 use dash_model::decomposition::select_dynamic;
 
@@ -27,9 +26,10 @@ const WITNESS_STEP: f64 = 0.618_033_988_749_895;
 pub(crate) fn gather(
     trainer: &mut Trainer,
     forward: &Forward,
-    camera: &Camera,
+    view: &View,
     gradients: &mut Gradients,
 ) -> Result<(), TrainError> {
+    let camera = &view.camera;
     let half_size = [camera.width as f32 / 2.0, camera.height as f32 / 2.0];
     let (leaf, splats) = &forward.static_probe;
     if let Some(v_splats) = leaf.grad_remove(gradients) {
@@ -45,7 +45,7 @@ pub(crate) fn gather(
             .add(&to_host(v_splats), &to_host(splats.clone()), half_size);
     }
     if trainer.motion_space.is_some() {
-        gather_scale(trainer, splats, camera);
+        gather_scale(trainer, splats, view);
         if trainer.step.is_multiple_of(MASK_INTERVAL) {
             trainer.held_still = moving(trainer)?.iter().map(|moves| !moves).collect();
         }
@@ -54,8 +54,8 @@ pub(crate) fn gather(
 }
 
 /// How large a world unit of each visible Gaussian's motion appears in this view.
-fn gather_scale(trainer: &mut Trainer, splats: &[f32], camera: &Camera) {
-    let focal = (camera.fx / camera.width as f64) as f32;
+fn gather_scale(trainer: &mut Trainer, splats: &[f32], view: &View) {
+    let focal = (view.camera.fx / view.camera.width as f64) as f32;
     let measure = trainer.config.decomposition.measure;
     let (scales, weights): (Vec<f32>, Vec<f32>) = splats
         .chunks_exact(N_COLUMNS)

@@ -17,7 +17,6 @@ use super::initial::{Core, initial_points, near_plane};
 use super::leave_out::{self, Decision};
 use super::optimizer::{Optimizer, to_host};
 use super::sampler::ViewSampler;
-use super::target::Target;
 use super::{coarse, promote, review, statistics, update, validation};
 use crate::TrainError;
 use crate::dataset::{Dataset, Split, View};
@@ -34,8 +33,7 @@ pub struct StepReport {
     pub step: usize,
     /// The whole loss.
     pub loss: f32,
-    /// Peak signal-to-noise ratio of the step's training view, dB; of a smaller picture while motion is followed
-    /// (`stages.following_downscale`).
+    /// Peak signal-to-noise ratio of the step's training view, dB.
     pub psnr: f32,
     /// Static Gaussians.
     pub n_static: usize,
@@ -232,14 +230,8 @@ impl Trainer {
         self.announce_views(view);
         let view = &dataset.views[view];
         let waited = self.waiting();
-        let times = match self.motion.is_some() {
-            true => self.config.stages.following_downscale,
-            false => 1,
-        };
-        let target = Target::of(view, self.scene.settings.background, times)?;
+        let forward = self.forward(view)?;
         self.waited_secs += self.waiting() - waited;
-        let camera = target.camera.clone();
-        let forward = self.forward(target)?;
         let loss = to_host(forward.loss.clone())[0];
         let mse = to_host(
             (forward.image.clone() - forward.target.clone())
@@ -251,7 +243,7 @@ impl Trainer {
         let skipped = faults.is_some();
         match faults {
             None => {
-                statistics::gather(self, &forward, &camera, &mut gradients)?;
+                statistics::gather(self, &forward, view, &mut gradients)?;
                 drop(forward);
                 update::parameters(self, view.time, &mut gradients);
                 self.skipped.end_row();

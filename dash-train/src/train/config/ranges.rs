@@ -7,8 +7,6 @@ use crate::TrainError;
 const MAX_UNITS: usize = 4096;
 /// Most hidden layers.
 const MAX_LAYERS: usize = 64;
-/// Most times that pictures are made smaller.
-const MAX_DOWNSCALE: usize = 64;
 /// Most functions of time of the coarse trajectories; scene files have the same limit.
 const MAX_BASIS_FUNCTIONS: usize = 4096;
 
@@ -37,16 +35,11 @@ impl TrainConfig {
         check(self.sh_degree <= 3, "sh_degree must be 0 to 3")?;
         check(
             shares.iter().all(|s| (0.0..=1.0).contains(s)),
-            "sh_interval, stages.warmup, stages.decomposition, stages.settle, loss.dssim and \
-             decomposition.quantile must be in [0, 1]",
+            "sh_interval, stages.*, loss.dssim and decomposition.quantile must be in [0, 1]",
         )?;
         check(
             self.stages.warmup <= self.stages.decomposition,
             "stages.warmup must not be after stages.decomposition",
-        )?;
-        check(
-            (1..=MAX_DOWNSCALE).contains(&self.stages.following_downscale),
-            &format!("stages.following_downscale must be 1 to {MAX_DOWNSCALE}"),
         )?;
         check(
             self.checkpoint_interval > 0 && self.validation_interval > 0,
