@@ -19,7 +19,7 @@ use dash_kernels::splats::NEAR_PLANE;
 use dash_kernels::ssim::{self, ssim};
 use dash_model::parameters::{Path, named_parameters, with_parameters};
 use dash_model::{
-    Camera, DeformationConfig, DeformationField, DynamicPart, DynamicScene, GaussianRows,
+    Camera, DeformationConfig, DeformationField, DynamicPart, DynamicScene, Gaps, GaussianRows,
     Gaussians, HashEncoderConfig, Heads, OffsetPlacement, Representation, SceneSettings, SpaceBox,
     SpaceTimeEncoder, TrajectoryBasis,
 };
@@ -110,6 +110,7 @@ fn scene((offsets, smoothstep): (OffsetPlacement, bool), device: &Device) -> Dyn
             ndc_limit: None,
             trajectory_basis: BASIS,
             offsets,
+            gaps: Gaps::default(),
         },
     };
     let mut parameters = named_parameters(&scene);

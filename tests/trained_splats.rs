@@ -12,8 +12,8 @@ use dash_kernels::rasterize::{self, N_CHANNELS};
 use dash_kernels::splats::NEAR_PLANE;
 use dash_kernels::splats::{MEAN_Y, N_COLUMNS};
 use dash_model::{
-    Camera, DynamicScene, GaussianRows, Gaussians, OffsetPlacement, SceneSettings, TrajectoryBasis,
-    read_splat_ply, write_splat_ply,
+    Camera, DynamicScene, Gaps, GaussianRows, Gaussians, OffsetPlacement, SceneSettings,
+    TrajectoryBasis, read_splat_ply, write_splat_ply,
 };
 use rand::{Rng, SeedableRng};
 use rand_pcg::Pcg64;
@@ -55,6 +55,7 @@ fn rendered(rows: &GaussianRows, camera: &Camera, device: &burn::tensor::Device)
             ndc_limit: None,
             trajectory_basis: TrajectoryBasis::Linear,
             offsets: OffsetPlacement::BeforeActivation,
+            gaps: Gaps::default(),
         },
     };
     host(scene.render(camera, 0.0).expect("renders").rgb())

@@ -34,6 +34,24 @@ pub struct Deformed {
     pub activation: Activation,
 }
 
+impl Deformed {
+    /// A `share` of the way to how the same Gaussians are at another time. The offsets of both are to the same
+    /// canonical quaternions, which are therefore not of opposite signs.
+    fn on_the_way_to(self, other: Self, share: f32) -> Self {
+        fn between<const D: usize>(from: Tensor<D>, to: Tensor<D>, share: f32) -> Tensor<D> {
+            from * (1.0 - share) + to * share
+        }
+        Self {
+            means: between(self.means, other.means, share),
+            quats: between(self.quats, other.quats, share),
+            scales: between(self.scales, other.scales, share),
+            opacities: between(self.opacities, other.opacities, share),
+            sh_coeffs: between(self.sh_coeffs, other.sh_coeffs, share),
+            activation: self.activation,
+        }
+    }
+}
+
 impl DynamicPart {
     /// Canonical means moved along their coarse trajectories.
     ///
@@ -52,16 +70,22 @@ impl DynamicPart {
         }
     }
 
-    /// The Gaussians at `time`.
+    /// The Gaussians at `time`; within one of [`SceneSettings::gaps`], where the field is asked twice, on the way from
+    /// its beginning to its end.
     ///
     /// # Source
-    /// DASH Eqs. 9-10; the coarse trajectory below the field's offsets is ours.
+    /// DASH Eqs. 9-10; the coarse trajectory below the field's offsets and the way through gaps are ours.
     ///
     /// # Errors
     /// When a shape does not fit.
     pub fn deform(&self, settings: &SceneSettings, time: f32) -> Result<Deformed, ModelError> {
-        let features = self.features(time)?;
-        Ok(self.deform_from(settings, time, features))
+        let at = |time: f32| -> Result<Deformed, ModelError> {
+            Ok(self.deform_from(settings, time, self.features(time)?))
+        };
+        match settings.gaps.around(time) {
+            Some(([from, to], share)) => Ok(at(from)?.on_the_way_to(at(to)?, share)),
+            None => at(time),
+        }
     }
 
     /// The part without a head of its field. What the head adds on average over `times` becomes the

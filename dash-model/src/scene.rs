@@ -8,7 +8,7 @@ use dash_kernels::rasterize::{RasterizeOptions, rasterize};
 use dash_kernels::splats::{MEAN_X, MEAN_Y, NEAR_PLANE};
 use serde::{Deserialize, Serialize};
 
-use crate::{Deformed, DynamicPart, GaussianRows, Gaussians, ModelError, TrajectoryBasis};
+use crate::{Deformed, DynamicPart, Gaps, GaussianRows, Gaussians, ModelError, TrajectoryBasis};
 
 /// Where the decoder's rotation and scale offsets are added.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
@@ -41,6 +41,9 @@ pub struct SceneSettings {
     pub trajectory_basis: TrajectoryBasis,
     /// Where rotation and scale offsets are added.
     pub offsets: OffsetPlacement,
+    /// Parts of the clip of which nothing was seen, where Gaussians go in straight lines.
+    #[serde(default, skip_serializing_if = "Gaps::is_empty")]
+    pub gaps: Gaps,
 }
 
 fn default_near_plane() -> f64 {

@@ -8,10 +8,10 @@
     )
 )]
 
-use burn::tensor::Device;
+use burn::tensor::{Device, Tensor};
 use dash_model::scene_file::TablePrecision;
 use dash_model::{
-    Camera, DeformationConfig, DeformationField, DynamicPart, DynamicScene, GaussianRows,
+    Camera, DeformationConfig, DeformationField, DynamicPart, DynamicScene, Gaps, GaussianRows,
     Gaussians, HashEncoderConfig, Head, Heads, Layer, ModelError, OffsetPlacement, Representation,
     SceneSettings, SpaceBox, TrajectoryBasis, read_splat_ply, write_splat_ply,
 };
@@ -103,6 +103,7 @@ fn scene(
             ndc_limit: Some(50.0),
             trajectory_basis: BASIS,
             offsets,
+            gaps: Gaps::default(),
         },
     }
 }
@@ -305,6 +306,72 @@ fn an_anchored_scene_is_at_rest_there_and_its_files_say_so() {
         let (read, _) = saved(&anchored(bad), "bad");
         let error = read.expect_err("out of the clip").to_string();
         assert!(error.contains("anchor in [0, 1]"), "{error}");
+    }
+}
+
+#[test]
+fn through_a_gap_everything_goes_in_straight_lines_and_files_say_so() {
+    let folder = tempfile::tempdir().expect("a scratch folder");
+    for (index, device) in devices().into_iter().enumerate() {
+        for offsets in [
+            OffsetPlacement::BeforeActivation,
+            OffsetPlacement::AfterActivation,
+        ] {
+            let seen = lively(scene(6, Some(9), offsets, &device));
+            let mut bridged = seen.clone();
+            bridged.settings.gaps = Gaps::between([0.0, 0.125, 0.25, 0.75, 0.875], 1.5);
+            assert_eq!(bridged.settings.gaps.len(), 1);
+            let values = |scene: &DynamicScene, time: f32| {
+                let part = scene.dynamic.as_ref().expect("some move");
+                let deformed = part.deform(&scene.settings, time).expect("fits");
+                let flat = |tensor: Tensor<1>| tensor.into_data().try_into_vec().expect("f32");
+                let parts: [Vec<f32>; 5] = [
+                    flat(deformed.means.reshape([-1])),
+                    flat(deformed.quats.reshape([-1])),
+                    flat(deformed.scales.reshape([-1])),
+                    flat(deformed.opacities),
+                    flat(deformed.sh_coeffs.reshape([-1])),
+                ];
+                parts.concat()
+            };
+            for time in [0.0, 0.2, 0.25, 0.75, 0.8, 1.0] {
+                assert_eq!(values(&bridged, time), values(&seen, time), "{time}");
+            }
+            let [from, to] = [0.25, 0.75].map(|time| values(&seen, time));
+            for (time, share) in [(0.375, 0.25), (0.5, 0.5), (0.625, 0.75)] {
+                let expected: Vec<f32> = from
+                    .iter()
+                    .zip(&to)
+                    .map(|(from, to)| {
+                        (f64::from(*from) * (1.0 - share) + f64::from(*to) * share) as f32
+                    })
+                    .collect();
+                let found = values(&bridged, time);
+                let largest = expected.iter().fold(1.0f32, |m, v| m.max(v.abs()));
+                let error = largest_difference(&found, &expected);
+                assert!(error <= 1e-6 * largest, "{time}: {error} of {largest}");
+                assert!(
+                    largest_difference(&values(&seen, time), &expected) > 1e-3,
+                    "it bends"
+                );
+            }
+            let path = folder.path().join(format!("{index}-{offsets:?}"));
+            bridged.save(&path).expect("writes");
+            let text = std::fs::read_to_string(path.join("scene.json")).expect("reads");
+            assert!(text.contains("\"format_version\": 5"), "{text}");
+            let loaded = DynamicScene::load(&path, &device).expect("reads");
+            assert_eq!(loaded.settings, bridged.settings);
+            let full = |scene| pixels(scene, 0.5, Layer::Full);
+            assert_eq!(full(&loaded), full(&bridged));
+            let unsound = text.replace("0.75", "1.75");
+            assert_ne!(unsound, text);
+            std::fs::write(path.join("scene.json"), unsound).expect("writes");
+            let error = DynamicScene::load(&path, &device).expect_err("after the clip");
+            assert!(
+                error.to_string().contains("gaps [from, to] in [0, 1]"),
+                "{error}"
+            );
+        }
     }
 }
 

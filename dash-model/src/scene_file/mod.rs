@@ -3,8 +3,8 @@
 //! Version 2 of the files may hold tables of features as 16-bit floats, and the higher colour
 //! coefficients of those Gaussians only that have any, `SET.sh_rest`, with the numbers of these
 //! Gaussians, `SET.sh_rest.rows`. In version 3 tables may also lack their rows of zeros, see `marks`. In version 4
-//! trajectories may be at rest at another time than the first, and the settings may have an `ndc_limit`. A file
-//! is of the lowest version that has what is in it.
+//! trajectories may be at rest at another time than the first, and the settings may have an `ndc_limit`; in version 5
+//! they may have `gaps`. A file is of the lowest version that has what is in it.
 
 mod marks;
 mod stored;
@@ -36,7 +36,9 @@ const REDUCED_VERSION: u32 = 2;
 /// Version of those in which tables may also lack rows.
 const MARKED_VERSION: u32 = 3;
 /// Version of those with an anchor of trajectories, or a limit to what is drawn.
-const FORMAT_VERSION: u32 = 4;
+const LIMITED_VERSION: u32 = 4;
+/// Version of those with gaps in time.
+const FORMAT_VERSION: u32 = 5;
 /// Most functions of time that trajectories may be made of.
 const MAX_BASIS_FUNCTIONS: usize = 4096;
 
@@ -168,8 +170,10 @@ impl DynamicScene {
 
 /// The first version of scenes that has such settings.
 fn settings_version(settings: &SceneSettings) -> u32 {
-    if settings.ndc_limit.is_some() || settings.trajectory_basis.anchor() != 0.0 {
+    if !settings.gaps.is_empty() {
         FORMAT_VERSION
+    } else if settings.ndc_limit.is_some() || settings.trajectory_basis.anchor() != 0.0 {
+        LIMITED_VERSION
     } else {
         PLAIN_VERSION
     }
@@ -295,6 +299,13 @@ impl SceneDescription {
                 path,
                 "trajectories with an anchor in [0, 1]",
                 anchor.to_string(),
+            ));
+        }
+        if !self.settings.gaps.are_sound() {
+            return Err(ModelError::format(
+                path,
+                "gaps [from, to] in [0, 1], in rising order and without overlap",
+                format!("{:?}", self.settings.gaps),
             ));
         }
         for (name, tensor) in parameters {

@@ -6,7 +6,7 @@ use dash_kernels::project::{self, ProjectOptions, View};
 use dash_kernels::rasterize::{N_CHANNELS, reference};
 use dash_kernels::splats::NEAR_PLANE;
 use dash_model::{
-    Camera, DeformationConfig, DeformationField, DynamicPart, DynamicScene, GaussianRows,
+    Camera, DeformationConfig, DeformationField, DynamicPart, DynamicScene, Gaps, GaussianRows,
     Gaussians, HashEncoderConfig, Heads, OffsetPlacement, Representation, SceneSettings, SpaceBox,
     TrajectoryBasis,
 };
@@ -141,6 +141,7 @@ impl Make {
                 ndc_limit: None,
                 trajectory_basis: BASIS,
                 offsets: OffsetPlacement::BeforeActivation,
+                gaps: Gaps::default(),
             },
         })
     }

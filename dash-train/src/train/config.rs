@@ -3,6 +3,8 @@
 use dash_model::{DeformationConfig, HashEncoderConfig, OffsetPlacement, TrajectoryBasis};
 use serde::{Deserialize, Serialize};
 
+pub use stages::{StageConfig, TimeWindow};
+
 use crate::TrainError;
 
 /// Most spans that a polyline gets by itself.
@@ -46,6 +48,10 @@ pub struct TrainConfig {
     /// drawn, but in the steps of training, which lose by it. Absent: all are, as in 3DGS. Ours.
     #[serde(default)]
     pub ndc_limit: Option<f64>,
+    /// Training times more than so many typical steps apart are ends of a gap, through which Gaussians go in straight
+    /// lines. Absent: through gaps, too, the field is asked. Ours.
+    #[serde(default)]
+    pub gap_steps: Option<f32>,
     /// Most points that the first Gaussians are made of, those where pictures change aside; more are thinned evenly.
     pub max_initial_points: usize,
     /// Where the dataset brings fewer points, others are added at which several views agree.
@@ -82,40 +88,6 @@ pub enum Keep {
     All,
     /// A part goes when measurements say that the scene does without.
     Needed,
-}
-
-/// When each stage ends, as shares of the run; a run that is too short for `min_following` moves them and
-/// says so.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct StageConfig {
-    /// End of the warm-up, in which nothing moves (released code: 2,000 of 50,000 steps).
-    pub warmup: f32,
-    /// End of the decomposition, when the split is made (released code: 4,000 of 50,000).
-    pub decomposition: f32,
-    /// Share of the decomposition after which the coarse field hands over: every Gaussian then has a
-    /// trajectory of its own. At 1 the field stays until the split, as in the paper.
-    pub settle: f32,
-    /// Which times the first two stages see.
-    pub window: TimeWindow,
-    /// Steps from the end of the warm-up until the coarse field hands over, at least: a run in which
-    /// they are fewer gives them a larger share, up to 46 %, from a shorter warm-up and a later
-    /// split. Only while the window grows and Gaussians are chosen by their motion; 0 for as the shares
-    /// say. Ours.
-    #[serde(default)]
-    pub min_following: usize,
-}
-
-/// Which times the first two stages see.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "snake_case")]
-pub enum TimeWindow {
-    /// All of them, as in the paper.
-    All,
-    /// The warm-up the middle of the clip only, one frame or a few; the decomposition more and more, both
-    /// ways: motion is followed from frame to frame, and what moves is not blurred away first. Where no part
-    /// shows the scene from sides enough for this, all times.
-    Growing,
 }
 
 /// Weights of Eqs. 6 and 12.
@@ -334,7 +306,11 @@ impl TrainConfig {
             if keys.peek().is_none() {
                 let optional = matches!(
                     path,
-                    "background" | "near_plane" | "ndc_limit" | "learning_rates.extent"
+                    "background"
+                        | "near_plane"
+                        | "ndc_limit"
+                        | "gap_steps"
+                        | "learning_rates.extent"
                 );
                 if !cursor.contains_key(key) && !optional {
                     let known: Vec<&str> = cursor.keys().map(String::as_str).collect();
@@ -393,5 +369,6 @@ impl TrainConfig {
 
 mod following;
 mod ranges;
+mod stages;
 #[cfg(test)]
 mod tests;

@@ -10,6 +10,9 @@ use super::config::{
     MotionMeasure, Preset, Selection, SpaceRule, StageConfig, TimeWindow, TrainConfig,
 };
 
+/// Between one step and two of these.
+const GAP_STEPS: f32 = 1.5;
+
 /// Four widths of the picture from its middle.
 const NDC_LIMIT: f64 = 8.0;
 
@@ -37,6 +40,7 @@ impl TrainConfig {
             background: None,
             near_plane: None,
             ndc_limit: Some(NDC_LIMIT),
+            gap_steps: Some(GAP_STEPS),
             max_initial_points: 100_000,
             min_initial_points: 20_000,
             checkpoint_interval: 1_000,
@@ -163,6 +167,7 @@ impl TrainConfig {
     fn as_in_the_paper(&mut self) {
         self.keep = Keep::All;
         self.ndc_limit = None;
+        self.gap_steps = None;
         self.loss.field_motion = 0.0;
         self.loss.visible_motion = 0.0;
         self.loss.static_opacity = 0.0;
@@ -217,6 +222,7 @@ impl TrainConfig {
         self.keep = Keep::All;
         self.near_plane = Some(NEAR_PLANE);
         self.ndc_limit = None;
+        self.gap_steps = None;
         self.iterations = 50_000;
         self.sh_interval = 1_000.0 / 50_000.0;
         self.stages = StageConfig {

@@ -5,7 +5,9 @@ use std::sync::Arc;
 use burn::tensor::Device;
 use dash_model::decomposition::MotionStatistics;
 use dash_model::scene_file::TablePrecision;
-use dash_model::{DynamicScene, GaussianRows, Gaussians, MotionField, SceneSettings, SpaceBox};
+use dash_model::{
+    DynamicScene, Gaps, GaussianRows, Gaussians, MotionField, SceneSettings, SpaceBox,
+};
 use rand::SeedableRng;
 use rand_pcg::Pcg64;
 
@@ -113,6 +115,8 @@ impl Trainer {
             [config.min_initial_points, config.max_initial_points],
             &mut rng,
         )?;
+        let times = train_views.iter().map(|&view| dataset.views[view].time);
+        let gaps = config.gap_steps.map(|steps| Gaps::between(times, steps));
         let core = Core::of(&dataset, &points);
         let near_plane = config
             .near_plane
@@ -134,6 +138,7 @@ impl Trainer {
                 ndc_limit: config.ndc_limit,
                 trajectory_basis: config.decomposition.basis,
                 offsets: config.field.offsets,
+                gaps: gaps.unwrap_or_default(),
             },
         };
         let n = rows.len();
@@ -342,4 +347,42 @@ pub(crate) fn start_from(trainer: &mut Trainer, rows: &GaussianRows) {
 pub(crate) fn training_psnr(trainer: &Trainer) -> Result<f64, TrainError> {
     let psnr = validation::psnr(&trainer.scene, &trainer.dataset, &trainer.train_views)?;
     Ok(psnr.unwrap_or(f64::NAN))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::dataset::{LoadOptions, load};
+    use crate::synth::{self, SynthConfig};
+    use crate::train::Preset;
+
+    #[test]
+    fn times_that_no_training_picture_shows_are_gaps() {
+        let folder = tempfile::tempdir().expect("a scratch folder");
+        let synthetic = SynthConfig {
+            cameras: 4,
+            frames: 11,
+            width: 32,
+            height: 24,
+            ..SynthConfig::default()
+        };
+        synth::write(folder.path(), &synthetic).expect("writes");
+        let whole = load(folder.path(), &LoadOptions::default()).expect("sound");
+        let mut with_a_gap = whole.clone();
+        with_a_gap
+            .views
+            .retain(|view| view.time < 0.35 || view.time > 0.65);
+        let gaps = |dataset: &Dataset, preset: Preset| {
+            let config = TrainConfig::preset(preset);
+            let trainer = Trainer::new(config, Arc::new(dataset.clone()), &Device::flex());
+            trainer.expect("valid").scene.settings.gaps
+        };
+        assert!(gaps(&whole, Preset::Quick).is_empty());
+        assert!(gaps(&with_a_gap, Preset::Paper).is_empty());
+        let found = gaps(&with_a_gap, Preset::Quick);
+        assert_eq!(found.len(), 1);
+        let ([from, to], share) = found.around(0.5).expect("not seen");
+        assert!((from - 0.3).abs() < 1e-6 && (to - 0.7).abs() < 1e-6);
+        assert!((share - 0.5).abs() < 1e-6);
+    }
 }

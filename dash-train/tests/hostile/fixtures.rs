@@ -5,7 +5,7 @@ use std::io::Cursor;
 
 use burn::tensor::Device;
 use dash_model::{
-    DeformationConfig, DeformationField, DynamicPart, DynamicScene, GaussianRows, Gaussians,
+    DeformationConfig, DeformationField, DynamicPart, DynamicScene, Gaps, GaussianRows, Gaussians,
     HashEncoderConfig, Heads, OffsetPlacement, Representation, SceneSettings, SpaceBox,
     TrajectoryBasis, write_splat_ply,
 };
@@ -322,6 +322,7 @@ fn scene(tables: Option<Tables>) -> Vec<u8> {
             ndc_limit: Some(8.0),
             trajectory_basis: basis,
             offsets: OffsetPlacement::BeforeActivation,
+            gaps: Gaps::default(),
         },
     };
     let folder = tempfile::tempdir().expect("a scratch folder");

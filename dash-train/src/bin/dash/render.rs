@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 use clap::Args;
 use dash_kernels::splats::NEAR_PLANE;
 use dash_model::{
-    DynamicScene, Gaussians, OffsetPlacement, SceneSettings, TrajectoryBasis, read_splat_ply,
+    DynamicScene, Gaps, Gaussians, OffsetPlacement, SceneSettings, TrajectoryBasis, read_splat_ply,
 };
 use dash_train::dataset::{Dataset, load};
 use dash_train::render::{
@@ -142,6 +142,7 @@ fn ply_scene(path: &Path, device: &burn::tensor::Device) -> Result<DynamicScene,
         // Nothing moves, so that these two change nothing.
         trajectory_basis: TrajectoryBasis::polyline(4),
         offsets: OffsetPlacement::BeforeActivation,
+        gaps: Gaps::default(),
     };
     Ok(DynamicScene {
         static_set,

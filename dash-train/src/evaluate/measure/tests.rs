@@ -1,7 +1,7 @@
 //! Means, masks and rounding of scores.
 
 use burn::tensor::Device;
-use dash_model::{Gaussians, OffsetPlacement, SceneSettings, TrajectoryBasis};
+use dash_model::{Gaps, Gaussians, OffsetPlacement, SceneSettings, TrajectoryBasis};
 
 use super::*;
 use crate::dataset;
@@ -67,6 +67,7 @@ fn an_empty_scene_scores_its_background() {
             ndc_limit: None,
             trajectory_basis: TrajectoryBasis::polyline(4),
             offsets: OffsetPlacement::BeforeActivation,
+            gaps: Gaps::default(),
         },
     };
     let scores = evaluate(&scene, &dataset, Split::Test, 1.0, &Default::default()).expect("scored");

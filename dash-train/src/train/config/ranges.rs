@@ -62,6 +62,11 @@ impl TrainConfig {
             "ndc_limit must be at least 1, the border of the picture",
         )?;
         check(
+            self.gap_steps
+                .is_none_or(|steps| steps >= 1.0 && steps.is_finite()),
+            "gap_steps must be at least 1",
+        )?;
+        check(
             self.background
                 .is_none_or(|b| b.iter().all(|v| (0.0..=1.0).contains(v))),
             "background must be three numbers in [0, 1]",

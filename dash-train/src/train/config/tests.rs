@@ -39,6 +39,7 @@ fn set_changes_one_value_and_refuses_others() {
         "loss.smoothness_share=1.1",
         "near_plane=0",
         "ndc_limit=0.9",
+        "gap_steps=0.5",
         "decomposition.promote_floor=-0.1",
         "decomposition.basis={polyline={spans=4, anchor=1.1}}",
         "iterations=x",
