@@ -95,22 +95,12 @@ impl Gauge {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::dataset::{LoadOptions, load};
-    use crate::synth::{self, SynthConfig};
+    use crate::synth;
     use crate::train::Preset;
 
     #[test]
     fn a_machine_that_has_become_slower_trains_for_longer() {
-        let folder = tempfile::tempdir().expect("a scratch folder");
-        let config = SynthConfig {
-            cameras: 4,
-            frames: 2,
-            width: 32,
-            height: 24,
-            ..SynthConfig::default()
-        };
-        synth::write(folder.path(), &config).expect("writes");
-        let dataset = Arc::new(load(folder.path(), &LoadOptions::default()).expect("sound"));
+        let dataset = Arc::new(synth::loaded(4, 2, [32, 24]));
         let mut preset = TrainConfig::preset(Preset::Quick);
         preset.min_initial_points = 200;
         let device = Device::flex();

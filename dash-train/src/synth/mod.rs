@@ -68,3 +68,21 @@ pub use shape::{Ray, Shape, SurfaceHit};
 pub use texture::{EDGE_M, MOTTLE_CELL_M, Pattern, SHORTEST_PERIOD_M, Texture};
 pub use truth::{CameraTruth, MASK_RULE, ObjectTruth, Truth};
 pub use write::{SynthSummary, write};
+
+#[cfg(test)]
+use crate::dataset::{Dataset, LoadOptions, load};
+
+/// A clip of `bounce`, written and loaded again, all of it in memory.
+#[cfg(test)]
+pub(crate) fn loaded(cameras: usize, frames: usize, [width, height]: [usize; 2]) -> Dataset {
+    let folder = tempfile::tempdir().expect("a scratch folder");
+    let config = SynthConfig {
+        cameras,
+        frames,
+        width,
+        height,
+        ..SynthConfig::default()
+    };
+    write(folder.path(), &config).expect("writes");
+    load(folder.path(), &LoadOptions::default()).expect("sound")
+}

@@ -352,22 +352,12 @@ pub(crate) fn training_psnr(trainer: &Trainer) -> Result<f64, TrainError> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::dataset::{LoadOptions, load};
-    use crate::synth::{self, SynthConfig};
+    use crate::synth;
     use crate::train::Preset;
 
     #[test]
     fn times_that_no_training_picture_shows_are_gaps() {
-        let folder = tempfile::tempdir().expect("a scratch folder");
-        let synthetic = SynthConfig {
-            cameras: 4,
-            frames: 11,
-            width: 32,
-            height: 24,
-            ..SynthConfig::default()
-        };
-        synth::write(folder.path(), &synthetic).expect("writes");
-        let whole = load(folder.path(), &LoadOptions::default()).expect("sound");
+        let whole = synth::loaded(4, 11, [32, 24]);
         let mut with_a_gap = whole.clone();
         with_a_gap
             .views

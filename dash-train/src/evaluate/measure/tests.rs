@@ -4,8 +4,7 @@ use burn::tensor::Device;
 use dash_model::{Gaps, Gaussians, OffsetPlacement, SceneSettings, TrajectoryBasis};
 
 use super::*;
-use crate::dataset;
-use crate::synth::{self, SynthConfig};
+use crate::synth;
 
 #[test]
 fn means_leave_out_nothing_that_is_broken() {
@@ -18,17 +17,7 @@ fn means_leave_out_nothing_that_is_broken() {
 
 /// Two cameras and three frames of a room in which a ball moves.
 fn room() -> Dataset {
-    let folder = tempfile::tempdir().expect("a scratch folder");
-    let room = folder.path().join("room");
-    let clip = SynthConfig {
-        cameras: 2,
-        frames: 3,
-        width: 24,
-        height: 18,
-        ..Default::default()
-    };
-    synth::write(&room, &clip).expect("written");
-    dataset::load(&room, &Default::default()).expect("loaded")
+    synth::loaded(2, 3, [24, 18])
 }
 
 #[test]

@@ -7,8 +7,8 @@ use dash_model::parameters::{named_parameters, with_parameters};
 use dash_model::{GaussianRows, Gaussians};
 
 use super::*;
-use crate::dataset::{Dataset, LoadOptions, load};
-use crate::synth::{self, SynthConfig};
+use crate::dataset::Dataset;
+use crate::synth;
 use crate::train::density::DensityStatistics;
 use crate::train::trainer::STATIC;
 use crate::train::{Preset, TrainConfig};
@@ -29,18 +29,7 @@ fn devices() -> Vec<Device> {
 fn dataset() -> Arc<Dataset> {
     static LOADED: OnceLock<Arc<Dataset>> = OnceLock::new();
     LOADED
-        .get_or_init(|| {
-            let folder = tempfile::tempdir().expect("a scratch folder");
-            let config = SynthConfig {
-                cameras: 4,
-                frames: 4,
-                width: 32,
-                height: 24,
-                ..SynthConfig::default()
-            };
-            synth::write(folder.path(), &config).expect("writes");
-            Arc::new(load(folder.path(), &LoadOptions::default()).expect("sound"))
-        })
+        .get_or_init(|| Arc::new(synth::loaded(4, 4, [32, 24])))
         .clone()
 }
 
