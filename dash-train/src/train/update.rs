@@ -4,7 +4,7 @@ use burn::tensor::{Gradients, Tensor};
 use dash_model::{Gaussians, HashEncoder};
 
 use super::coarse::{Stages, teaches_gaussians};
-use super::config::DensityConfig;
+use super::config::{DensityConfig, TrainConfig};
 use super::density::{DensityStatistics, Measure, RESET_OPACITY, control_density};
 use super::optimizer::Pace;
 use super::trainer::{DYNAMIC, STATIC, Trainer};
@@ -128,24 +128,28 @@ pub(crate) fn densities(trainer: &mut Trainer) {
         dynamic.gaussians = Gaussians::from_rows(&round.rows, &trainer.device);
         trainer.density_dynamic = DensityStatistics::new(round.rows.len());
     }
-    let reset_due = |density: &DensityConfig, since: usize| {
-        let interval = density.opacity_reset_interval;
-        interval > 0
-            && step > since
-            && step < config.step_at(density.until)
-            && (step - since).is_multiple_of(interval)
-    };
     // While motion is being followed, what it follows must stay in sight.
-    if trainer.motion_space.is_none() && reset_due(&config.density_static, from_start) {
+    if trainer.motion_space.is_none() && reset_due(&config, &config.density_static, from_start, step) {
         trainer.scene.static_set = with_low_opacity(trainer.scene.static_set.clone());
         trainer.optimizer.reset(&format!("{STATIC}opacity_logits"));
     }
-    if reset_due(&config.density_dynamic, from_split)
+    if reset_due(&config, &config.density_dynamic, from_split, step)
         && let Some(dynamic) = &mut trainer.scene.dynamic
     {
         dynamic.gaussians = with_low_opacity(dynamic.gaussians.clone());
         trainer.optimizer.reset(&format!("{DYNAMIC}opacity_logits"));
     }
+}
+
+/// Whether opacities are reset at `step`, for rounds that began to count at `since`. Rounds go on for half
+/// an interval at least: those that a reset makes transparent and that come back slowly are to be replaced,
+/// not removed by the last round.
+fn reset_due(config: &TrainConfig, density: &DensityConfig, since: usize, step: usize) -> bool {
+    let interval = density.opacity_reset_interval;
+    interval > 0
+        && step > since
+        && step + interval / 2 < config.step_at(density.until)
+        && (step - since).is_multiple_of(interval)
 }
 
 /// The same Gaussians, none more opaque than [`RESET_OPACITY`].
@@ -155,4 +159,25 @@ fn with_low_opacity(mut set: Gaussians) -> Gaussians {
         .opacity_logits
         .map(|logits| Tensor::from_inner(logits.inner().clamp_max(limit)).require_grad());
     set
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::train::Preset;
+
+    #[test]
+    fn what_a_reset_hides_has_time_to_come_back_before_the_last_round() {
+        for (iterations, expected) in [(3_428, vec![]), (6_000, vec![2_000])] {
+            let config = TrainConfig {
+                iterations,
+                ..TrainConfig::preset(Preset::Quick)
+            };
+            let density = &config.density_static;
+            let resets: Vec<usize> = (0..iterations)
+                .filter(|&step| reset_due(&config, density, 0, step))
+                .collect();
+            assert_eq!(resets, expected, "{iterations} steps");
+        }
+    }
 }
