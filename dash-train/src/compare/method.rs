@@ -116,11 +116,9 @@ impl Method {
             Self::Grid4d => {
                 everything_moves(&mut config);
                 config.stages.window = TimeWindow::All;
-                config.field.deformation.representation = Representation::Grid4d;
+                three_dimensional_grids(&mut config);
             }
-            Self::Grid4dDecomposed => {
-                config.field.deformation.representation = Representation::Grid4d;
-            }
+            Self::Grid4dDecomposed => three_dimensional_grids(&mut config),
             Self::Embedding => {
                 everything_moves(&mut config);
                 config.stages.window = TimeWindow::All;
@@ -158,6 +156,16 @@ fn everything_moves(config: &mut TrainConfig) {
     config.density_static.max_gaussians = most;
     config.density_dynamic.max_gaussians = most;
     config.density_dynamic.from = config.stages.warmup;
+}
+
+/// Grids of 3 dimensions instead of 4: what makes cells of all four share entries leaves each of these to
+/// itself, so that they are not made coarser where the 4D grid is for that.
+fn three_dimensional_grids(config: &mut TrainConfig) {
+    config.field.deformation.representation = Representation::Grid4d;
+    let finest = &mut config.field.deformation.encoder.finest_resolution;
+    for axis in &mut finest[..3] {
+        *axis = (*axis).max(64);
+    }
 }
 
 fn set_resolution(resolution: &mut Vec<u32>, space: u32, time: u32) {

@@ -153,6 +153,11 @@ impl TrainConfig {
     fn shorten(&mut self) {
         self.iterations = 6_000;
         self.stages.decomposition = 0.45;
+        // What each Gaussian learns of its own, before the 4D field joins in, tears bodies apart.
+        self.stages.settle = 0.95;
+        self.stages.min_following = 800;
+        // So many fine cells in space and time share entries that few steps do not tell them apart.
+        self.field.deformation.encoder.finest_resolution = vec![16, 16, 16, 0];
         self.sh_degree = 1;
         self.max_initial_points = 20_000;
         self.min_initial_points = 6_000;

@@ -129,7 +129,9 @@ pub(crate) fn densities(trainer: &mut Trainer) {
         trainer.density_dynamic = DensityStatistics::new(round.rows.len());
     }
     // While motion is being followed, what it follows must stay in sight.
-    if trainer.motion_space.is_none() && reset_due(&config, &config.density_static, from_start, step) {
+    if trainer.motion_space.is_none()
+        && reset_due(&config, &config.density_static, from_start, step)
+    {
         trainer.scene.static_set = with_low_opacity(trainer.scene.static_set.clone());
         trainer.optimizer.reset(&format!("{STATIC}opacity_logits"));
     }

@@ -111,17 +111,17 @@ mod tests {
     #[test]
     fn short_runs_follow_for_as_many_steps_as_there_can_be() {
         let quick = |iterations| stages(Preset::Quick, iterations, &[]);
-        // 0.7 (0.45 - 0.1) 6,000 = 1,470 are enough.
-        assert_eq!(quick(6_000), [600, 1_470, 2_700, 3_600, 4_200]);
-        // 0.85 (0.6 - 0.06) 2,000 = 918 are all that there can be.
-        assert_eq!(quick(2_000), [120, 918, 1_200, 1_500, 1_700]);
-        assert_eq!(quick(200), [12, 92, 120, 150, 170]);
-        let [warmup, following, split, end_static, end_dynamic] = quick(3_000);
-        assert_eq!(following, 1_000);
-        assert!((180..300).contains(&warmup), "{warmup}");
-        assert!((1_350..1_800).contains(&split), "{split}");
-        assert!((1_800..2_250).contains(&end_static), "{end_static}");
-        assert!((2_100..2_550).contains(&end_dynamic), "{end_dynamic}");
+        // 0.95 (0.45 - 0.1) 6,000 = 1,995 are enough.
+        assert_eq!(quick(6_000), [600, 1_995, 2_700, 3_600, 4_200]);
+        // 0.95 (0.6 - 0.06) 1,500 = 770 are all that there can be.
+        assert_eq!(quick(1_500), [90, 770, 900, 1_125, 1_275]);
+        assert_eq!(quick(200), [12, 103, 120, 150, 170]);
+        let [warmup, following, split, end_static, end_dynamic] = quick(2_000);
+        assert_eq!(following, 800);
+        assert!((120..200).contains(&warmup), "{warmup}");
+        assert!((900..1_200).contains(&split), "{split}");
+        assert!((1_200..1_500).contains(&end_static), "{end_static}");
+        assert!((1_400..1_700).contains(&end_dynamic), "{end_dynamic}");
     }
 
     #[test]
@@ -129,16 +129,20 @@ mod tests {
         let default = |set: &[&str]| stages(Preset::Default, 15_000, set);
         assert_eq!(default(&[]), [1_500, 2_625, 5_250, 9_000, 10_500]);
         let short = |set: &[&str]| stages(Preset::Quick, 1_000, set);
-        let as_set = [100, 245, 450, 600, 700];
+        let as_set = [100, 332, 450, 600, 700];
         assert_eq!(short(&["stages.min_following=0"]), as_set);
         assert_eq!(short(&["stages.window=all"]), as_set);
         assert_eq!(short(&["decomposition.select=all"]), as_set);
         // Later stages than those of a short run stay where they are.
         assert_eq!(
-            short(&["stages.decomposition=0.9", "stages.settle=1"]),
+            short(&[
+                "stages.decomposition=0.9",
+                "stages.settle=1",
+                "stages.min_following=1000"
+            ]),
             [60, 840, 900, 750, 850]
         );
-        assert_eq!(short(&["density_dynamic.until=0"]), [60, 459, 600, 750, 0]);
+        assert_eq!(short(&["density_dynamic.until=0"]), [60, 513, 600, 750, 0]);
         assert_eq!(
             stages(Preset::Paper, 1_000, &[]),
             stages(Preset::Paper, 1_000, &["stages.min_following=0"])
