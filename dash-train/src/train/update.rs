@@ -150,7 +150,7 @@ fn reset_due(config: &TrainConfig, density: &DensityConfig, since: usize, step: 
     let interval = density.opacity_reset_interval;
     interval > 0
         && step > since
-        && step + interval / 2 < config.step_at(density.until)
+        && step + interval / 2 <= config.step_at(density.until)
         && (step - since).is_multiple_of(interval)
 }
 
