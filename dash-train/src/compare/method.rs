@@ -8,8 +8,10 @@ use serde::{Deserialize, Serialize};
 use crate::train::TrainConfig;
 use crate::train::config::{Selection, TimeWindow};
 
-/// A base resolution of time above any finest: all levels get the same.
-const SAME_TIME: u32 = 1 << 16;
+/// A base resolution of time: all levels get the finest.
+const SAME_TIME: u32 = 0;
+/// Cells of the coarse one of two resolutions of time, where the preset has one only.
+const COARSE_TIME: u32 = 4;
 
 /// Steps after which no run goes on.
 const NEVER: usize = 1 << 40;
@@ -131,6 +133,9 @@ impl Method {
                 let grid = &mut field.encoder;
                 (grid.n_levels, grid.n_features_per_level) = (16, 2);
                 set_resolution(&mut grid.finest_resolution, 64, 0);
+                if let [.., time @ SAME_TIME] = grid.base_resolution.as_mut_slice() {
+                    *time = COARSE_TIME;
+                }
             }
             Self::Static => {
                 config.decomposition.enabled = false;

@@ -340,7 +340,8 @@ impl TrainConfig {
     }
 
     /// This configuration with what follows from the number of frames in place of zeros: one span of
-    /// a polyline, and one cell of the 4D field's finest time resolution, for every two frames.
+    /// a polyline, and one cell of the 4D field's finest time resolution, for every two frames. A base time
+    /// resolution of zero is the finest: all levels get the same.
     pub fn for_frames(&self, n_frames: usize) -> Self {
         let mut config = self.clone();
         let cells = (n_frames as u32).div_ceil(2).max(2);
@@ -357,6 +358,12 @@ impl TrainConfig {
         ) {
             *finest = cells;
             *base = cells.min(*base);
+        }
+        if let ([.., base @ 0], [.., finest]) = (
+            encoder.base_resolution.as_mut_slice(),
+            encoder.finest_resolution.as_slice(),
+        ) {
+            *base = *finest;
         }
         config
     }

@@ -158,6 +158,8 @@ impl TrainConfig {
         self.stages.min_following = 800;
         // So many fine cells in space and time share entries that few steps do not tell them apart.
         self.field.deformation.encoder.finest_resolution = vec![16, 16, 16, 0];
+        // What moves as a whole moves as fast as its parts.
+        self.field.deformation.encoder.base_resolution = vec![4, 4, 4, 0];
         self.sh_degree = 1;
         self.max_initial_points = 20_000;
         self.min_initial_points = 6_000;

@@ -48,3 +48,20 @@ fn set_changes_one_value_and_refuses_others() {
         assert!(config.set(bad).is_err(), "{bad}");
     }
 }
+
+#[test]
+fn zeros_of_time_follow_from_the_frames() {
+    let resolutions = |base: u32, finest: u32, n_frames: usize| {
+        let mut config = TrainConfig::preset(Preset::Default);
+        let encoder = &mut config.field.deformation.encoder;
+        encoder.base_resolution[3] = base;
+        encoder.finest_resolution[3] = finest;
+        let fitted = config.for_frames(n_frames).field.deformation.encoder;
+        [fitted.base_resolution[3], fitted.finest_resolution[3]]
+    };
+    assert_eq!(resolutions(4, 0, 24), [4, 12]);
+    assert_eq!(resolutions(4, 0, 5), [3, 3]);
+    assert_eq!(resolutions(0, 0, 24), [12, 12]);
+    assert_eq!(resolutions(0, 9, 24), [9, 9]);
+    assert_eq!(resolutions(4, 9, 24), [4, 9]);
+}
