@@ -160,6 +160,8 @@ fn everything_moves(config: &mut TrainConfig) {
     let most = config.density_static.max_gaussians + config.density_dynamic.max_gaussians;
     config.density_static.max_gaussians = most;
     config.density_dynamic.max_gaussians = most;
+    // What is a crowd among those that move is none where all do.
+    config.density_dynamic.crowd = 0;
     config.density_dynamic.from = config.stages.warmup;
 }
 

@@ -272,6 +272,10 @@ pub struct DensityConfig {
     /// Mean screen-space gradient above which a Gaussian is cloned or split, in units of half the
     /// image (3DGS: 2e-4).
     pub gradient_threshold: f32,
+    /// Number of Gaussians in this set above which the threshold rises in proportion to their number, so
+    /// that each of many has to pay for more; 0: it never does.
+    #[serde(default)]
+    pub crowd: usize,
     /// Largest scale that is cloned rather than split, in units of the extent (3DGS: 0.01).
     pub clone_scale: f32,
     /// Opacity below which a Gaussian is removed (3DGS: 0.005).
@@ -283,6 +287,16 @@ pub struct DensityConfig {
     pub opacity_reset_interval: usize,
     /// Most Gaussians of this set.
     pub max_gaussians: usize,
+}
+
+impl DensityConfig {
+    /// The gradient above which one of `n` Gaussians is cloned or split.
+    pub(crate) fn threshold(&self, n: usize) -> f32 {
+        match self.crowd {
+            0 => self.gradient_threshold,
+            crowd => self.gradient_threshold * (n as f32 / crowd as f32).max(1.0),
+        }
+    }
 }
 
 impl TrainConfig {
@@ -352,18 +366,17 @@ impl TrainConfig {
             *spans = (cells as usize).min(MAX_SPANS);
         }
         let encoder = &mut config.field.deformation.encoder;
-        if let ([.., base], [.., finest @ 0]) = (
+        if let ([.., base], [.., finest]) = (
             encoder.base_resolution.as_mut_slice(),
             encoder.finest_resolution.as_mut_slice(),
         ) {
-            *finest = cells;
-            *base = cells.min(*base);
-        }
-        if let ([.., base @ 0], [.., finest]) = (
-            encoder.base_resolution.as_mut_slice(),
-            encoder.finest_resolution.as_slice(),
-        ) {
-            *base = *finest;
+            if *finest == 0 {
+                *finest = cells;
+                *base = cells.min(*base);
+            }
+            if *base == 0 {
+                *base = *finest;
+            }
         }
         config
     }

@@ -120,8 +120,9 @@ pub(crate) fn control_density(
             .fold(f32::MIN, f32::max)
             .exp()
     };
+    let threshold = config.threshold(n);
     let mut grow: Vec<usize> = (0..n)
-        .filter(|&row| statistics.mean(row) >= config.gradient_threshold)
+        .filter(|&row| statistics.mean(row) >= threshold)
         .collect();
     let room = config.max_gaussians.saturating_sub(n);
     if grow.len() > room {
@@ -267,6 +268,35 @@ mod tests {
         let mut rng = Pcg64::seed_from_u64(1);
         let round = control_density(&rows(), &many, &config, UNIT, false, &mut rng);
         assert_eq!(round.sources, [0, 1, 2, 2]);
+    }
+
+    #[test]
+    fn the_more_there_are_the_more_each_has_to_pay_for() {
+        let preset = TrainConfig::preset(Preset::Default).density_static;
+        let base = preset.gradient_threshold;
+        let threshold = |crowd: usize, n: usize| {
+            let preset = preset.clone();
+            DensityConfig { crowd, ..preset }.threshold(n) / base
+        };
+        assert_eq!([0, 400, 100_000].map(|n| threshold(0, n)), [1.0; 3]);
+        assert_eq!([0, 400, 1_000].map(|n| threshold(400, n)), [1.0, 1.0, 2.5]);
+
+        // Two of four rows, at 2.5 times the threshold: enough where two are a crowd, not where one is.
+        let mut paid = statistics(&[0, 1]);
+        for row in 0..2 {
+            paid.gradient[row] = 2.5 * base * paid.seen[row] as f32;
+        }
+        let grown = |crowd: usize| {
+            let config = DensityConfig {
+                crowd,
+                ..preset.clone()
+            };
+            let mut rng = Pcg64::seed_from_u64(1);
+            control_density(&rows(), &paid, &config, UNIT, false, &mut rng)
+                .rows
+                .len()
+        };
+        assert_eq!((grown(0), grown(2), grown(1)), (5, 5, 3));
     }
 
     #[test]

@@ -130,6 +130,7 @@ impl TrainConfig {
                 until: 0.6,
                 interval: 100,
                 gradient_threshold: 2e-4,
+                crowd: 0,
                 clone_scale: 0.01,
                 min_opacity: 0.005,
                 max_scale: 0.1,
@@ -141,6 +142,7 @@ impl TrainConfig {
                 until: 0.7,
                 interval: 100,
                 gradient_threshold: 2e-4,
+                crowd: 0,
                 clone_scale: 0.01,
                 min_opacity: 0.005,
                 max_scale: 0.1,
@@ -168,6 +170,8 @@ impl TrainConfig {
         self.density_dynamic.opacity_reset_interval = 800;
         self.density_static.max_gaussians = 10_000;
         self.density_dynamic.max_gaussians = 4_000;
+        // Half as many are as good at equal steps, and their steps are faster.
+        self.density_dynamic.crowd = 400;
         self.decomposition.review_interval = 250;
     }
 

@@ -15,7 +15,7 @@ use dash_model::scene_file::{TablePrecision, write_atomically};
 
 use super::checkpoint::{latest_checkpoint, load_checkpoint, save_checkpoint};
 use super::coarse::Stages;
-use super::config::TrainConfig;
+use super::config::{StageConfig, TrainConfig};
 use super::leave_out::Decision;
 use super::lines::{LogLine, append, read_lines, reopen_curve, reopen_log};
 use super::trainer::{StepReport, Trainer};
@@ -215,26 +215,18 @@ pub fn train(
         Some(checkpoint) => load_checkpoint(&checkpoint, dataset, device)?,
         None => (Trainer::new(config.clone(), dataset, device)?, 0.0),
     };
-    let (asked, taken) = (&config.stages, &trainer.config().stages);
-    if asked != taken {
-        tracing::info!(
-            "{} steps are few: the warm-up ends after {:.0} % of them instead of {:.0} %, the decomposition \
-             after {:.0} % instead of {:.0} % (stages.min_following=0 keeps the stages as they are)",
-            config.iterations,
-            100.0 * taken.warmup,
-            100.0 * asked.warmup,
-            100.0 * taken.decomposition,
-            100.0 * asked.decomposition,
-        );
-    }
     let mut log = reopen_log(run, trainer.steps_done())?;
     let mut curve = reopen_curve(run, &trainer, options.curve)?;
     fs::create_dir_all(&checkpoints).map_err(|e| TrainError::io(&checkpoints, "create", e))?;
     let (mut loss, mut psnr, mut count) = (0.0, 0.0, 0);
     let mut finished = None;
+    let begins = trainer.steps_done();
     while !trainer.is_finished() {
         let start = Instant::now();
         let report = trainer.step()?;
+        if report.step == begins + 1 {
+            tell_of_stages(config, &trainer.config().stages);
+        }
         let last = trainer.is_finished();
         if last {
             finished = Some(trainer.needed_scene()?);
@@ -296,4 +288,20 @@ pub fn train(
         append(file, &line, &run.curve_path())?;
     }
     Ok((trainer, seconds))
+}
+
+/// Says so where a run's stages are not those that were asked for.
+fn tell_of_stages(config: &TrainConfig, taken: &StageConfig) {
+    let asked = &config.stages;
+    if asked != taken {
+        tracing::info!(
+            "{} steps are few: the warm-up ends after {:.0} % of them instead of {:.0} %, the decomposition \
+             after {:.0} % instead of {:.0} % (stages.min_following=0 keeps the stages as they are)",
+            config.iterations,
+            100.0 * taken.warmup,
+            100.0 * asked.warmup,
+            100.0 * taken.decomposition,
+            100.0 * asked.decomposition,
+        );
+    }
 }

@@ -102,7 +102,6 @@ impl Trainer {
         }
         let start_part = coarse::start_part(&dataset, &train_views);
         if let Some(part) = start_part {
-            config.make_room_for_following();
             config.follow_from(part.middle());
         }
         let mut rng = Pcg64::seed_from_u64(config.seed);
@@ -225,7 +224,9 @@ impl Trainer {
     /// # Errors
     /// When too many steps in a row had to be skipped, or a kernel refuses its input.
     pub fn step(&mut self) -> Result<StepReport, TrainError> {
-        leave_out::before_training(self)?;
+        if self.step == 0 {
+            self.begin()?;
+        }
         coarse::enter_stage(self)?;
         let sh_interval = self.config.step_at(self.config.sh_interval).max(1);
         self.scene.settings.sh_degree = (self.step / sh_interval).min(self.config.sh_degree);
@@ -273,6 +274,16 @@ impl Trainer {
     /// The steps skipped since the last call, because something in them was not finite.
     pub fn take_skipped_steps(&mut self) -> Vec<SkippedStep> {
         self.skipped.take()
+    }
+
+    /// What is decided before the first step: whether anything moves, and the stages of runs that are
+    /// short for following it. Where nothing does, the preset's stages stay as they are.
+    fn begin(&mut self) -> Result<(), TrainError> {
+        leave_out::before_training(self)?;
+        if self.start_part.is_some() && self.may_move() {
+            self.config.make_room_for_following();
+        }
+        Ok(())
     }
 
     /// The view to train on.

@@ -83,7 +83,7 @@ impl Decision {
 /// What is decided before the first step: whether anything moves.
 pub(crate) fn before_training(trainer: &mut Trainer) -> Result<(), TrainError> {
     let decides = trainer.config.keep == Keep::Needed && trainer.may_move();
-    if decides && trainer.step == 0 && trainer.decisions.is_empty() {
+    if decides && trainer.decisions.is_empty() {
         trainer.decisions.extend(evidence::of_motion(trainer)?);
     }
     Ok(())
