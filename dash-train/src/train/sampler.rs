@@ -1,13 +1,15 @@
 //! The order in which views are trained on.
 
+use std::collections::BTreeMap;
+
 use rand::seq::SliceRandom;
 use rand_pcg::Pcg64;
 use serde::{Deserialize, Serialize};
 
 /// Views that are drawn before the candidates are looked at again, while these change.
-const ROUND: usize = 32;
+const ROUND: usize = 16;
 /// How many of them are new.
-const NEW: usize = 16;
+const NEW: usize = 8;
 
 /// Draws every candidate once, in random order, before any comes again.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
@@ -34,16 +36,19 @@ impl ViewSampler {
     }
 
     /// The next while candidates become more: only a few are drawn before they are listed anew, half
-    /// of them from those that are new.
+    /// of them from those that are new, of every `time` as many as of any other: what moves is lost where
+    /// few pictures show the way.
     pub(crate) fn next_of_growing(
         &mut self,
         n: usize,
         is_candidate: impl Fn(usize) -> bool,
         is_new: impl Fn(usize) -> bool,
+        time: impl Fn(usize) -> f32,
         rng: &mut Pcg64,
     ) -> usize {
         if self.left.is_empty() {
-            self.left = shuffled(n, |view| is_candidate(view) && is_new(view), rng);
+            let new = shuffled(n, |view| is_candidate(view) && is_new(view), rng);
+            self.left = in_turns(new, time);
             self.left.truncate(NEW);
             let mut others = shuffled(n, is_candidate, rng);
             others.truncate(ROUND - self.left.len());
@@ -79,6 +84,22 @@ fn shuffled(n: usize, is_candidate: impl Fn(usize) -> bool, rng: &mut Pcg64) -> 
     views
 }
 
+/// The same views, their times taking turns; those of one time keep their order.
+fn in_turns(views: Vec<u32>, time: impl Fn(usize) -> f32) -> Vec<u32> {
+    let mut turns = BTreeMap::new();
+    let mut turn_of = |view: u32| {
+        let turn = turns.entry(time(view as usize).to_bits()).or_insert(0u32);
+        *turn += 1;
+        *turn
+    };
+    let mut ordered: Vec<(u32, u32)> = views
+        .into_iter()
+        .map(|view| (turn_of(view), view))
+        .collect();
+    ordered.sort_by_key(|&(turn, _)| turn);
+    ordered.into_iter().map(|(_, view)| view).collect()
+}
+
 #[cfg(test)]
 mod tests {
     use rand::SeedableRng;
@@ -107,12 +128,29 @@ mod tests {
     fn half_of_a_growing_round_is_new() {
         let mut rng = Pcg64::seed_from_u64(4);
         let mut sampler = ViewSampler::default();
-        let new = (0..ROUND)
-            .filter(|_| sampler.next_of_growing(99, |v| v < 90, |v| v >= 80, &mut rng) >= 80)
-            .count();
-        // Ten views are new, and among the 22 others are new ones by chance too.
-        assert!((10..=20).contains(&new), "{new}");
+        let mut next =
+            |rng: &mut Pcg64| sampler.next_of_growing(99, |v| v < 90, |v| v >= 85, |_| 0.0, rng);
+        let new = (0..ROUND).filter(|_| next(&mut rng) >= 85).count();
+        // Five views are new, and among the eleven others are new ones by chance too.
+        assert!((5..=10).contains(&new), "{new}");
         let mut sampler = ViewSampler::default();
-        assert!((0..ROUND).all(|_| sampler.next_of_growing(9, |v| v < 3, |_| false, &mut rng) < 3));
+        let mut next = || sampler.next_of_growing(9, |v| v < 3, |_| false, |_| 0.0, &mut rng);
+        assert!((0..ROUND).all(|_| next() < 3));
+    }
+
+    #[test]
+    fn every_new_time_has_its_turn() {
+        let mut rng = Pcg64::seed_from_u64(5);
+        // Eight cameras at each of ten times, of which the last four are new.
+        let time = |view: usize| (view / 8) as f32;
+        for _ in 0..20 {
+            let mut sampler = ViewSampler::default();
+            let mut of_time = [0; 10];
+            for _ in 0..ROUND {
+                let view = sampler.next_of_growing(80, |_| true, |v| v >= 48, time, &mut rng);
+                of_time[view / 8] += 1;
+            }
+            assert!(of_time[6..].iter().all(|&n| n >= NEW / 4), "{of_time:?}");
+        }
     }
 }

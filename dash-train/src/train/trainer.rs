@@ -293,7 +293,8 @@ impl Trainer {
         let n = train_views.len();
         let index = if let Some((window, known)) = coarse::time_window(self, self.step) {
             let (seen, new) = (|i| window.holds(time(i)), |i| !known.holds(time(i)));
-            self.sampler.next_of_growing(n, seen, new, &mut self.rng)
+            self.sampler
+                .next_of_growing(n, seen, new, time, &mut self.rng)
         } else {
             self.sampler.next(n, |_| true, &mut self.rng)
         };
