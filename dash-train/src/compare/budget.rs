@@ -24,7 +24,9 @@ const TYPICAL_POWER: f64 = 1.2;
 /// Trials are noisy: the least and the largest power that they may show.
 const POWERS: (f64, f64) = (1.0, 1.5);
 /// A run may be so much shorter or longer than the budget, as a share of it.
-const TOLERANCE: f64 = 0.15;
+const TOLERANCE: f64 = 0.1;
+/// Most runs whose steps are corrected after them.
+const MAX_CORRECTIONS: usize = 3;
 
 /// Training seconds to be spent.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -37,11 +39,16 @@ pub struct Budget {
 pub(super) type OnStep<'a> = &'a mut dyn FnMut(usize, Option<(&StepReport, f64)>);
 
 impl Budget {
-    /// Steps for another run, after one of so many steps took `seconds`; `None` if that is near enough.
-    pub(super) fn corrected(self, iterations: usize, seconds: f64) -> Option<usize> {
+    /// Steps for another run, after runs of so many steps that took so many seconds; `None` if the last is
+    /// near enough, or no more are to be tried.
+    pub(super) fn corrected(self, runs: &[(usize, f64)]) -> Option<usize> {
+        let &(_, seconds) = runs.last()?;
         let near = (seconds / self.seconds - 1.0).abs() <= TOLERANCE;
-        let steps = extrapolate(&[(iterations as f64, seconds)], self.seconds);
-        (!near).then_some((steps as usize).max(1))
+        if near || runs.len() > MAX_CORRECTIONS {
+            return None;
+        }
+        let points: Vec<(f64, f64)> = runs.iter().map(|&(n, secs)| (n as f64, secs)).collect();
+        Some((extrapolate(&points, self.seconds) as usize).max(1))
     }
 
     /// Steps of `config` that take about these seconds here: found by short runs, each of which goes
@@ -90,13 +97,13 @@ impl Budget {
     }
 }
 
-/// Steps that take `seconds`, along a power law through the last two trials.
+/// Steps that take `seconds`, along a power law through the last two runs.
 fn extrapolate(points: &[(f64, f64)], seconds: f64) -> f64 {
     let Some(&(n, secs)) = points.last() else {
         return 1.0;
     };
     let power = match points {
-        [.., (before, secs_before), _] if n > *before && *secs_before > 0.0 => {
+        [.., (before, secs_before), _] if n != *before && *secs_before > 0.0 => {
             (secs / secs_before).ln() / (n / before).ln()
         }
         _ => TYPICAL_POWER,
@@ -130,11 +137,31 @@ mod tests {
     #[test]
     fn a_run_far_from_the_budget_is_corrected() {
         let budget = Budget { seconds: 60.0 };
-        assert_eq!(budget.corrected(1000, 60.0), None);
-        assert_eq!(budget.corrected(1000, 52.0), None);
-        let fewer = budget.corrected(1000, 120.0).expect("twice too long");
+        let once = |seconds: f64| budget.corrected(&[(1000, seconds)]);
+        assert_eq!(once(60.0), None);
+        assert_eq!(once(55.0), None);
+        let fewer = once(120.0).expect("twice too long");
         assert!((500..1000).contains(&fewer), "{fewer}");
-        let more = budget.corrected(1000, 30.0).expect("too short by half");
+        let more = once(30.0).expect("too short by half");
         assert!((1000..2000).contains(&more), "{more}");
+        assert_eq!(budget.corrected(&[]), None);
+    }
+
+    #[test]
+    fn corrections_go_on_until_the_budget_is_met() {
+        let budget = Budget { seconds: 60.0 };
+        for power in [1.0, 1.2, 1.5, 1.8] {
+            for first in [800, 1500, 4000] {
+                let seconds = |steps: usize| 60.0 * (steps as f64 / 2000.0).powf(power);
+                let mut runs = vec![(first, seconds(first))];
+                while let Some(steps) = budget.corrected(&runs) {
+                    runs.push((steps, seconds(steps)));
+                }
+                let last = runs[runs.len() - 1].1;
+                assert!((last / 60.0 - 1.0).abs() <= TOLERANCE, "{power}: {runs:?}");
+            }
+        }
+        let runs = [(1000, 30.0); MAX_CORRECTIONS + 1];
+        assert_eq!(budget.corrected(&runs), None, "enough tried");
     }
 }
