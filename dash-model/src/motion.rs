@@ -13,8 +13,10 @@ use crate::{HashEncoder, HashEncoderConfig, ModelError, SpaceBox, TrajectoryBasi
 /// weight by its rate, and a coarse unit would make it jump.
 const OUTPUT_SCALE: f32 = 0.1;
 
-/// Start of the motion head's weights: nothing moves at first.
-const INITIAL_HEAD: f32 = 1e-3;
+/// Start of the motion head's weights: next to nothing moves at first, for the features start near zero, but what
+/// they learn shows at once. From a head of nearly nothing the field takes a hundred steps to move anything, and a
+/// small thing that has moved by more than its size until then is lost.
+const INITIAL_HEAD: f32 = 0.02;
 
 /// A field of motion over space: 3D hash encoding, tiny MLP, linear head.
 ///
