@@ -14,7 +14,14 @@ use dash_train::train::{
     DataConfig, Preset, RunConfig, RunFolder, TrainConfig, TrainOptions, train,
 };
 
-fn main() -> Result<(), Box<dyn std::error::Error>> {
+type Failure = Box<dyn std::error::Error + Send + Sync>;
+
+fn main() -> Result<(), Failure> {
+    // On a thread of the pool: from outside, every parallel loop would wake one and wait for it.
+    rayon::scope(|_| run())
+}
+
+fn run() -> Result<(), Failure> {
     let arguments: Vec<String> = std::env::args().skip(1).collect();
     let [folder, out, rest @ ..] = arguments.as_slice() else {
         return Err("expected FOLDER RUN [DOWNSCALE]".into());

@@ -19,7 +19,14 @@ use dash_train::train::{
 };
 use dash_train::video::ffmpeg_available;
 
-fn main() -> Result<(), Box<dyn std::error::Error>> {
+type Failure = Box<dyn std::error::Error + Send + Sync>;
+
+fn main() -> Result<(), Failure> {
+    // On a thread of the pool: from outside, every parallel loop would wake one and wait for it.
+    rayon::scope(|_| run())
+}
+
+fn run() -> Result<(), Failure> {
     let (mut out, mut synth) = (PathBuf::from("out/quickstart"), SynthConfig::default());
     let mut config = TrainConfig::preset(Preset::Quick);
     let mut arguments = std::env::args().skip(1);

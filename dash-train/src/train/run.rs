@@ -196,6 +196,9 @@ pub type Pace<'a> = &'a mut dyn FnMut(f64) -> Result<f64, TrainError>;
 ///
 /// Returns the trainer and the seconds trained (evaluation and file writing excluded, paced as the options say).
 ///
+/// On a CPU call it on a thread of rayon's pool, as in `rayon::scope(|_| train(..))`: from outside, every parallel loop
+/// wakes such a thread and waits for it, which takes a fifth of the time of small pictures.
+///
 /// # Errors
 /// What [`Trainer::step`] and writing refuse; checkpoints written until then remain.
 pub fn train(

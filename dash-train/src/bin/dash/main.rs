@@ -35,6 +35,9 @@ use tracing::level_filters::LevelFilter;
 
 use failure::Failure;
 
+/// Stack of a thread: as much as systems give a program's first, on which commands would run otherwise.
+const STACK_BYTES: usize = 8 << 20;
+
 /// Dynamic-scene reconstruction from videos and poses to a 4D scene that renders in real time.
 #[derive(Parser)]
 #[command(name = "dash", version, propagate_version = true, after_help = EXAMPLE)]
@@ -138,16 +141,28 @@ fn run(cli: &Cli) -> Result<String, Failure> {
     let shared = &cli.shared;
     start_log(shared);
     dash_kernels::set_deterministic(shared.deterministic);
-    if let Some(threads) = shared.threads {
-        rayon::ThreadPoolBuilder::new()
-            .num_threads(threads.get())
-            .build_global()
-            .map_err(|e| {
-                Failure::new(format!(
-                    "--threads {threads}: the system cannot start them: {e}; ask for fewer"
-                ))
-            })?;
-    }
+    start_threads(shared.threads)?;
+    // On one of them: from outside, every parallel loop would wake a thread and wait for it.
+    rayon::scope(|_| carry_out(cli))
+}
+
+/// Starts as many threads as were asked for, else as the machine has.
+fn start_threads(threads: Option<NonZeroUsize>) -> Result<(), Failure> {
+    rayon::ThreadPoolBuilder::new()
+        .num_threads(threads.map_or(0, NonZeroUsize::get))
+        .stack_size(STACK_BYTES)
+        .build_global()
+        .map_err(|e| {
+            let asked =
+                threads.map_or_else(String::new, |threads| format!("--threads {threads}: "));
+            Failure::new(format!(
+                "{asked}the system cannot start them: {e}; ask for fewer"
+            ))
+        })
+}
+
+fn carry_out(cli: &Cli) -> Result<String, Failure> {
+    let shared = &cli.shared;
     match &cli.command {
         Command::Synth(args) => synth::run(args),
         Command::Prepare(args) => prepare::run(args),
