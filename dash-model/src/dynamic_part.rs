@@ -6,7 +6,11 @@ use burn::tensor::{Int, Tensor};
 use dash_kernels::project::Activation;
 
 use crate::gaussians::to_host;
+use crate::unseen::turn;
 use crate::{DeformationField, Gaussians, Head, ModelError, OffsetPlacement, SceneSettings};
+
+/// Share of a gap's length that must have been seen on both sides of it to tell velocities.
+const LEAST_SEEN: f32 = 0.5;
 
 /// The Gaussians that move, and the field that moves them.
 #[derive(Module, Debug)]
@@ -70,8 +74,9 @@ impl DynamicPart {
         }
     }
 
-    /// The Gaussians at `time`; within one of [`SceneSettings::gaps`], where the field is asked twice, on the way from
-    /// its beginning to its end.
+    /// The Gaussians at `time`. Through one of [`SceneSettings::gaps`] they go in straight lines from how they are
+    /// before to how they are after; those whose velocities before and after agree on where they turned in between go by
+    /// there. The field is asked four times then.
     ///
     /// # Source
     /// DASH Eqs. 9-10; the coarse trajectory below the field's offsets and the way through gaps are ours.
@@ -79,11 +84,31 @@ impl DynamicPart {
     /// # Errors
     /// When a shape does not fit.
     pub fn deform(&self, settings: &SceneSettings, time: f32) -> Result<Deformed, ModelError> {
+        let Some(gap) = settings.gaps.around(time) else {
+            return self.deform_straight(settings, time);
+        };
+        let [from, to] = [gap.from, gap.to].map(|time| self.deform_straight(settings, time));
+        let (from, to) = (from?, to?);
+        let (before, after) = (from.means.clone(), to.means.clone());
+        let mut deformed = from.on_the_way_to(to, gap.share);
+        let length = gap.to - gap.from;
+        if gap.beside >= LEAST_SEEN * length {
+            let means = |time: f32| self.deform_straight(settings, time).map(|at| at.means);
+            let scale = length / gap.beside;
+            let arrives = (before.clone() - means(gap.from - gap.beside)?) * scale;
+            let leaves = (means(gap.to + gap.beside)? - after.clone()) * scale;
+            deformed.means = deformed.means + turn(after - before, arrives, leaves, gap.share);
+        }
+        Ok(deformed)
+    }
+
+    /// The Gaussians at `time`, through gaps in straight lines.
+    fn deform_straight(&self, settings: &SceneSettings, time: f32) -> Result<Deformed, ModelError> {
         let at = |time: f32| -> Result<Deformed, ModelError> {
             Ok(self.deform_from(settings, time, self.features(time)?))
         };
         match settings.gaps.around(time) {
-            Some(([from, to], share)) => Ok(at(from)?.on_the_way_to(at(to)?, share)),
+            Some(gap) => Ok(at(gap.from)?.on_the_way_to(at(gap.to)?, gap.share)),
             None => at(time),
         }
     }

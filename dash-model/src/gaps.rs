@@ -2,12 +2,29 @@
 
 use serde::{Deserialize, Serialize};
 
-/// Parts of a clip of which no picture was seen, `[from, to]`, in rising order. What happened there is not known: within
-/// one, Gaussians go in straight lines from how they are at its beginning to how they are at its end. A field of
-/// time says nothing there but what it happened to start from.
+/// Parts of a clip of which no picture was seen, `[from, to]`, in rising order. What happened there is not known, and a
+/// field of time says nothing there but what it happened to start from:
+/// [`DynamicPart::deform`](crate::DynamicPart::deform) goes by how things are on both sides.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 #[serde(transparent)]
 pub struct Gaps(Vec<[f32; 2]>);
+
+/// Share of a gap's length below which another one beside it does not count.
+const SHORT: f32 = 0.5;
+
+/// Where a time lies of which nothing was seen.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Gap {
+    /// The last time before it that was seen.
+    pub from: f32,
+    /// The first after it.
+    pub to: f32,
+    /// How far into the gap it lies, from 0 at `from` to 1 at `to`.
+    pub share: f32,
+    /// How long pictures were seen both before `from` and after `to`, but for gaps shorter than half of this one; at
+    /// most as long as the gap.
+    pub beside: f32,
+}
 
 impl Gaps {
     /// The gaps between `times` that are more than `steps` typical (median) steps apart. Equal times are one; what
@@ -26,12 +43,26 @@ impl Gaps {
         Self(gaps.filter(|[from, to]| to - from > longest).collect())
     }
 
-    /// The gap that `time` lies in and how far into it, from 0 at its beginning to 1 at its end; `None` where pictures
-    /// were seen, as at both ends of a gap.
-    pub fn around(&self, time: f32) -> Option<([f32; 2], f32)> {
+    /// The gap that `time` lies in; `None` where pictures were seen, as at both ends of a gap.
+    pub fn around(&self, time: f32) -> Option<Gap> {
         let next = self.0.partition_point(|[from, _]| *from < time);
         let [from, to] = *self.0.get(next.checked_sub(1)?)?;
-        (time < to).then(|| ([from, to], (time - from) / (to - from)))
+        if time >= to {
+            return None;
+        }
+        let length = to - from;
+        let shorter = |[from, to]: &&[f32; 2]| to - from < SHORT * length;
+        let others = || self.0.iter().filter(|gap| !shorter(gap));
+        let before = others().map(|gap| gap[1]).filter(|t| *t <= from);
+        let after = others().map(|gap| gap[0]).filter(|t| *t >= to);
+        let seen_before = from - before.fold(0.0, f32::max);
+        let seen_after = after.fold(1.0, f32::min) - to;
+        Some(Gap {
+            from,
+            to,
+            share: (time - from) / length,
+            beside: seen_before.min(seen_after).min(length),
+        })
     }
 
     /// Whether there is none.
@@ -77,9 +108,29 @@ mod tests {
         for outside in [-1.0, 0.0, 0.25, 0.5, 0.75, 1.0, f32::NAN] {
             assert_eq!(gaps.around(outside), None, "{outside}");
         }
-        assert_eq!(gaps.around(0.3125), Some(([0.25, 0.5], 0.25)));
-        assert_eq!(gaps.around(0.625), Some(([0.5, 0.75], 0.5)));
+        let place = |time| gaps.around(time).map(|gap| ([gap.from, gap.to], gap.share));
+        assert_eq!(place(0.3125), Some(([0.25, 0.5], 0.25)));
+        assert_eq!(place(0.625), Some(([0.5, 0.75], 0.5)));
         assert_eq!(Gaps::default().around(0.5), None);
+    }
+
+    #[test]
+    fn what_was_seen_beside_a_gap_ends_at_other_gaps_that_are_not_much_shorter() {
+        // Lengths of 1 / 32, 1 / 4, 1 / 8 and 1 / 16.
+        let gaps = Gaps(vec![
+            [0.125, 0.15625],
+            [0.25, 0.5],
+            [0.625, 0.75],
+            [0.875, 0.9375],
+        ]);
+        let beside = |time| gaps.around(time).map(|gap| gap.beside);
+        // As long as itself; up to the next gap, which is half as long; up to that before and to the clip's end.
+        assert_eq!(beside(0.14), Some(0.03125));
+        assert_eq!(beside(0.3), Some(0.125));
+        assert_eq!(beside(0.7), Some(0.125));
+        assert_eq!(beside(0.9), Some(0.0625));
+        let next_to_another = Gaps(vec![[0.25, 0.5], [0.5, 0.75]]);
+        assert_eq!(next_to_another.around(0.3).map(|gap| gap.beside), Some(0.0));
     }
 
     #[test]

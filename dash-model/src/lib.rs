@@ -9,7 +9,7 @@
 //! - `space`: the box that a field covers, the basis of coarse trajectories.
 //! - `motion`, `decomposition`: what moves (DASH Eqs. 3-5).
 //! - `deformation`: how it moves (Eqs. 7-11); `encoders`: the features of that, in DASH's form and in others'.
-//! - `gaps`: times of which nothing was seen.
+//! - `gaps`, `unseen`: times of which nothing was seen, and the way through them.
 //! - `scene`, `scene_file`: rendering (Eqs. 1-2, 10), and the scene on disk.
 //! - `parameters`: parameters by name.
 //!
@@ -31,13 +31,14 @@ mod scene;
 pub mod scene_file;
 mod space;
 mod splat_ply;
+mod unseen;
 
 pub use dash_kernels::Camera;
 pub use deformation::{DeformationConfig, DeformationField, Head, Heads, Offsets};
 pub use dynamic_part::{Deformed, DynamicPart};
 pub use encoders::{Grid4d, HexPlanes, Representation, SpaceTimeEncoder, TimeEmbedding};
 pub use error::ModelError;
-pub use gaps::Gaps;
+pub use gaps::{Gap, Gaps};
 pub use gaussians::{GaussianRows, Gaussians, SH_C0, gather_rows, logit};
 pub use hash_encoder::{HashEncoder, HashEncoderConfig};
 pub use motion::MotionField;

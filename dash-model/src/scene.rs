@@ -41,7 +41,7 @@ pub struct SceneSettings {
     pub trajectory_basis: TrajectoryBasis,
     /// Where rotation and scale offsets are added.
     pub offsets: OffsetPlacement,
-    /// Parts of the clip of which nothing was seen, where Gaussians go in straight lines.
+    /// Parts of the clip of which nothing was seen, see [`DynamicPart::deform`].
     #[serde(default, skip_serializing_if = "Gaps::is_empty")]
     pub gaps: Gaps,
 }

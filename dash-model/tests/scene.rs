@@ -309,8 +309,31 @@ fn an_anchored_scene_is_at_rest_there_and_its_files_say_so() {
     }
 }
 
+/// A place on the way through a gap, by those before the gap, at both of its ends and after it, and by how much longer
+/// the gap is than what is known on either side.
+fn through_a_gap(known: [[f64; 3]; 4], longer: f64, share: f64) -> ([f64; 3], f64) {
+    let minus = |a: [f64; 3], b: [f64; 3]| -> [f64; 3] { std::array::from_fn(|k| a[k] - b[k]) };
+    let dot = |a: [f64; 3], b: [f64; 3]| (0..3).map(|k| a[k] * b[k]).sum::<f64>();
+    let [before, from, to, after] = known;
+    let way = minus(to, from);
+    let arrives = minus(from, before).map(|v| v * longer);
+    let leaves = minus(after, to).map(|v| v * longer);
+    let change = minus(arrives, leaves);
+    let old = (dot(minus(way, leaves), change) / dot(change, change)).clamp(0.0, 1.0);
+    let both: [f64; 3] = std::array::from_fn(|k| old * arrives[k] + (1.0 - old) * leaves[k]);
+    let miss = minus(way, both);
+    let off = change.map(|v| old * (1.0 - old) * v);
+    let agree = match dot(off, off) {
+        0.0 => 0.0,
+        square => (1.0 - dot(miss, miss) / square).clamp(0.0, 1.0),
+    };
+    let tent = agree * (share * (1.0 - old)).min(old * (1.0 - share));
+    let place = std::array::from_fn(|k| from[k] + share * way[k] + tent * change[k]);
+    (place, agree)
+}
+
 #[test]
-fn through_a_gap_everything_goes_in_straight_lines_and_files_say_so() {
+fn through_a_gap_things_go_straight_or_turn_once_and_files_say_so() {
     let folder = tempfile::tempdir().expect("a scratch folder");
     for (index, device) in devices().into_iter().enumerate() {
         for offsets in [
@@ -337,15 +360,31 @@ fn through_a_gap_everything_goes_in_straight_lines_and_files_say_so() {
             for time in [0.0, 0.2, 0.25, 0.75, 0.8, 1.0] {
                 assert_eq!(values(&bridged, time), values(&seen, time), "{time}");
             }
-            let [from, to] = [0.25, 0.75].map(|time| values(&seen, time));
+            let [before, from, to, after] = [0.0, 0.25, 0.75, 1.0].map(|time| values(&seen, time));
             for (time, share) in [(0.375, 0.25), (0.5, 0.5), (0.625, 0.75)] {
-                let expected: Vec<f32> = from
+                let mut expected: Vec<f32> = from
                     .iter()
                     .zip(&to)
                     .map(|(from, to)| {
                         (f64::from(*from) * (1.0 - share) + f64::from(*to) * share) as f32
                     })
                     .collect();
+                let mut agreements = Vec::new();
+                for row in 0..9 {
+                    let place = |values: &[f32]| -> [f64; 3] {
+                        std::array::from_fn(|axis| f64::from(values[3 * row + axis]))
+                    };
+                    let known = [&before, &from, &to, &after].map(|values| place(values));
+                    let (place, agree) = through_a_gap(known, 2.0, share);
+                    for (axis, value) in place.into_iter().enumerate() {
+                        expected[3 * row + axis] = value as f32;
+                    }
+                    agreements.push(agree);
+                }
+                assert!(
+                    agreements.contains(&0.0) && agreements.iter().any(|agree| *agree > 0.1),
+                    "some go straight and some turn: {agreements:?}"
+                );
                 let found = values(&bridged, time);
                 let largest = expected.iter().fold(1.0f32, |m, v| m.max(v.abs()));
                 let error = largest_difference(&found, &expected);

@@ -49,7 +49,7 @@ pub struct TrainConfig {
     #[serde(default)]
     pub ndc_limit: Option<f64>,
     /// Training times more than so many typical steps apart are ends of a gap, through which Gaussians go in straight
-    /// lines. Absent: through gaps, too, the field is asked. Ours.
+    /// lines, or turn once where they agree on it. Absent: through gaps, too, the field is asked. Ours.
     #[serde(default)]
     pub gap_steps: Option<f32>,
     /// Most points that the first Gaussians are made of, those where pictures change aside; more are thinned evenly.

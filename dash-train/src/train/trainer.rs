@@ -383,8 +383,8 @@ mod tests {
         assert!(gaps(&with_a_gap, Preset::Paper).is_empty());
         let found = gaps(&with_a_gap, Preset::Quick);
         assert_eq!(found.len(), 1);
-        let ([from, to], share) = found.around(0.5).expect("not seen");
-        assert!((from - 0.3).abs() < 1e-6 && (to - 0.7).abs() < 1e-6);
-        assert!((share - 0.5).abs() < 1e-6);
+        let gap = found.around(0.5).expect("not seen");
+        assert!((gap.from - 0.3).abs() < 1e-6 && (gap.to - 0.7).abs() < 1e-6);
+        assert!((gap.share - 0.5).abs() < 1e-6 && (gap.beside - 0.3).abs() < 1e-6);
     }
 }
