@@ -48,6 +48,10 @@ mod tests {
 
     use super::*;
 
+    #[expect(
+        deprecated,
+        reason = "ndarray is one of the backends that are promised"
+    )]
     fn devices() -> Vec<Device> {
         vec![
             #[cfg(feature = "ndarray")]

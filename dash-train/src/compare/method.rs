@@ -163,6 +163,8 @@ fn everything_moves(config: &mut TrainConfig) {
     // What is a crowd among those that move is none where all do.
     config.density_dynamic.crowd = 0;
     config.density_dynamic.from = config.stages.warmup;
+    // It helps to follow motion, which these do not.
+    config.learning_rates.means_in_turns = 1.0;
 }
 
 /// Grids of 3 dimensions instead of 4: what makes cells of all four share entries leaves each of these to

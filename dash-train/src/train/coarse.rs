@@ -122,6 +122,11 @@ impl Part {
         (self.from..=self.to).contains(&time)
     }
 
+    /// Whether it is longer than one time: no time by itself shows the scene's shape.
+    pub(crate) fn has_several_times(self) -> bool {
+        self.from < self.to
+    }
+
     /// The time in its middle.
     pub(crate) fn middle(self) -> f32 {
         0.5 * (self.from + self.to)
@@ -275,6 +280,8 @@ mod tests {
             times().flat_map(move |t| (0..n).map(move |c| (around(f64::from(c) / f64::from(n)), t)))
         };
         assert_eq!(part_of(rig(4)), part(50, 50));
+        assert!(!part_of(rig(4)).is_some_and(Part::has_several_times));
+        assert!(part_of(rig(2)).is_some_and(Part::has_several_times));
         // Too few to show a shape at once, but enough within a few times.
         assert_eq!(part_of(rig(2)), part(48, 51));
         let in_turns = times().zip((0..).map(|k| around(f64::from(k * 5 % 12) / 12.0)));

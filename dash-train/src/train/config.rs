@@ -134,6 +134,8 @@ pub struct LearningRates {
     pub means: f32,
     /// Means at the end, reached exponentially (3DGS: 1.6e-6).
     pub means_final: f32,
+    /// Factor of `means` where no time shows the scene from several sides, as with cameras that take turns. Ours.
+    pub means_in_turns: f32,
     /// Quaternions (3DGS: 1e-3).
     pub quats: f32,
     /// Log scales (3DGS: 5e-3).

@@ -67,6 +67,7 @@ impl TrainConfig {
             learning_rates: LearningRates {
                 means: 1.6e-4,
                 means_final: 1.6e-6,
+                means_in_turns: 1.0,
                 quats: 1e-3,
                 scales: 5e-3,
                 opacities: 0.05,
@@ -166,6 +167,7 @@ impl TrainConfig {
         self.max_initial_points = 20_000;
         self.min_initial_points = 6_000;
         self.learning_rates.means_final = 1.6e-5;
+        self.learning_rates.means_in_turns = 2.5;
         self.density_static.opacity_reset_interval = 2_000;
         self.density_dynamic.opacity_reset_interval = 800;
         self.density_static.max_gaussians = 10_000;
@@ -257,6 +259,7 @@ impl TrainConfig {
         self.learning_rates = LearningRates {
             means: 1.6e-4,
             means_final: 1.6e-6,
+            means_in_turns: 1.0,
             quats: 1e-3,
             scales: 5e-3,
             opacities: 0.05,

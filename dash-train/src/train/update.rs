@@ -3,7 +3,7 @@
 use burn::tensor::{Gradients, Tensor};
 use dash_model::{Gaussians, HashEncoder};
 
-use super::coarse::{Stages, teaches_gaussians};
+use super::coarse::{Part, Stages, teaches_gaussians};
 use super::config::{DensityConfig, TrainConfig};
 use super::density::{DensityStatistics, Measure, RESET_OPACITY, control_density};
 use super::optimizer::Pace;
@@ -16,7 +16,10 @@ const KEPT_BACK: f32 = 0.25;
 /// One step of Adam on everything that has a gradient, at the rates of the trainer's step, after a
 /// view at `time`.
 pub(crate) fn parameters(trainer: &mut Trainer, time: f32, gradients: &mut Gradients) {
-    let rates = trainer.config.learning_rates.clone();
+    let mut rates = trainer.config.learning_rates.clone();
+    if trainer.start_part.is_some_and(Part::has_several_times) {
+        rates.means *= rates.means_in_turns;
+    }
     let progress = trainer.step as f32 / trainer.config.iterations as f32;
     let decay = |from: f32, to: f32| {
         if from <= 0.0 || to <= 0.0 {
@@ -165,8 +168,14 @@ fn with_low_opacity(mut set: Gaussians) -> Gaussians {
 
 #[cfg(test)]
 mod tests {
+    use std::sync::Arc;
+
+    use burn::tensor::Device;
+
     use super::*;
-    use crate::train::Preset;
+    use crate::dataset::Dataset;
+    use crate::synth;
+    use crate::train::{Keep, Preset};
 
     #[test]
     fn what_a_reset_hides_has_time_to_come_back_before_the_last_round() {
@@ -180,6 +189,46 @@ mod tests {
                 .filter(|&step| reset_due(&config, density, 0, step))
                 .collect();
             assert_eq!(resets, expected, "{iterations} steps");
+        }
+    }
+
+    /// The largest way that a mean goes in the first step, in units of the rate and the extent.
+    fn first_step(dataset: &Dataset, means_in_turns: f32) -> f32 {
+        let mut config = TrainConfig::preset(Preset::Quick);
+        config.keep = Keep::All;
+        config.min_initial_points = 50;
+        config.learning_rates.means_in_turns = means_in_turns;
+        let unit = config.learning_rates.means;
+        let dataset = Arc::new(dataset.clone());
+        let mut trainer = Trainer::new(config, dataset, &Device::flex()).expect("valid");
+        let means = |trainer: &Trainer| trainer.scene.static_set.to_rows().means;
+        let before = means(&trainer);
+        trainer.step().expect("finite");
+        let after = means(&trainer);
+        let ways = before.iter().flatten().zip(after.iter().flatten());
+        let longest = ways.map(|(a, b)| (a - b).abs()).fold(0.0, f32::max);
+        longest / (unit * trainer.extent)
+    }
+
+    #[test]
+    fn means_are_faster_where_cameras_take_turns() {
+        let rig = synth::loaded(12, 96, [16, 12]);
+        let mut in_turns = rig.clone();
+        let mut times: Vec<f32> = rig.views.iter().map(|view| view.time).collect();
+        times.sort_by(f32::total_cmp);
+        times.dedup();
+        in_turns.views.retain(|view| {
+            let frame = times.iter().position(|time| *time == view.time);
+            frame.is_some_and(|frame| view.camera_index == 7 * frame % 12)
+        });
+        // Adam's first step has the length of the rate.
+        for (dataset, factor, expected) in [
+            (&rig, 2.5, 1.0),
+            (&in_turns, 1.0, 1.0),
+            (&in_turns, 2.5, 2.5),
+        ] {
+            let found = first_step(dataset, factor);
+            assert!((found / expected - 1.0).abs() < 1e-2, "{found} {expected}");
         }
     }
 }

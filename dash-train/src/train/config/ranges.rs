@@ -132,6 +132,7 @@ impl TrainConfig {
             [
                 rates.means,
                 rates.means_final,
+                rates.means_in_turns,
                 rates.quats,
                 rates.scales,
                 rates.opacities,
