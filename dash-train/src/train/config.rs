@@ -120,7 +120,7 @@ pub struct LossConfig {
     pub nearness: f32,
     /// Share of the dynamic Gaussians, drawn anew at every step, at which the field's smoothness is
     /// measured: it takes the field twice more for each. Ours; 1 in the paper.
-    #[serde(default = "all_of_it")]
+    #[serde(default = "one")]
     pub smoothness_share: f32,
     /// Half-widths of the random step of Eq. 11 in the unit cube, space then time (released code).
     pub smoothness_step: [f32; 2],
@@ -135,6 +135,7 @@ pub struct LearningRates {
     /// Means at the end, reached exponentially (3DGS: 1.6e-6).
     pub means_final: f32,
     /// Factor of `means` where no time shows the scene from several sides, as with cameras that take turns. Ours.
+    #[serde(default = "one")]
     pub means_in_turns: f32,
     /// Quaternions (3DGS: 1e-3).
     pub quats: f32,
@@ -169,7 +170,7 @@ pub struct LearningRates {
     pub extent: Option<f32>,
 }
 
-fn all_of_it() -> f32 {
+fn one() -> f32 {
     1.0
 }
 

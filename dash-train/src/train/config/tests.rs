@@ -18,6 +18,26 @@ fn every_preset_is_valid_and_survives_toml() {
     }
 }
 
+/// Keys that came after the first runs were made.
+#[test]
+fn what_older_runs_do_not_say_is_as_it_was() {
+    let config = TrainConfig::preset(Preset::Paper);
+    let text = toml::to_string(&config).expect("serialises");
+    let newer = [
+        "means_in_turns",
+        "smoothness_share",
+        "nearness",
+        "crowd",
+        "promote_floor",
+    ];
+    let is_newer = |line: &&str| newer.iter().any(|key| line.starts_with(key));
+    let older: Vec<&str> = text.lines().filter(|line| !is_newer(line)).collect();
+    // Both sets have a crowd.
+    assert_eq!(text.lines().count() - older.len(), newer.len() + 1);
+    let read = toml::from_str::<TrainConfig>(&older.join("\n")).expect("parses");
+    assert_eq!(read, config);
+}
+
 #[test]
 fn set_changes_one_value_and_refuses_others() {
     let mut config = TrainConfig::preset(Preset::Default);
