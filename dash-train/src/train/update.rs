@@ -212,7 +212,7 @@ mod tests {
 
     #[test]
     fn means_are_faster_where_cameras_take_turns() {
-        let rig = synth::loaded(12, 96, [16, 12]);
+        let rig = synth::loaded(12, 96, [16, 16]);
         let mut in_turns = rig.clone();
         let mut times: Vec<f32> = rig.views.iter().map(|view| view.time).collect();
         times.sort_by(f32::total_cmp);
