@@ -198,11 +198,15 @@ mod tests {
         ] {
             for method in Method::ALL {
                 let config = method.of(&TrainConfig::preset(preset));
-                for frames in [1, 2, 15, 300] {
+                for (frames, at_once) in
+                    [(1, false), (1, true), (2, true), (15, false), (300, true)]
+                {
                     config
-                        .for_frames(frames)
+                        .for_frames(frames, at_once)
                         .validate()
-                        .unwrap_or_else(|e| panic!("{preset:?} {method}, {frames} frames: {e}"));
+                        .unwrap_or_else(|e| {
+                            panic!("{preset:?} {method}, {frames} frames, {at_once}: {e}")
+                        });
                 }
             }
         }

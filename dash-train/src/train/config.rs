@@ -356,17 +356,24 @@ impl TrainConfig {
         self.validate()
     }
 
-    /// This configuration with what follows from the number of frames in place of zeros: one span of
-    /// a polyline, and one cell of the 4D field's finest time resolution, for every two frames. A base time
-    /// resolution of zero is the finest: all levels get the same.
-    pub fn for_frames(&self, n_frames: usize) -> Self {
+    /// This configuration with what follows from the frames in place of zeros: one span of a polyline for every
+    /// two frames, and the 4D field's finest time resolution. Where each frame is `seen_at_once` by cameras that show
+    /// its shape, that has a vertex at every frame, so that what bounces off within one is not cut short; else each
+    /// frame is one picture, and two share a cell. A base time resolution of zero is the finest: all levels get the
+    /// same.
+    pub fn for_frames(&self, n_frames: usize, seen_at_once: bool) -> Self {
         let mut config = self.clone();
-        let cells = (n_frames as u32).div_ceil(2).max(2);
+        let spans = n_frames.div_ceil(2).max(2);
+        let cells = if seen_at_once {
+            n_frames.saturating_sub(1).max(2)
+        } else {
+            spans
+        } as u32;
         if let TrajectoryBasis::Polyline {
-            spans: spans @ 0, ..
+            spans: unset @ 0, ..
         } = &mut config.decomposition.basis
         {
-            *spans = (cells as usize).min(MAX_SPANS);
+            *unset = spans.min(MAX_SPANS);
         }
         let encoder = &mut config.field.deformation.encoder;
         if let ([.., base], [.., finest]) = (

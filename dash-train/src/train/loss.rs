@@ -109,7 +109,7 @@ mod tests {
         const N: usize = 101;
         const DRAWS: usize = 300;
         let device = Device::flex();
-        let config = TrainConfig::preset(Preset::Quick).for_frames(8);
+        let config = TrainConfig::preset(Preset::Quick).for_frames(8, true);
         let space = SpaceBox::fixed(1.0);
         let mut rng = Pcg64::seed_from_u64(3);
         let field = DeformationField::new(&config.field.deformation, space, &mut rng, &device)

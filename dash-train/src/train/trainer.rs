@@ -1,5 +1,6 @@
 //! The three stages: warm-up, decomposition, 4D.
 
+use std::collections::BTreeSet;
 use std::sync::Arc;
 
 use burn::tensor::Device;
@@ -92,7 +93,6 @@ impl Trainer {
         device: &Device,
     ) -> Result<Self, TrainError> {
         config.validate()?;
-        let mut config = config.for_frames(dataset.n_frames);
         let device = device.clone().autodiff();
         let (train_views, validation_views) = validation::hold_out(&dataset);
         if train_views.is_empty() {
@@ -101,6 +101,14 @@ impl Trainer {
             });
         }
         let start_part = coarse::start_part(&dataset, &train_views);
+        let mut config = match start_part {
+            Some(part) if !part.has_several_times() => {
+                // A vertex of the field's grid at a frame that is held out would learn nothing.
+                let frames = train_views.iter().map(|&view| dataset.views[view].frame);
+                config.for_frames(frames.collect::<BTreeSet<_>>().len(), true)
+            }
+            _ => config.for_frames(dataset.n_frames, false),
+        };
         if let Some(part) = start_part {
             config.follow_from(part.middle());
         }
@@ -386,5 +394,22 @@ mod tests {
         let gap = found.around(0.5).expect("not seen");
         assert!((gap.from - 0.3).abs() < 1e-6 && (gap.to - 0.7).abs() < 1e-6);
         assert!((gap.share - 0.5).abs() < 1e-6 && (gap.beside - 0.3).abs() < 1e-6);
+    }
+
+    #[test]
+    fn cells_of_time_follow_from_what_training_pictures_show() {
+        let rig = synth::loaded(6, 11, [32, 24]);
+        let cells = |keep: &dyn Fn(&View) -> bool| {
+            let mut dataset = rig.clone();
+            dataset.views.retain(|view| keep(view));
+            let config = TrainConfig::preset(Preset::Quick);
+            let trainer = Trainer::new(config, Arc::new(dataset), &Device::flex()).expect("valid");
+            let encoder = &trainer.config.field.deformation.encoder;
+            (encoder.base_resolution[3], encoder.finest_resolution[3])
+        };
+        assert_eq!(cells(&|_| true), (10, 10));
+        assert_eq!(cells(&|view| view.frame.is_multiple_of(2)), (5, 5));
+        // Cameras that take turns.
+        assert_eq!(cells(&|view| view.camera_index == view.frame % 6), (6, 6));
     }
 }

@@ -92,7 +92,7 @@ mod tests {
             for assignment in set {
                 config.set(assignment).expect("a known key");
             }
-            let mut config = config.for_frames(24);
+            let mut config = config.for_frames(24, true);
             config.follow_from(0.5);
             config.validate().expect("valid");
             config.decomposition.basis

@@ -94,7 +94,7 @@ impl TrainConfig {
             (0.0..=1.0).contains(&self.decomposition.basis.anchor()),
             "decomposition.basis may have an anchor in [0, 1]",
         )?;
-        let fitted = self.for_frames(2);
+        let fitted = self.for_frames(2, false);
         let motion = fitted
             .decomposition
             .encoder

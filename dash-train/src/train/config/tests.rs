@@ -71,17 +71,26 @@ fn set_changes_one_value_and_refuses_others() {
 
 #[test]
 fn zeros_of_time_follow_from_the_frames() {
-    let resolutions = |base: u32, finest: u32, n_frames: usize| {
+    let resolutions = |base: u32, finest: u32, n_frames: usize, seen_at_once: bool| {
         let mut config = TrainConfig::preset(Preset::Default);
         let encoder = &mut config.field.deformation.encoder;
         encoder.base_resolution[3] = base;
         encoder.finest_resolution[3] = finest;
-        let fitted = config.for_frames(n_frames).field.deformation.encoder;
+        let fitted = config.for_frames(n_frames, seen_at_once);
+        let fitted = fitted.field.deformation.encoder;
         [fitted.base_resolution[3], fitted.finest_resolution[3]]
     };
-    assert_eq!(resolutions(4, 0, 24), [4, 12]);
-    assert_eq!(resolutions(4, 0, 5), [3, 3]);
-    assert_eq!(resolutions(0, 0, 24), [12, 12]);
-    assert_eq!(resolutions(0, 9, 24), [9, 9]);
-    assert_eq!(resolutions(4, 9, 24), [4, 9]);
+    assert_eq!(resolutions(4, 0, 24, false), [4, 12]);
+    assert_eq!(resolutions(4, 0, 5, false), [3, 3]);
+    assert_eq!(resolutions(0, 0, 24, false), [12, 12]);
+    assert_eq!(resolutions(4, 0, 24, true), [4, 23]);
+    assert_eq!(resolutions(4, 0, 5, true), [4, 4]);
+    assert_eq!(resolutions(0, 0, 24, true), [23, 23]);
+    for frames in [0, 1, 2, 3] {
+        assert_eq!(resolutions(4, 0, frames, true), [2, 2], "{frames}");
+    }
+    for seen_at_once in [false, true] {
+        assert_eq!(resolutions(0, 9, 24, seen_at_once), [9, 9]);
+        assert_eq!(resolutions(4, 9, 24, seen_at_once), [4, 9]);
+    }
 }
