@@ -122,6 +122,11 @@ pub struct LossConfig {
     /// measured: it takes the field twice more for each. Ours; 1 in the paper.
     #[serde(default = "one")]
     pub smoothness_share: f32,
+    /// Weight of how far dynamic Gaussians are from where they would be had they gone in a straight line and at one speed
+    /// from a training time before to one after, in units of the scene's extent; where no time by itself shows the
+    /// scene's shape. Ours.
+    #[serde(default)]
+    pub steadiness: f32,
     /// Half-widths of the random step of Eq. 11 in the unit cube, space then time (released code).
     pub smoothness_step: [f32; 2],
 }

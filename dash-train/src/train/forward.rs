@@ -6,10 +6,11 @@ use std::ops::RangeInclusive;
 use burn::tensor::{Tensor, TensorData};
 use dash_kernels::Camera;
 
-use super::coarse;
+use super::coarse::{self, Part};
 use super::cover::{Cover, nearness, visible_motion};
-use super::loss::{opacity, photometric, smoothness, static_motion, where_counted};
+use super::loss::{opacity, photometric, static_motion, where_counted};
 use super::optimizer::to_host;
+use super::regularity::{Measure, regularity};
 use super::trainer::Trainer;
 use crate::TrainError;
 use crate::dataset::View;
@@ -101,8 +102,8 @@ impl Trainer {
         })
     }
 
-    /// Packed splats of the dynamic Gaussians; `None` without any. Eq. 11 joins the regularisers, from the
-    /// same lookup of the field.
+    /// Packed splats of the dynamic Gaussians; `None` without any. What keeps the field regular joins the
+    /// regularisers, from the same lookup of the field.
     fn dynamic_splats(
         &mut self,
         camera: &Camera,
@@ -113,13 +114,24 @@ impl Trainer {
             return Ok(None);
         };
         let loss = &self.config.loss;
-        if loss.smoothness <= 0.0 || dynamic.gaussians.is_empty() {
+        let in_turns = || self.start_part.is_none_or(Part::has_several_times);
+        let is_steady = loss.steadiness > 0.0 && in_turns();
+        if loss.smoothness <= 0.0 && !is_steady || dynamic.gaussians.is_empty() {
             return Ok(self.scene.dynamic_splats(camera, time)?);
         }
-        let (share, step) = (loss.smoothness_share, loss.smoothness_step);
-        let (features, term) = smoothness(dynamic, time, share, step, &mut self.rng)?;
-        regularisers.push(term * loss.smoothness);
-        let deformed = dynamic.deform_from(&self.scene.settings, time, features);
+        let rng = &mut self.rng;
+        let around = is_steady.then(|| self.times.around(time, rng)).flatten();
+        let measure = Measure {
+            share: loss.smoothness_share,
+            step: (loss.smoothness > 0.0).then_some(loss.smoothness_step),
+            around,
+            extent: self.extent,
+        };
+        let settings = &self.scene.settings;
+        let regularity = regularity(dynamic, settings, time, &measure, rng)?;
+        regularisers.extend(regularity.smoothness.map(|term| term * loss.smoothness));
+        regularisers.extend(regularity.unsteadiness.map(|term| term * loss.steadiness));
+        let deformed = dynamic.deform_from(settings, time, regularity.features);
         Ok(Some(self.scene.deformed_splats(deformed, camera)?))
     }
 

@@ -1,11 +1,10 @@
-//! The losses of Eqs. 6, 11 and 12.
+//! The losses of Eqs. 6 and 12.
 
 use burn::tensor::activation::sigmoid;
-use burn::tensor::{Int, Tensor, TensorData};
+use burn::tensor::{Tensor, TensorData};
 use dash_kernels::KernelError;
 use dash_kernels::ssim::ssim;
-use dash_model::{DynamicPart, Gaussians, ModelError, SpaceBox};
-use rand::Rng;
+use dash_model::{Gaussians, SpaceBox};
 
 /// `(1 - lambda_c) L1 + lambda_c (1 - SSIM)` of two images `[H, W, 3]`.
 pub(crate) fn photometric(
@@ -53,91 +52,13 @@ pub(crate) fn opacity(set: &Gaussians) -> Option<Tensor<1>> {
     (!set.is_empty()).then(|| sigmoid(set.opacity_logits.val()).mean())
 }
 
-/// The field's features at the Gaussians, and Eq. 11: the mean over Gaussians of the squared distance between
-/// these and the features at a small random step from each. Of the Gaussians, a `share` drawn anew at every
-/// call: its mean is that of all on average.
-pub(crate) fn smoothness(
-    dynamic: &DynamicPart,
-    time: f32,
-    share: f32,
-    step: [f32; 2],
-    rng: &mut impl Rng,
-) -> Result<(Tensor<2>, Tensor<1>), ModelError> {
-    let (field, gaussians) = (&dynamic.field, &dynamic.gaussians);
-    let all = gaussians.len();
-    let n = ((share * all as f32).ceil() as usize).min(all);
-    let device = gaussians.means.val().device();
-    let mut drawn: Vec<i32> = match n < all {
-        true => rand::seq::index::sample(rng, all, n)
-            .into_iter()
-            .map(|row| row as i32)
-            .collect(),
-        false => (0..all as i32).collect(),
-    };
-    drawn.sort_unstable();
-    let drawn = Tensor::<1, Int>::from_data(TensorData::new(drawn, [n]), &device);
-    let means = gaussians.means.val().detach();
-    let unit = field.space().normalize(means.select(0, drawn.clone()));
-    let points = Tensor::cat(vec![unit, Tensor::full([n, 1], time, &device)], 1);
-    let steps: Vec<f32> = (0..4 * n)
-        .map(|i| {
-            let half_width = if i % 4 == 3 { step[1] } else { step[0] };
-            (rng.random::<f32>() * 2.0 - 1.0) * half_width
-        })
-        .collect();
-    let steps = Tensor::<2>::from_data(TensorData::new(steps, [n, 4]), &device);
-    let nearby = (points + steps).clamp(0.0, 1.0);
-    let (features, nearby) = dynamic.features_and_at(time, drawn.clone(), nearby)?;
-    let difference = features.clone().select(0, drawn) - nearby;
-    let mean = difference.powi_scalar(2).sum() / n.max(1) as f32;
-    Ok((features, mean))
-}
-
 #[cfg(test)]
 mod tests {
     use burn::tensor::Device;
-    use dash_model::{DeformationField, GaussianRows};
-    use rand::SeedableRng;
-    use rand_pcg::Pcg64;
+    use dash_model::GaussianRows;
 
     use super::*;
     use crate::train::optimizer::to_host;
-    use crate::train::{Preset, TrainConfig};
-
-    #[test]
-    fn smoothness_of_a_share_is_that_of_all_on_average() {
-        const N: usize = 101;
-        const DRAWS: usize = 300;
-        let device = Device::flex();
-        let config = TrainConfig::preset(Preset::Quick).for_frames(8, true);
-        let space = SpaceBox::fixed(1.0);
-        let mut rng = Pcg64::seed_from_u64(3);
-        let field = DeformationField::new(&config.field.deformation, space, &mut rng, &device)
-            .expect("valid");
-        let points: Vec<[f32; 3]> = (0..N)
-            .map(|_| std::array::from_fn(|_| rng.random_range(-1.0..1.0)))
-            .collect();
-        let rows = GaussianRows::from_points(&points, &points, 0, 0.1);
-        let dynamic = DynamicPart {
-            gaussians: Gaussians::from_rows(&rows, &device),
-            field,
-        };
-        let mut mean_of = |share: f32| {
-            let terms = (0..DRAWS).map(|k| {
-                let time = k as f32 / DRAWS as f32;
-                let term = smoothness(&dynamic, time, share, [5e-3, 1e-4], &mut rng);
-                f64::from(to_host(term.expect("valid").1)[0])
-            });
-            terms.sum::<f64>() / DRAWS as f64
-        };
-        let all = mean_of(1.0);
-        assert!(all > 0.0);
-        // 101 of 101, 26 of 101, 1 of 101: the noise of one draw each is 0.06 in 300.
-        for (share, tolerance) in [(1.0, 0.02), (0.25, 0.04), (1e-6, 0.2)] {
-            let ratio = mean_of(share) / all;
-            assert!((ratio - 1.0).abs() < tolerance, "{share}: {ratio}");
-        }
-    }
 
     #[test]
     fn an_empty_set_has_no_opacity_to_pay_for() {

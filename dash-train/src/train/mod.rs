@@ -14,6 +14,7 @@ mod loss;
 mod optimizer;
 mod presets;
 mod promote;
+mod regularity;
 mod review;
 mod run;
 mod sampler;

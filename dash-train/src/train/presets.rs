@@ -62,6 +62,7 @@ impl TrainConfig {
                 static_opacity: 0.01,
                 nearness: 0.001,
                 smoothness_share: 0.25,
+                steadiness: 0.0,
                 smoothness_step: [5e-3, 1e-4],
             },
             learning_rates: LearningRates {
@@ -168,6 +169,7 @@ impl TrainConfig {
         self.min_initial_points = 6_000;
         self.learning_rates.means_final = 1.6e-5;
         self.learning_rates.means_in_turns = 2.5;
+        self.loss.steadiness = 0.1;
         self.density_static.opacity_reset_interval = 2_000;
         self.density_dynamic.opacity_reset_interval = 800;
         self.density_static.max_gaussians = 10_000;
@@ -254,6 +256,7 @@ impl TrainConfig {
             static_opacity: 0.0,
             nearness: 0.0,
             smoothness_share: 1.0,
+            steadiness: 0.0,
             smoothness_step: [5e-3, 1e-4],
         };
         self.learning_rates = LearningRates {

@@ -19,6 +19,7 @@ use super::guard::{self, Skipped, SkippedStep};
 use super::initial::{Core, initial_points, near_plane};
 use super::leave_out::{self, Decision};
 use super::optimizer::{Optimizer, to_host};
+use super::regularity::Times;
 use super::sampler::ViewSampler;
 use super::{coarse, promote, review, statistics, update, validation};
 use crate::TrainError;
@@ -60,6 +61,8 @@ pub struct Trainer {
     pub(crate) core: Core,
     /// The part of the clip that training starts from, if it has one.
     pub(crate) start_part: Option<Part>,
+    /// The training views' times.
+    pub(crate) times: Times,
     pub(crate) scene: DynamicScene,
     /// The coarse field, from the warm-up until Gaussians have trajectories of their own.
     pub(crate) motion: Option<MotionField>,
@@ -123,7 +126,10 @@ impl Trainer {
             &mut rng,
         )?;
         let times = train_views.iter().map(|&view| dataset.views[view].time);
-        let gaps = config.gap_steps.map(|steps| Gaps::between(times, steps));
+        let gaps = config
+            .gap_steps
+            .map(|steps| Gaps::between(times.clone(), steps));
+        let times = Times::of(times);
         let core = Core::of(&dataset, &points);
         let near_plane = config
             .near_plane
@@ -158,6 +164,7 @@ impl Trainer {
             extent,
             core,
             start_part,
+            times,
             scene,
             motion: None,
             motion_space: None,

@@ -118,6 +118,7 @@ impl TrainConfig {
                 loss.visible_motion,
                 loss.static_opacity,
                 loss.nearness,
+                loss.steadiness,
             ]
             .iter()
             .all(|weight| weight.is_finite() && *weight >= 0.0),

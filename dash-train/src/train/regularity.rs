@@ -1,0 +1,360 @@
+//! What keeps the 4D field regular: Eq. 11, and bodies that go on as they went.
+
+use burn::tensor::{Int, Tensor, TensorData};
+use dash_model::{DynamicPart, ModelError, SceneSettings};
+use rand::Rng;
+
+/// Training times by which the times before and after may be away, at most.
+const REACH: usize = 3;
+/// How much farther they may be than that many typical steps: farther ones are beyond a gap.
+const LONGEST: f32 = 1.5;
+/// Below this share of the scene's extent a deviation costs less and less.
+const TINY: f32 = 1e-5;
+
+/// A training time before and one after another time.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) struct Around {
+    before: f32,
+    after: f32,
+}
+
+/// The training times, in order.
+#[derive(Debug, Clone, PartialEq)]
+pub(crate) struct Times {
+    times: Vec<f32>,
+    typical_step: f32,
+}
+
+impl Times {
+    pub(crate) fn of(times: impl Iterator<Item = f32>) -> Self {
+        let mut times: Vec<f32> = times.collect();
+        times.sort_by(f32::total_cmp);
+        times.dedup();
+        let mut steps: Vec<f32> = times.windows(2).map(|pair| pair[1] - pair[0]).collect();
+        steps.sort_by(f32::total_cmp);
+        let typical_step = steps.get(steps.len() / 2).copied().unwrap_or(0.0);
+        Self {
+            times,
+            typical_step,
+        }
+    }
+
+    /// The times one to [`REACH`] places before and after a training time, as drawn; `None` at the clip's ends, and where
+    /// a gap is between them.
+    pub(crate) fn around(&self, time: f32, rng: &mut impl Rng) -> Option<Around> {
+        let away = rng.random_range(1..=REACH);
+        let at = self.times.partition_point(|&t| t < time);
+        let around = Around {
+            before: *self.times.get(at.checked_sub(away)?)?,
+            after: *self.times.get(at + away)?,
+        };
+        let longest = LONGEST * self.typical_step * (2 * away) as f32;
+        (around.after - around.before <= longest).then_some(around)
+    }
+}
+
+/// What is measured of the 4D field.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Measure {
+    /// Share of the dynamic Gaussians that it is measured at, drawn anew at every call: its mean is that of all on average.
+    pub(crate) share: f32,
+    /// Half-widths of the step of Eq. 11 in the unit cube, space then time; `None` without Eq. 11.
+    pub(crate) step: Option<[f32; 2]>,
+    /// Where to look for steadiness.
+    pub(crate) around: Option<Around>,
+    /// Size of the scene, world units.
+    pub(crate) extent: f32,
+}
+
+/// What was measured.
+pub(crate) struct Regularity {
+    /// The field's features at all Gaussians, `[N, features]`.
+    pub(crate) features: Tensor<2>,
+    /// Eq. 11: the mean over Gaussians of the squared distance between the features at them and at a small random step
+    /// from each.
+    pub(crate) smoothness: Option<Tensor<1>>,
+    /// The mean distance, in extents, of Gaussians from where they would be had they gone in a straight line and at one
+    /// speed from a time before to a time after. Where one camera sees each time, what is wrong along its axis shows in no
+    /// picture of that time, but here.
+    pub(crate) unsteadiness: Option<Tensor<1>>,
+}
+
+/// Asks the field at all Gaussians and for what is measured, in one lookup: the gradient of a lookup is as large as the
+/// tables, however few the points.
+///
+/// # Errors
+/// When a shape does not fit.
+pub(crate) fn regularity(
+    dynamic: &DynamicPart,
+    settings: &SceneSettings,
+    time: f32,
+    measure: &Measure,
+    rng: &mut impl Rng,
+) -> Result<Regularity, ModelError> {
+    let (field, gaussians) = (&dynamic.field, &dynamic.gaussians);
+    let all = gaussians.len();
+    let n = ((measure.share * all as f32).ceil() as usize).min(all);
+    let device = gaussians.means.val().device();
+    let drawn = draw(all, n, rng);
+    let drawn = Tensor::<1, Int>::from_data(TensorData::new(drawn, [n]), &device);
+    let means = gaussians.means.val().detach();
+    let unit = field.space().normalize(means.select(0, drawn.clone()));
+    let at = |time: f32| Tensor::cat(vec![unit.clone(), Tensor::full([n, 1], time, &device)], 1);
+    let mut points = Vec::new();
+    if let Some(step) = measure.step {
+        let steps: Vec<f32> = (0..4 * n)
+            .map(|i| {
+                let half_width = if i % 4 == 3 { step[1] } else { step[0] };
+                (rng.random::<f32>() * 2.0 - 1.0) * half_width
+            })
+            .collect();
+        let steps = Tensor::<2>::from_data(TensorData::new(steps, [n, 4]), &device);
+        points.push((at(time) + steps).clamp(0.0, 1.0));
+    }
+    if let Some(around) = measure.around {
+        points.extend([at(around.before), at(around.after)]);
+    }
+    if points.is_empty() || n == 0 {
+        return Ok(Regularity {
+            features: dynamic.features(time)?,
+            smoothness: None,
+            unsteadiness: None,
+        });
+    }
+    let rows = Tensor::cat(vec![drawn.clone(); points.len()], 0);
+    let (features, others) = dynamic.features_and_at(time, rows, Tensor::cat(points, 0))?;
+    let own = features.clone().select(0, drawn.clone());
+    let mut others = (0..).map(|k| others.clone().narrow(0, k * n, n));
+    let mut next = || others.next().expect("endless");
+    let smoothness = measure.step.map(|_| {
+        let difference = own.clone() - next();
+        difference.powi_scalar(2).sum() / n as f32
+    });
+    let unsteadiness = measure.around.map(|Around { before, after }| {
+        let moved = |features: Tensor<2>, time: f32| {
+            let offset = field.decode(features).means;
+            match &gaussians.trajectories {
+                Some(own) => {
+                    let own = own.val().select(0, drawn.clone());
+                    offset + settings.trajectory_basis.displacement(own, time)
+                }
+                None => offset,
+            }
+        };
+        let share = (time - before) / (after - before);
+        let straight = moved(next(), before) * (1.0 - share) + moved(next(), after) * share;
+        let off = (moved(own, time) - straight) / measure.extent;
+        (off.powi_scalar(2).sum_dim(1) + TINY * TINY).sqrt().sum() / n as f32
+    });
+    Ok(Regularity {
+        features,
+        smoothness,
+        unsteadiness,
+    })
+}
+
+/// `n` of so many rows, in order.
+fn draw(all: usize, n: usize, rng: &mut impl Rng) -> Vec<i32> {
+    if n == all {
+        return (0..all as i32).collect();
+    }
+    let drawn = rand::seq::index::sample(rng, all, n);
+    let mut drawn: Vec<i32> = drawn.into_iter().map(|row| row as i32).collect();
+    drawn.sort_unstable();
+    drawn
+}
+
+#[cfg(test)]
+mod tests {
+    use burn::tensor::Device;
+    use dash_model::{
+        DeformationField, Gaps, GaussianRows, Gaussians, OffsetPlacement, SpaceBox, TrajectoryBasis,
+    };
+    use rand::SeedableRng;
+    use rand_pcg::Pcg64;
+
+    use super::*;
+    use crate::train::optimizer::to_host;
+    use crate::train::{Preset, TrainConfig};
+
+    const SPANS: usize = 4;
+
+    fn settings() -> SceneSettings {
+        SceneSettings {
+            trajectory_basis: TrajectoryBasis::Polyline {
+                spans: SPANS,
+                anchor: 0.5,
+            },
+            background: [0.0; 3],
+            sh_degree: 0,
+            near_plane: 0.01,
+            ndc_limit: None,
+            offsets: OffsetPlacement::BeforeActivation,
+            gaps: Gaps::default(),
+        }
+    }
+
+    /// Gaussians at random places of a fresh field, with trajectories by coefficients, if any.
+    fn part(n: usize, trajectories: &[f32], rng: &mut Pcg64, device: &Device) -> DynamicPart {
+        let config = TrainConfig::preset(Preset::Quick).for_frames(8, true);
+        let space = SpaceBox::fixed(1.0);
+        let deformation = &config.field.deformation;
+        let field = DeformationField::new(deformation, space, rng, device).expect("valid");
+        let points: Vec<[f32; 3]> = (0..n)
+            .map(|_| std::array::from_fn(|_| rng.random_range(-1.0..1.0)))
+            .collect();
+        let mut rows = GaussianRows::from_points(&points, &points, 0, 0.1);
+        rows.trajectory_width = trajectories.len() / n;
+        rows.trajectories = trajectories.to_vec();
+        DynamicPart {
+            gaussians: Gaussians::from_rows(&rows, device),
+            field,
+        }
+    }
+
+    #[test]
+    fn a_share_is_all_on_average() {
+        const N: usize = 101;
+        const DRAWS: usize = 300;
+        let device = Device::flex();
+        let mut rng = Pcg64::seed_from_u64(3);
+        let coefficients: Vec<f32> = (0..N * SPANS * 3)
+            .map(|_| rng.random_range(0.0..1.0))
+            .collect();
+        let dynamic = part(N, &coefficients, &mut rng, &device);
+        let mut means_of = |share: f32| {
+            let mut sums = [0.0; 2];
+            for k in 0..DRAWS {
+                let time = k as f32 / DRAWS as f32;
+                let measure = Measure {
+                    share,
+                    step: Some([5e-3, 1e-4]),
+                    around: Some(Around {
+                        before: time - 0.2,
+                        after: time + 0.2,
+                    }),
+                    extent: 1.0,
+                };
+                let found = regularity(&dynamic, &settings(), time, &measure, &mut rng);
+                let found = found.expect("valid");
+                let terms = [found.smoothness, found.unsteadiness];
+                for (sum, term) in sums.iter_mut().zip(terms) {
+                    *sum += f64::from(to_host(term.expect("asked for"))[0]) / DRAWS as f64;
+                }
+            }
+            sums
+        };
+        let all = means_of(1.0);
+        assert!(all.iter().all(|mean| *mean > 0.0));
+        // 101 of 101, 26 of 101, 1 of 101: the noise of one draw each is 0.06 in 300.
+        for (share, tolerance) in [(1.0, 0.02), (0.25, 0.04), (1e-6, 0.2)] {
+            for (mean, all) in means_of(share).into_iter().zip(all) {
+                let ratio = mean / all;
+                assert!((ratio - 1.0).abs() < tolerance, "{share}: {ratio}");
+            }
+        }
+    }
+
+    /// Against the formula in f64 and central differences of it, in scenes of several sizes. The field adds next to nothing yet.
+    #[test]
+    fn what_leaves_the_straight_way_costs() {
+        const N: usize = 5;
+        let device = Device::flex().autodiff();
+        let basis = settings().trajectory_basis;
+        let mut rng = Pcg64::seed_from_u64(4);
+        let [before, time, after] = [0.3_f32, 0.45, 0.8];
+        for extent in [1.0_f32, 1e-2, 1e4] {
+            let mut coefficients: Vec<f32> = (0..N * SPANS * 3)
+                .map(|_| rng.random_range(-1.0..1.0) * extent)
+                .collect();
+            // The first goes straight: each of its spans adds the same.
+            for span in 1..SPANS {
+                coefficients.copy_within(0..3, 3 * span);
+            }
+            let mut dynamic = part(N, &coefficients, &mut rng, &device);
+            let own = dynamic.gaussians.trajectories.take().expect("given");
+            let place = |own: &[f64], time: f32| -> [f64; 3] {
+                let weights = basis.at(time);
+                std::array::from_fn(|axis| {
+                    let terms = weights.iter().zip(own.chunks_exact(3));
+                    terms.map(|(w, c)| f64::from(*w) * c[axis]).sum()
+                })
+            };
+            let cost = |own: &[f64]| -> f64 {
+                let share = f64::from(time - before) / f64::from(after - before);
+                let off = |own: &[f64]| {
+                    let [a, b, c] = [before, time, after].map(|time| place(own, time));
+                    let off = |axis: usize| b[axis] - a[axis] * (1.0 - share) - c[axis] * share;
+                    let squares = (0..3).map(|axis| (off(axis) / f64::from(extent)).powi(2));
+                    (squares.sum::<f64>() + f64::from(TINY).powi(2)).sqrt()
+                };
+                own.chunks_exact(SPANS * 3).map(off).sum::<f64>() / N as f64
+            };
+            dynamic.gaussians.trajectories = Some(own);
+            let measure = Measure {
+                share: 1.0,
+                step: None,
+                around: Some(Around { before, after }),
+                extent,
+            };
+            let found = regularity(&dynamic, &settings(), time, &measure, &mut rng);
+            let found = found.expect("valid");
+            assert!(found.smoothness.is_none());
+            let found = found.unsteadiness.expect("asked for");
+            let gradients = found.backward();
+            let own = dynamic.gaussians.trajectories.as_ref().expect("given");
+            let gradient = to_host(own.val().grad(&gradients).expect("used"));
+            let exact: Vec<f64> = coefficients.iter().map(|&c| f64::from(c)).collect();
+            let expected = cost(&exact);
+            let error = (f64::from(to_host(found)[0]) - expected).abs();
+            let of_field = 1e-7 / f64::from(extent);
+            assert!(
+                error < 1e-5 * expected + of_field,
+                "{extent}: off by {error} of {expected}"
+            );
+            let step = 1e-4 * f64::from(extent);
+            // Of the one that goes straight, only that it asks for next to nothing; in a small scene, what the field adds
+            // is more than that.
+            let unit = 1.0 / (N as f32 * extent);
+            let asks = |of: &[f32]| of.iter().fold(0.0, |most: f32, g| most.max(g.abs())) / unit;
+            let (straight, others) = gradient.split_at(SPANS * 3);
+            assert!(asks(others) > 0.1);
+            assert!(extent < 1.0 || asks(straight) < 0.05, "{straight:?}");
+            for k in SPANS * 3..exact.len() {
+                let nudged = |by: f64| {
+                    let mut own = exact.clone();
+                    own[k] += by;
+                    cost(&own)
+                };
+                let expected = (nudged(step) - nudged(-step)) / (2.0 * step);
+                let error = (f64::from(gradient[k]) - expected).abs() * f64::from(extent);
+                assert!(error < 1e-4, "{extent}, {k}: {} {expected}", gradient[k]);
+            }
+        }
+    }
+
+    #[test]
+    fn times_around_are_of_training_and_of_one_side_of_a_gap() {
+        let frames = [0, 1, 2, 3, 4, 5, 6, 7, 16, 17, 18, 19, 20];
+        let time = |frame: usize| frame as f32 / 20.0;
+        // Each several times, in no order.
+        let times = Times::of(frames.iter().chain(frames.iter().rev()).map(|&f| time(f)));
+        let mut rng = Pcg64::seed_from_u64(5);
+        let mut drawn = |frame: usize| -> Vec<[usize; 2]> {
+            let around = (0..100).filter_map(|_| times.around(time(frame), &mut rng));
+            let frame_of = |time: f32| (time * 20.0).round() as usize;
+            let around = around.map(|a| [frame_of(a.before), frame_of(a.after)]);
+            let mut around: Vec<[usize; 2]> = around.collect();
+            around.sort_unstable();
+            around.dedup();
+            around
+        };
+        assert_eq!(drawn(4), [[1, 7], [2, 6], [3, 5]]);
+        assert_eq!(drawn(1), [[0, 2]]);
+        assert_eq!(drawn(6), [[5, 7]]);
+        for without in [0, 7, 16, 20] {
+            assert!(drawn(without).is_empty(), "{without}");
+        }
+        assert_eq!(Times::of(std::iter::empty()).around(0.0, &mut rng), None);
+    }
+}
