@@ -165,6 +165,8 @@ fn everything_moves(config: &mut TrainConfig) {
     config.density_dynamic.from = config.stages.warmup;
     // It helps to follow motion, which these do not.
     config.learning_rates.means_in_turns = 1.0;
+    // It costs them, which ask the field for so many, more steps than it is worth.
+    config.loss.steadiness = 0.0;
 }
 
 /// Grids of 3 dimensions instead of 4: what makes cells of all four share entries leaves each of these to
