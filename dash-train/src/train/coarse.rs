@@ -178,6 +178,11 @@ pub(crate) fn start_part(dataset: &Dataset, train_views: &[usize]) -> Option<Par
         .map(|(_, part)| part)
 }
 
+/// Whether every time by itself shows the scene's shape, as a rig's do.
+pub(crate) fn shown_at_once(start_part: Option<Part>) -> bool {
+    start_part.is_some_and(|part| !part.has_several_times())
+}
+
 /// Whether the first two stages start from a part of the clip and see more and more.
 pub(crate) fn window_grows(trainer: &Trainer) -> bool {
     trainer.config.stages.window == TimeWindow::Growing

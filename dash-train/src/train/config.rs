@@ -7,9 +7,6 @@ pub use stages::{StageConfig, TimeWindow};
 
 use crate::TrainError;
 
-/// Most spans that a polyline gets by itself.
-const MAX_SPANS: usize = 48;
-
 /// Named starting points for a [`TrainConfig`].
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, clap::ValueEnum)]
 #[serde(rename_all = "snake_case")]
@@ -361,41 +358,6 @@ impl TrainConfig {
         self.validate()
     }
 
-    /// This configuration with what follows from the frames in place of zeros: one span of a polyline for every
-    /// two frames, and the 4D field's finest time resolution. Where each frame is `seen_at_once` by cameras that show
-    /// its shape, that has a vertex at every frame, so that what bounces off within one is not cut short; else each
-    /// frame is one picture, and two share a cell. A base time resolution of zero is the finest: all levels get the
-    /// same.
-    pub fn for_frames(&self, n_frames: usize, seen_at_once: bool) -> Self {
-        let mut config = self.clone();
-        let spans = n_frames.div_ceil(2).max(2);
-        let cells = if seen_at_once {
-            n_frames.saturating_sub(1).max(2)
-        } else {
-            spans
-        } as u32;
-        if let TrajectoryBasis::Polyline {
-            spans: unset @ 0, ..
-        } = &mut config.decomposition.basis
-        {
-            *unset = spans.min(MAX_SPANS);
-        }
-        let encoder = &mut config.field.deformation.encoder;
-        if let ([.., base], [.., finest]) = (
-            encoder.base_resolution.as_mut_slice(),
-            encoder.finest_resolution.as_mut_slice(),
-        ) {
-            if *finest == 0 {
-                *finest = cells;
-                *base = cells.min(*base);
-            }
-            if *base == 0 {
-                *base = *finest;
-            }
-        }
-        config
-    }
-
     /// The step at a share of the run.
     pub fn step_at(&self, share: f32) -> usize {
         (share * self.iterations as f32).round() as usize
@@ -403,6 +365,7 @@ impl TrainConfig {
 }
 
 mod following;
+mod frames;
 mod ranges;
 mod stages;
 #[cfg(test)]

@@ -6,7 +6,7 @@ use std::ops::RangeInclusive;
 use burn::tensor::{Tensor, TensorData};
 use dash_kernels::Camera;
 
-use super::coarse::{self, Part};
+use super::coarse;
 use super::cover::{Cover, nearness, visible_motion};
 use super::loss::{opacity, photometric, static_motion, where_counted};
 use super::optimizer::to_host;
@@ -114,8 +114,7 @@ impl Trainer {
             return Ok(None);
         };
         let loss = &self.config.loss;
-        let in_turns = || self.start_part.is_none_or(Part::has_several_times);
-        let is_steady = loss.steadiness > 0.0 && in_turns();
+        let is_steady = loss.steadiness > 0.0 && !coarse::shown_at_once(self.start_part);
         if loss.smoothness <= 0.0 && !is_steady || dynamic.gaussians.is_empty() {
             return Ok(self.scene.dynamic_splats(camera, time)?);
         }

@@ -1,0 +1,41 @@
+use super::*;
+use crate::synth;
+use crate::train::Preset;
+
+#[test]
+fn times_that_no_training_picture_shows_are_gaps() {
+    let whole = synth::loaded(4, 11, [32, 24]);
+    let mut with_a_gap = whole.clone();
+    with_a_gap
+        .views
+        .retain(|view| view.time < 0.35 || view.time > 0.65);
+    let gaps = |dataset: &Dataset, preset: Preset| {
+        let config = TrainConfig::preset(preset);
+        let trainer = Trainer::new(config, Arc::new(dataset.clone()), &Device::flex());
+        trainer.expect("valid").scene.settings.gaps
+    };
+    assert!(gaps(&whole, Preset::Quick).is_empty());
+    assert!(gaps(&with_a_gap, Preset::Paper).is_empty());
+    let found = gaps(&with_a_gap, Preset::Quick);
+    assert_eq!(found.len(), 1);
+    let gap = found.around(0.5).expect("not seen");
+    assert!((gap.from - 0.3).abs() < 1e-6 && (gap.to - 0.7).abs() < 1e-6);
+    assert!((gap.share - 0.5).abs() < 1e-6 && (gap.beside - 0.3).abs() < 1e-6);
+}
+
+#[test]
+fn cells_of_time_follow_from_what_training_pictures_show() {
+    let rig = synth::loaded(6, 11, [32, 24]);
+    let cells = |keep: &dyn Fn(&View) -> bool| {
+        let mut dataset = rig.clone();
+        dataset.views.retain(|view| keep(view));
+        let config = TrainConfig::preset(Preset::Quick);
+        let trainer = Trainer::new(config, Arc::new(dataset), &Device::flex()).expect("valid");
+        let encoder = &trainer.config.field.deformation.encoder;
+        (encoder.base_resolution[3], encoder.finest_resolution[3])
+    };
+    assert_eq!(cells(&|_| true), (10, 10));
+    assert_eq!(cells(&|view| view.frame.is_multiple_of(2)), (5, 5));
+    // Cameras that take turns.
+    assert_eq!(cells(&|view| view.camera_index == view.frame % 6), (6, 6));
+}
