@@ -5,6 +5,8 @@
 //! same for any number of threads. Moments are kept in f64: in f32 `E[x^2] - mean^2` of a constant
 //! image is off by more than C2 tolerates.
 
+use std::ops::Range;
+
 use rayon::prelude::*;
 
 use super::blur::Blur;
@@ -54,35 +56,49 @@ pub fn ssim_vjp(own: &[f32], other: &[f32], v_out: &[f32], shape: [usize; 3]) ->
 
 /// Fills an image by calling `tile(first_row, columns, rows)`, where `rows` are a band's.
 fn for_bands(images: &Images, tile: impl Fn(usize, Columns, &mut [f32]) + Sync) -> Vec<f32> {
+    for_bands_with::<()>(images, |first_row, columns, out, _| {
+        tile(first_row, columns, out);
+    })
+    .0
+}
+
+/// As [`for_bands`], and something more for each row of the image, which `tile` fills for the band's.
+pub(crate) fn for_bands_with<R: Clone + Default + Send>(
+    images: &Images,
+    tile: impl Fn(usize, Columns, &mut [f32], &mut [R]) + Sync,
+) -> (Vec<f32>, Vec<R>) {
     let [height, width, channels] = images.shape;
     let rows = height
         .div_ceil(BANDS_PER_THREAD * rayon::current_num_threads())
         .max(MIN_BAND_ROWS);
     let columns_per_tile = (TILE_VALUES / channels).max(MIN_TILE_COLUMNS);
     let mut out = vec![0.0; height * width * channels];
+    let mut of_rows = vec![R::default(); height];
     out.par_chunks_mut(rows * width * channels)
+        .zip(of_rows.par_chunks_mut(rows))
         .enumerate()
-        .for_each(|(band, out)| {
+        .for_each(|(band, (out, of_rows))| {
             for first in (0..width).step_by(columns_per_tile) {
                 let count = columns_per_tile.min(width - first);
-                tile(band * rows, Columns { first, count }, out);
+                tile(band * rows, Columns { first, count }, out, of_rows);
             }
         });
-    out
+    (out, of_rows)
 }
 
 /// Columns of a tile.
 #[derive(Clone, Copy)]
-struct Columns {
-    first: usize,
-    count: usize,
+pub(crate) struct Columns {
+    pub(crate) first: usize,
+    pub(crate) count: usize,
 }
 
+/// Two images of one shape `[H, W, C]`.
 #[derive(Clone, Copy)]
-struct Images<'a> {
-    x: &'a [f32],
-    y: &'a [f32],
-    shape: [usize; 3],
+pub(crate) struct Images<'a> {
+    pub(crate) x: &'a [f32],
+    pub(crate) y: &'a [f32],
+    pub(crate) shape: [usize; 3],
 }
 
 impl<'a> Images<'a> {
@@ -96,6 +112,18 @@ impl<'a> Images<'a> {
     fn tile_row<'b>(&self, image: &'b [f32], row: usize, columns: Columns) -> &'b [f32] {
         let [_, width, channels] = self.shape;
         &image[(row * width + columns.first) * channels..][..columns.count * channels]
+    }
+
+    /// The tile's columns in a row of a band of an image.
+    #[inline(always)]
+    pub(crate) fn band_row<'b>(
+        &self,
+        band: &'b mut [f32],
+        row: usize,
+        columns: Columns,
+    ) -> &'b mut [f32] {
+        let [_, width, channels] = self.shape;
+        &mut band[(row * width + columns.first) * channels..][..columns.count * channels]
     }
 
     /// The tile's columns and `margin` more on either side: the part that lies in the image, and
@@ -174,6 +202,91 @@ impl Kernel for ForwardTile<'_> {
     }
 }
 
+/// What a gradient of the similarity is wanted for.
+pub(crate) trait Upstream {
+    /// Writes the gradients of `mean_x`, `squares` and `product` in the columns `part` of an image's row, from
+    /// the moments there.
+    fn moments_vjp(
+        &mut self,
+        row: usize,
+        part: Columns,
+        moments: [&[f64]; 4],
+        gradients: [&mut [f64]; 3],
+    );
+
+    /// Takes the gradient of a row in the tile's columns.
+    fn finish(&mut self, row: usize, gradient: &RowGradient);
+}
+
+/// A row of both images, and the blurred gradients of the moments there.
+pub(crate) struct RowGradient<'a> {
+    pub(crate) x: &'a [f32],
+    pub(crate) y: &'a [f32],
+    v_mean: &'a [f64],
+    v_squares: &'a [f64],
+    v_product: &'a [f64],
+}
+
+impl RowGradient<'_> {
+    /// The gradient of a value of `x`; zero where that is not finite.
+    #[inline(always)]
+    pub(crate) fn at(&self, i: usize) -> f64 {
+        let v = self.v_mean[i]
+            + 2.0 * f64::from(self.x[i]) * self.v_squares[i]
+            + finite_or_zero(self.y[i]) * self.v_product[i];
+        if self.x[i].is_finite() { v } else { 0.0 }
+    }
+}
+
+/// Works the gradient out for the tile's `columns` in `rows` of the image.
+#[inline(always)]
+pub(crate) fn stream_backward(
+    images: Images,
+    columns: Columns,
+    rows: Range<usize>,
+    upstream: &mut impl Upstream,
+) {
+    let [_, _, channels] = images.shape;
+    // Moments are needed, and their gradients blurred, a window's radius around the tile.
+    let mut moments_blur = Blur::<4>::new(columns.count + 2 * RADIUS, channels);
+    let mut gradient_blur = Blur::<3>::new(columns.count, channels);
+    let (part, missing) = images.widened(columns, RADIUS);
+    let part_values = part.count * channels;
+    let mut pushed_row = rows.start as isize - 2 * RADIUS as isize;
+    for row in rows {
+        let x = images.tile_row(images.x, row, columns);
+        let y = &images.tile_row(images.y, row, columns)[..x.len()];
+        loop {
+            let moments = images.push_moments(pushed_row, columns, RADIUS, &mut moments_blur);
+            let moments_row = pushed_row - RADIUS as isize;
+            pushed_row += 1;
+            let Some(moments) = moments else { continue };
+            let gradients = match images.row_in_image(moments_row) {
+                Some(row) => {
+                    let inside = |row| &<[f64]>::split_at(row, missing).1[..part_values];
+                    let inside_mut =
+                        |row| &mut <[f64]>::split_at_mut(row, missing).1[..part_values];
+                    let gradients = gradient_blur.input().map(inside_mut);
+                    upstream.moments_vjp(row, part, moments.map(inside), gradients);
+                    gradient_blur.push()
+                }
+                None => gradient_blur.push_zeros(),
+            };
+            let Some(gradients) = gradients else { continue };
+            let [v_mean, v_squares, v_product] = gradients.map(|row| &row[..x.len()]);
+            let gradient = RowGradient {
+                x,
+                y,
+                v_mean,
+                v_squares,
+                v_product,
+            };
+            upstream.finish(row, &gradient);
+            break;
+        }
+    }
+}
+
 struct BackwardTile<'a> {
     images: Images<'a>,
     v_out: &'a [f32],
@@ -187,51 +300,43 @@ impl Kernel for BackwardTile<'_> {
     type Output = ();
 
     #[inline(always)]
-    fn run(self) {
-        let Self {
-            images, columns, ..
-        } = self;
-        let [_, width, channels] = images.shape;
-        // Moments are needed, and their gradients blurred, a window's radius around the tile.
-        let mut moments_blur = Blur::<4>::new(columns.count + 2 * RADIUS, channels);
-        let mut gradient_blur = Blur::<3>::new(columns.count, channels);
-        let (part, missing) = images.widened(columns, RADIUS);
-        let mut pushed_row = self.first_row as isize - 2 * RADIUS as isize;
-        for (i, v_x) in self.v_x.chunks_mut(width * channels).enumerate() {
-            let v_x = &mut v_x[columns.first * channels..][..columns.count * channels];
-            let x = images.tile_row(images.x, self.first_row + i, columns);
-            let y = images.tile_row(images.y, self.first_row + i, columns);
-            loop {
-                let moments = images.push_moments(pushed_row, columns, RADIUS, &mut moments_blur);
-                let moments_row = pushed_row - RADIUS as isize;
-                pushed_row += 1;
-                let Some(moments) = moments else { continue };
-                let gradients = match images.row_in_image(moments_row) {
-                    Some(row) => {
-                        let v_out = images.tile_row(self.v_out, row, part);
-                        let inside = |row| &<[f64]>::split_at(row, missing).1[..v_out.len()];
-                        let inside_mut =
-                            |row| &mut <[f64]>::split_at_mut(row, missing).1[..v_out.len()];
-                        let gradients = gradient_blur.input().map(inside_mut);
-                        moments_vjp(moments.map(inside), v_out, gradients);
-                        gradient_blur.push()
-                    }
-                    None => gradient_blur.push_zeros(),
-                };
-                let Some(gradients) = gradients else { continue };
-                let [v_mean, v_squares, v_product] = gradients.map(|row| &row[..v_x.len()]);
-                for (i, v_x) in v_x.iter_mut().enumerate() {
-                    let v = v_mean[i]
-                        + 2.0 * f64::from(x[i]) * v_squares[i]
-                        + finite_or_zero(y[i]) * v_product[i];
-                    let v = if x[i].is_finite() { v as f32 } else { 0.0 };
-                    // Gradients near the largest number there is leave its range.
-                    *v_x = if v.is_finite() { v } else { 0.0 };
-                }
-                break;
-            }
+    fn run(mut self) {
+        let [_, width, channels] = self.images.shape;
+        let n_rows = self.v_x.len() / (width * channels);
+        let rows = self.first_row..self.first_row + n_rows;
+        stream_backward(self.images, self.columns, rows, &mut self);
+    }
+}
+
+impl Upstream for BackwardTile<'_> {
+    #[inline(always)]
+    fn moments_vjp(
+        &mut self,
+        row: usize,
+        part: Columns,
+        moments: [&[f64]; 4],
+        gradients: [&mut [f64]; 3],
+    ) {
+        let v_out = self.images.tile_row(self.v_out, row, part);
+        moments_vjp(moments, v_out, gradients);
+    }
+
+    #[inline(always)]
+    fn finish(&mut self, row: usize, gradient: &RowGradient) {
+        let v_x = self
+            .images
+            .band_row(self.v_x, row - self.first_row, self.columns);
+        for (i, v_x) in v_x.iter_mut().enumerate() {
+            *v_x = within_range(gradient.at(i));
         }
     }
+}
+
+/// Gradients near the largest number there is leave its range; they count as zero.
+#[inline(always)]
+pub(crate) fn within_range(v: f64) -> f32 {
+    let v = v as f32;
+    if v.is_finite() { v } else { 0.0 }
 }
 
 /// Gradients of `mean_x`, `squares` and `product` from that of the similarity, for a row.
@@ -241,12 +346,12 @@ fn moments_vjp(moments: [&[f64]; 4], v_out: &[f32], gradients: [&mut [f64]; 3]) 
     let [v_mean, v_squares, v_product] = gradients;
     for i in 0..v_out.len() {
         let terms = Terms::new(mean_x[i], mean_y[i], squares[i], product[i]);
-        (v_mean[i], v_squares[i], v_product[i]) = terms.vjp(finite_or_zero(v_out[i]));
+        [v_mean[i], v_squares[i], v_product[i], _] = terms.vjp(finite_or_zero(v_out[i]));
     }
 }
 
 /// The factors of the similarity at a pixel.
-struct Terms {
+pub(crate) struct Terms {
     mean_x: f64,
     mean_y: f64,
     variance: f64,
@@ -258,7 +363,7 @@ struct Terms {
 
 impl Terms {
     #[inline(always)]
-    fn new(mean_x: f64, mean_y: f64, squares: f64, product: f64) -> Self {
+    pub(crate) fn new(mean_x: f64, mean_y: f64, squares: f64, product: f64) -> Self {
         let mean_squares = mean_x * mean_x + mean_y * mean_y;
         let mean_product = mean_x * mean_y;
         let variance = squares - mean_squares;
@@ -279,23 +384,25 @@ impl Terms {
         (self.luminance / self.luminance_norm) * (self.contrast / self.contrast_norm)
     }
 
-    /// Gradients of `mean_x`, `squares` and `product`.
+    /// Gradients of `mean_x`, `squares` and `product`, and the similarity.
     #[inline(always)]
-    fn vjp(&self, v: f64) -> (f64, f64, f64) {
-        let luminance_ratio = self.luminance / self.luminance_norm;
-        let contrast_ratio = self.contrast / self.contrast_norm;
+    pub(crate) fn vjp(&self, v: f64) -> [f64; 4] {
+        let per_luminance = 1.0 / self.luminance_norm;
+        let per_contrast = 1.0 / self.contrast_norm;
+        let luminance_ratio = self.luminance * per_luminance;
+        let contrast_ratio = self.contrast * per_contrast;
         let similarity = luminance_ratio * contrast_ratio;
-        let v_product = 2.0 * v * luminance_ratio / self.contrast_norm;
+        let v_product = 2.0 * v * luminance_ratio * per_contrast;
         let v_squares = if self.variance > 0.0 {
-            -v * similarity / self.contrast_norm
+            -v * similarity * per_contrast
         } else {
             0.0
         };
-        let v_mean_x = 2.0 * v * (self.mean_y * contrast_ratio - self.mean_x * similarity)
-            / self.luminance_norm
-            - v_product * self.mean_y
-            - 2.0 * self.mean_x * v_squares;
-        (v_mean_x, v_squares, v_product)
+        let v_mean_x =
+            2.0 * v * (self.mean_y * contrast_ratio - self.mean_x * similarity) * per_luminance
+                - v_product * self.mean_y
+                - 2.0 * self.mean_x * v_squares;
+        [v_mean_x, v_squares, v_product, similarity]
     }
 }
 

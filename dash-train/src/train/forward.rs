@@ -5,10 +5,11 @@ use std::ops::RangeInclusive;
 
 use burn::tensor::{Tensor, TensorData};
 use dash_kernels::Camera;
+use dash_kernels::photometric::photometric;
 
 use super::coarse;
 use super::cover::{Cover, nearness, visible_motion};
-use super::loss::{opacity, photometric, static_motion, where_counted};
+use super::loss::{opacity, static_motion, where_counted};
 use super::optimizer::to_host;
 use super::regularity::{Measure, regularity};
 use super::trainer::Trainer;
@@ -28,8 +29,8 @@ const ROOM: f32 = 4.0;
 /// What a forward pass leaves for the backward pass and the statistics.
 pub(crate) struct Forward {
     pub(super) loss: Tensor<1>,
-    pub(super) image: Tensor<3>,
-    pub(super) target: Tensor<3>,
+    /// Mean squared error of the picture.
+    pub(super) mse: Tensor<1>,
     /// Zero leaves whose gradients are those of the packed splats, and the splats.
     pub(crate) static_probe: (Tensor<2>, Vec<f32>),
     pub(crate) dynamic_probe: Option<(Tensor<2>, Tensor<2>)>,
@@ -71,7 +72,7 @@ impl Trainer {
             }
         };
         let rendering = self.scene.rasterize(splats, camera)?;
-        let image = rendering.rgb();
+        let image = rendering.image;
         let (target, counted) = view.rgb_and_counted(self.scene.settings.background)?;
         let target = TensorData::new(target, [camera.height, camera.width, 3]);
         let target = Tensor::<3>::from_data(target, &self.device);
@@ -79,7 +80,9 @@ impl Trainer {
             None => (image, target),
             Some(counted) => where_counted(image, target, counted),
         };
-        let mut loss = photometric(image.clone(), target.clone(), self.config.loss.dssim)?;
+        // Eqs. 6 and 12.
+        let judged = photometric(image, target, self.config.loss.dssim)?;
+        let mut loss = judged.loss;
         let weight = self.config.loss.static_opacity;
         if weight > 0.0 {
             regularisers.extend(opacity(&self.scene.static_set).map(|mean| mean * weight));
@@ -95,8 +98,7 @@ impl Trainer {
         }
         Ok(Forward {
             loss,
-            image: image.detach(),
-            target,
+            mse: judged.mse,
             static_probe: (static_leaf, splats_on_host),
             dynamic_probe,
         })

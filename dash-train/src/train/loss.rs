@@ -2,25 +2,9 @@
 
 use burn::tensor::activation::sigmoid;
 use burn::tensor::{Tensor, TensorData};
-use dash_kernels::KernelError;
-use dash_kernels::ssim::ssim;
 use dash_model::{Gaussians, SpaceBox};
 
-/// `(1 - lambda_c) L1 + lambda_c (1 - SSIM)` of two images `[H, W, 3]`.
-pub(crate) fn photometric(
-    image: Tensor<3>,
-    target: Tensor<3>,
-    dssim: f32,
-) -> Result<Tensor<1>, KernelError> {
-    let l1 = (image.clone() - target.clone()).abs().mean();
-    if dssim == 0.0 {
-        return Ok(l1);
-    }
-    let similarity = ssim(image, target)?.mean();
-    Ok(l1 * (1.0 - dssim) + (-similarity + 1.0) * dssim)
-}
-
-/// Image and target `[H, W, 3]`, both black where `counted [H * W]` is zero: what is there changes
+/// Image and target `[H, W, C]`, both black where `counted [H * W]` is zero: what is there changes
 /// neither the loss nor any gradient.
 pub(crate) fn where_counted(
     image: Tensor<3>,
@@ -55,6 +39,7 @@ pub(crate) fn opacity(set: &Gaussians) -> Option<Tensor<1>> {
 #[cfg(test)]
 mod tests {
     use burn::tensor::Device;
+    use dash_kernels::photometric::photometric;
     use dash_model::GaussianRows;
 
     use super::*;
@@ -93,7 +78,7 @@ mod tests {
         let judge = |outside: [f32; 2]| {
             let image = picture(1, outside[0]).require_grad();
             let (a, b) = where_counted(image.clone(), picture(2, outside[1]), counted.clone());
-            let loss = photometric(a, b, 0.2).expect("equal sizes");
+            let loss = photometric(a, b, 0.2).expect("equal sizes").loss;
             let gradient = image.grad(&loss.backward()).expect("tracked");
             (to_host(loss), to_host(gradient))
         };

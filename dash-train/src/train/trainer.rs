@@ -253,11 +253,7 @@ impl Trainer {
         let forward = self.forward(view)?;
         self.waited_secs += self.waiting() - waited;
         let loss = to_host(forward.loss.clone())[0];
-        let mse = to_host(
-            (forward.image.clone() - forward.target.clone())
-                .powi_scalar(2)
-                .mean(),
-        )[0];
+        let mse = to_host(forward.mse.clone())[0];
         let mut gradients = forward.loss.backward();
         let faults = guard::look(self, &gradients, loss)?;
         let skipped = faults.is_some();

@@ -26,7 +26,8 @@ impl TrainConfig {
     }
 
     /// Moves the stages towards the form of the shortest runs, as far as it takes to leave
-    /// [`min_following`](super::StageConfig::min_following) steps.
+    /// [`min_following`](super::StageConfig::min_following) steps: following takes of the time in which every
+    /// Gaussian goes alone first, then of the warm-up, and only then puts off the split.
     pub(crate) fn make_room_for_following(&mut self) {
         let stages = &mut self.stages;
         let follows = self.decomposition.enabled
@@ -34,23 +35,27 @@ impl TrainConfig {
             && stages.window == TimeWindow::Growing;
         let share = stages.settle * (stages.decomposition - stages.warmup);
         let step = 1.0 / self.iterations as f32;
-        let warmup = stages.warmup.min(SHORT_WARMUP);
-        let decomposition = stages.decomposition.max(SHORT_DECOMPOSITION);
-        let most = stages.settle.max(SHORT_SETTLE) * (decomposition - warmup);
+        let shortest_warmup = stages.warmup.min(SHORT_WARMUP);
+        let latest_split = stages.decomposition.max(SHORT_DECOMPOSITION);
+        let settle = stages.settle.max(SHORT_SETTLE);
+        let most = settle * (latest_split - shortest_warmup);
         let needed = (stages.min_following as f32 * step).min(most);
         // A part of a step is none: what was moved before stays as it is.
         if !follows || needed <= share + 0.5 * step {
             return;
         }
-        let way = (needed - share) / (most - share);
-        let between = |from: f32, to: f32| from + way * (to - from);
-        stages.warmup = between(stages.warmup, warmup);
-        stages.decomposition = between(stages.decomposition, decomposition);
+        let length = needed / settle;
+        let split = stages.decomposition;
+        stages.warmup = (split - length).clamp(shortest_warmup, stages.warmup);
+        stages.decomposition = split.max(stages.warmup + length);
         stages.settle = (needed / (stages.decomposition - stages.warmup)).min(1.0);
-        let densities = [&mut self.density_static, &mut self.density_dynamic];
-        for (density, until) in densities.into_iter().zip(SHORT_DENSITIES) {
-            if density.until > 0.0 {
-                density.until = between(density.until, density.until.max(until));
+        if stages.decomposition > split {
+            let way = (stages.decomposition - split) / (latest_split - split);
+            let densities = [&mut self.density_static, &mut self.density_dynamic];
+            for (density, until) in densities.into_iter().zip(SHORT_DENSITIES) {
+                if density.until > 0.0 {
+                    density.until += way * (until - density.until).max(0.0);
+                }
             }
         }
     }
@@ -116,9 +121,13 @@ mod tests {
         // 0.95 (0.6 - 0.06) 1,500 = 770 are all that there can be.
         assert_eq!(quick(1_500), [90, 770, 900, 1_125, 1_275]);
         assert_eq!(quick(200), [12, 103, 120, 150, 170]);
+        // The warm-up gives way before the split does.
+        let [warmup, following, split, end_static, end_dynamic] = quick(2_300);
+        assert_eq!([following, split], [800, 1_035]);
+        assert!((150..230).contains(&warmup), "{warmup}");
+        assert_eq!([end_static, end_dynamic], [1_380, 1_610]);
         let [warmup, following, split, end_static, end_dynamic] = quick(2_000);
-        assert_eq!(following, 800);
-        assert!((120..200).contains(&warmup), "{warmup}");
+        assert_eq!((warmup, following), (120, 800));
         assert!((900..1_200).contains(&split), "{split}");
         assert!((1_200..1_500).contains(&end_static), "{end_static}");
         assert!((1_400..1_700).contains(&end_dynamic), "{end_dynamic}");
@@ -140,7 +149,7 @@ mod tests {
                 "stages.settle=1",
                 "stages.min_following=1000"
             ]),
-            [60, 840, 900, 750, 850]
+            [60, 840, 900, 600, 700]
         );
         assert_eq!(short(&["density_dynamic.until=0"]), [60, 513, 600, 750, 0]);
         assert_eq!(
