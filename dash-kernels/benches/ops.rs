@@ -15,6 +15,7 @@ use dash_kernels::adam::{AdamStep, adam_step};
 use dash_kernels::hash_encode::{
     HashGridConfig, HashGridLayout, Interpolation, LevelSizing, hash_encode,
 };
+use dash_kernels::photometric::photometric;
 use dash_kernels::project::{Activation, ProjectOptions, project};
 use dash_kernels::rasterize::{N_CHANNELS, RasterizeOptions, rasterize};
 use dash_kernels::splats::N_COLUMNS;
@@ -56,6 +57,7 @@ fn main() {
         bench.project();
         bench.rasterize();
         bench.ssim();
+        bench.photometric();
     }
 }
 
@@ -277,6 +279,22 @@ impl Bench {
             let y = y.autodiff();
             self.time(&format!("{what}, both"), 3 * values, || {
                 drop(ssim(x.clone(), y.clone()).expect("equal").sum().backward());
+            });
+        }
+    }
+
+    fn photometric(&self) {
+        if !self.wants("photometric") {
+            return;
+        }
+        for (width, height) in IMAGES {
+            let [x, y] = [0, 1].map(|_| self.random([height, width, 3]));
+            let values = 2 * width * height * 3;
+            let what = format!("photometric loss {width} x {height}");
+            let (x, y) = (x.autodiff().require_grad(), y.autodiff());
+            self.time(&format!("{what}, both"), values, || {
+                let found = photometric(x.clone(), y.clone(), 0.2).expect("equal");
+                drop(found.loss.backward());
             });
         }
     }

@@ -7,14 +7,15 @@
 //! # Map
 //! - this file: what is asked for and the loop over it; `file`: what is written.
 //! - `error`: errors of many values; `timing`: medians and quartiles.
-//! - `hash_encode`, `project`, `rasterize`, `ssim`, `adam`, `squared_extent`: one operation each;
-//!   `determinant`: two forms of one formula, on the host; `stiffness`: inputs made harder and harder.
+//! - `hash_encode`, `project`, `rasterize`, `ssim`, `photometric`, `adam`, `squared_extent`: one operation
+//!   each; `determinant`: two forms of one formula, on the host; `stiffness`: inputs made harder and harder.
 
 mod adam;
 mod determinant;
 mod error;
 mod file;
 mod hash_encode;
+mod photometric;
 mod project;
 mod rasterize;
 mod squared_extent;
@@ -54,6 +55,8 @@ pub enum Op {
     Rasterize,
     /// Structural similarity.
     Ssim,
+    /// The loss of a picture.
+    Photometric,
     /// A step of Adam.
     Adam,
     /// How far trajectories go.
@@ -62,11 +65,12 @@ pub enum Op {
 
 impl Op {
     /// All of them.
-    pub const ALL: [Self; 6] = [
+    pub const ALL: [Self; 7] = [
         Self::HashEncode,
         Self::Project,
         Self::Rasterize,
         Self::Ssim,
+        Self::Photometric,
         Self::Adam,
         Self::SquaredExtent,
     ];
@@ -78,6 +82,7 @@ impl Op {
             Self::Project => "project",
             Self::Rasterize => "rasterize",
             Self::Ssim => "ssim",
+            Self::Photometric => "photometric",
             Self::Adam => "adam",
             Self::SquaredExtent => "squared_extent",
         }
@@ -140,6 +145,7 @@ impl Bench<'_> {
                         Op::Project => project::measure(self, target, size),
                         Op::Rasterize => rasterize::measure(self, target, size),
                         Op::Ssim => ssim::measure(self, target, size),
+                        Op::Photometric => photometric::measure(self, target, size),
                         Op::Adam => adam::measure(self, target, size),
                         Op::SquaredExtent => squared_extent::measure(self, target, size),
                     };

@@ -296,15 +296,34 @@ pub fn train(
 /// Says so where a run's stages are not those that were asked for.
 fn tell_of_stages(config: &TrainConfig, taken: &StageConfig) {
     let asked = &config.stages;
-    if asked != taken {
+    if asked == taken {
+        return;
+    }
+    let ends = |stages: &StageConfig| {
+        let following = stages.settle * (stages.decomposition - stages.warmup);
+        [
+            stages.warmup,
+            stages.warmup + following,
+            stages.decomposition,
+        ]
+        .map(|share| (100.0 * share).round())
+    };
+    let names = [
+        "the warm-up ends",
+        "following motion ends",
+        "the decomposition ends",
+    ];
+    let changes: Vec<String> = names
+        .into_iter()
+        .zip(ends(asked).into_iter().zip(ends(taken)))
+        .filter(|(_, (asked, taken))| asked != taken)
+        .map(|(name, (asked, taken))| format!("{name} after {taken} % instead of {asked} %"))
+        .collect();
+    if !changes.is_empty() {
         tracing::info!(
-            "{} steps are few: the warm-up ends after {:.0} % of them instead of {:.0} %, the decomposition \
-             after {:.0} % instead of {:.0} % (stages.min_following=0 keeps the stages as they are)",
+            "{} steps are few: {} (stages.min_following=0 keeps the stages as they are)",
             config.iterations,
-            100.0 * taken.warmup,
-            100.0 * asked.warmup,
-            100.0 * taken.decomposition,
-            100.0 * asked.decomposition,
+            changes.join(", "),
         );
     }
 }
