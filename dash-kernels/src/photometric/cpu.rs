@@ -7,8 +7,9 @@
 
 use crate::isa::{Kernel, dispatch};
 use crate::ssim::cpu::{
-    Columns, Images, RowGradient, Terms, Upstream, for_bands_with, stream_backward, within_range,
+    Columns, Images, RowGradient, Upstream, for_bands_with, stream_backward, within_range,
 };
+use crate::ssim::terms::Terms;
 
 /// Sums kept side by side: one AVX-512 register of `f64`.
 const LANES: usize = 8;

@@ -34,8 +34,8 @@ pub struct Photometric {
 ///
 /// # Gradient
 /// To the image. The target counts as a constant. Like [`ssim`](crate::ssim::ssim)'s, and that of the absolute
-/// error is zero where both are equal. A pixel that is not finite makes the loss not finite, and gets
-/// no gradient; one of the target gives none.
+/// error is zero where both are equal. A pixel that is not finite makes the loss not finite and gets no
+/// gradient. One of the target makes it not finite, too; the pixel there has the gradient of the similarity alone.
 ///
 /// # Errors
 /// [`KernelError::Shape`] when the heights or widths differ, the image has fewer channels or a size is zero, [`KernelError::Config`] when `dssim` is

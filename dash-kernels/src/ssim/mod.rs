@@ -6,6 +6,7 @@ pub mod cpu;
 #[cfg(feature = "cube")]
 mod cube;
 pub mod reference;
+pub(crate) mod terms;
 #[cfg(test)]
 mod tests;
 mod window;
