@@ -77,7 +77,21 @@ impl Kernel for LossTile<'_> {
     #[inline(always)]
     fn run(mut self) {
         let rows = self.first_row..self.first_row + self.sums.len();
-        stream_backward(self.images, self.columns, rows, &mut self);
+        if self.v_similarity != 0.0 {
+            return stream_backward(self.images, self.columns, rows, &mut self);
+        }
+        // A similarity that does not count is not worked out.
+        let zeros = vec![0.0; self.columns.count * self.images.shape[2]];
+        for row in rows {
+            let gradient = RowGradient {
+                x: self.images.tile_row(self.images.x, row, self.columns),
+                y: self.images.tile_row(self.images.y, row, self.columns),
+                v_mean: &zeros,
+                v_squares: &zeros,
+                v_product: &zeros,
+            };
+            self.finish(row, &gradient);
+        }
     }
 }
 

@@ -110,7 +110,7 @@ impl<'a> Images<'a> {
 
     /// Values of `image` in the tile's columns of a row.
     #[inline(always)]
-    fn tile_row<'b>(&self, image: &'b [f32], row: usize, columns: Columns) -> &'b [f32] {
+    pub(crate) fn tile_row<'b>(&self, image: &'b [f32], row: usize, columns: Columns) -> &'b [f32] {
         let [_, width, channels] = self.shape;
         &image[(row * width + columns.first) * channels..][..columns.count * channels]
     }
@@ -223,9 +223,9 @@ pub(crate) trait Upstream {
 pub(crate) struct RowGradient<'a> {
     pub(crate) x: &'a [f32],
     pub(crate) y: &'a [f32],
-    v_mean: &'a [f64],
-    v_squares: &'a [f64],
-    v_product: &'a [f64],
+    pub(crate) v_mean: &'a [f64],
+    pub(crate) v_squares: &'a [f64],
+    pub(crate) v_product: &'a [f64],
 }
 
 impl RowGradient<'_> {
