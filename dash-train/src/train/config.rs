@@ -124,6 +124,10 @@ pub struct LossConfig {
     /// scene's shape. Ours.
     #[serde(default)]
     pub steadiness: f32,
+    /// Least share of a camera's pictures that what moved since following began counts as in the absolute error, while
+    /// the coarse field looks for motion, if the camera stands still; 0: what it covers. Ours.
+    #[serde(default)]
+    pub moved_share: f32,
     /// Half-widths of the random step of Eq. 11 in the unit cube, space then time (released code).
     pub smoothness_step: [f32; 2],
 }

@@ -9,7 +9,7 @@ use dash_kernels::photometric::photometric;
 
 use super::coarse;
 use super::cover::{Cover, nearness, visible_motion};
-use super::loss::{opacity, static_motion, where_counted};
+use super::loss::{opacity, static_motion, weighted_error, where_counted};
 use super::optimizer::to_host;
 use super::regularity::{Measure, regularity};
 use super::trainer::Trainer;
@@ -74,12 +74,17 @@ impl Trainer {
         let rendering = self.scene.rasterize(splats, camera)?;
         let image = rendering.image;
         let (target, counted) = view.rgb_and_counted(self.scene.settings.background)?;
+        let of_moved = self.weights_of_moved(view, &target)?;
         let target = TensorData::new(target, [camera.height, camera.width, 3]);
         let target = Tensor::<3>::from_data(target, &self.device);
         let (image, target) = match counted {
             None => (image, target),
             Some(counted) => where_counted(image, target, counted),
         };
+        if let Some(weights) = of_moved {
+            let error = weighted_error(image.clone(), target.clone(), weights);
+            regularisers.push(error * (1.0 - self.config.loss.dssim));
+        }
         // Eqs. 6 and 12.
         let judged = photometric(image, target, self.config.loss.dssim)?;
         let mut loss = judged.loss;

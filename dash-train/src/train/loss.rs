@@ -17,6 +17,15 @@ pub(crate) fn where_counted(
     (image * counted.clone(), target * counted)
 }
 
+/// Mean over all values of the absolute error of `image [H, W, C + E]` against `target [H, W, C]`, times `weights
+/// [H * W]`.
+pub(crate) fn weighted_error(image: Tensor<3>, target: Tensor<3>, weights: Vec<f32>) -> Tensor<1> {
+    let [height, width, channels] = target.dims();
+    let weights = TensorData::new(weights, [height, width, 1]);
+    let weights = Tensor::<3>::from_data(weights, &image.device());
+    ((image.narrow(2, 0, channels) - target).abs() * weights).mean()
+}
+
 /// Eq. 5: mean motion of the static Gaussians, in units of the space's diagonal.
 /// `extents [N]`, `is_static [N]` of 0 and 1; zero when none is static.
 pub(crate) fn static_motion(extents: Tensor<1>, is_static: &[bool], space: &SpaceBox) -> Tensor<1> {
@@ -57,6 +66,21 @@ mod tests {
         assert_eq!(set(0), None);
         assert_eq!(set(1), Some(0.5));
         assert_eq!(set(2), Some(0.75));
+    }
+
+    #[test]
+    fn weighted_errors_are_means_over_all_values() {
+        let device = Device::flex().autodiff();
+        let tensor = |values: &[f32], channels: usize| -> Tensor<3> {
+            Tensor::from_data(TensorData::new(values.to_vec(), [1, 2, channels]), &device)
+        };
+        // The last channel is not looked at.
+        let image = tensor(&[0.1, 0.2, 9.0, 0.3, 0.9, 9.0], 3).require_grad();
+        let target = tensor(&[0.3, 0.2, 0.2, 0.4], 2);
+        let error = weighted_error(image.clone(), target, vec![0.0, 2.0]);
+        let gradient = image.grad(&error.backward()).expect("tracked");
+        assert!((to_host(error)[0] - 2.0 * (0.1 + 0.5) / 4.0).abs() < 1e-6);
+        assert_eq!(to_host(gradient), [0.0, 0.0, 0.0, 0.5, 0.5, 0.0]);
     }
 
     #[test]

@@ -1,5 +1,6 @@
 //! Training: configuration, losses, density control, stages, checkpoints.
 
+mod blocks;
 mod checkpoint;
 pub(crate) mod coarse;
 pub mod config;
@@ -11,6 +12,7 @@ pub(crate) mod initial;
 mod leave_out;
 mod lines;
 mod loss;
+mod moved;
 mod optimizer;
 mod presets;
 mod promote;

@@ -63,6 +63,7 @@ impl TrainConfig {
                 nearness: 0.001,
                 smoothness_share: 0.25,
                 steadiness: 0.0,
+                moved_share: 0.0,
                 smoothness_step: [5e-3, 1e-4],
             },
             learning_rates: LearningRates {
@@ -170,6 +171,7 @@ impl TrainConfig {
         self.learning_rates.means_final = 1.6e-5;
         self.learning_rates.means_in_turns = 2.5;
         self.loss.steadiness = 0.1;
+        self.loss.moved_share = 0.03;
         self.density_static.opacity_reset_interval = 2_000;
         self.density_dynamic.opacity_reset_interval = 800;
         self.density_static.max_gaussians = 10_000;
@@ -257,6 +259,7 @@ impl TrainConfig {
             nearness: 0.0,
             smoothness_share: 1.0,
             steadiness: 0.0,
+            moved_share: 0.0,
             smoothness_step: [5e-3, 1e-4],
         };
         self.learning_rates = LearningRates {

@@ -18,6 +18,7 @@ use super::density::DensityStatistics;
 use super::guard::{self, Skipped, SkippedStep};
 use super::initial::{Core, initial_points, near_plane};
 use super::leave_out::{self, Decision};
+use super::moved::Moved;
 use super::optimizer::{Optimizer, to_host};
 use super::regularity::Times;
 use super::sampler::ViewSampler;
@@ -68,6 +69,8 @@ pub struct Trainer {
     pub(crate) motion: Option<MotionField>,
     /// The space of coarse motion; present from the warm-up to the split.
     pub(crate) motion_space: Option<SpaceBox>,
+    /// What cameras saw where following begins, while the coarse field looks for motion.
+    pub(crate) moved: Option<Moved>,
     pub(crate) optimizer: Optimizer,
     pub(crate) rng: Pcg64,
     pub(crate) sampler: ViewSampler,
@@ -167,6 +170,7 @@ impl Trainer {
             scene,
             motion: None,
             motion_space: None,
+            moved: None,
             optimizer: Optimizer::default(),
             rng,
             sampler: ViewSampler::default(),

@@ -26,6 +26,7 @@ fn what_older_runs_do_not_say_is_as_it_was() {
     let newer = [
         "means_in_turns",
         "steadiness",
+        "moved_share",
         "smoothness_share",
         "nearness",
         "crowd",
@@ -55,6 +56,7 @@ fn set_changes_one_value_and_refuses_others() {
         "loss.dssim=2",
         "loss.static_opacity=-0.1",
         "loss.nearness=-0.1",
+        "loss.moved_share=1.1",
         "loss.visible_motion=nan",
         "loss.smoothness_share=0",
         "loss.smoothness_share=1.1",

@@ -15,6 +15,7 @@ use rayon::prelude::*;
 use super::{Decision, FIELD};
 use crate::TrainError;
 use crate::dataset::View;
+use crate::train::blocks::Blocks;
 use crate::train::trainer::Trainer;
 
 /// Most pixels of all videos that are looked at; where there are more, something could move between
@@ -22,10 +23,6 @@ use crate::train::trainer::Trainer;
 const MAX_PIXELS: usize = 2_000_000_000;
 /// Fewest frames of a camera: changes of fewer show nothing about their order.
 const MIN_FRAMES: usize = 3;
-/// Blocks across a picture.
-const BLOCKS: usize = 80;
-/// Sides of a block, pixels.
-const SIDES: (usize, usize) = (2, 16);
 const SHUFFLES: usize = 19;
 /// How far above the largest shuffled change motion is. Where nothing moves, the largest changes differ by
 /// some percent from shuffle to shuffle, and there are many cameras; to see motion where there is none only
@@ -134,11 +131,10 @@ impl Changes {
     fn of(views: &[&View], background: [f32; 3]) -> Result<Self, TrainError> {
         let (mut values, mut size, mut frames) = (Vec::new(), [0, 0], 0);
         for view in views {
-            let (width, height) = (view.camera.width, view.camera.height);
-            let side = (width / BLOCKS).clamp(SIDES.0, SIDES.1);
-            size = [height.div_ceil(side), width.div_ceil(side)];
+            let blocks = Blocks::of(view.camera.width, view.camera.height);
+            size = [blocks.rows, blocks.columns];
             frames += 1;
-            values.extend(blocks(&view.rgb(background)?, width, side, size));
+            values.extend(blocks.means(&view.rgb(background)?));
         }
         let mut changes = Self {
             size: [frames, size[0], size[1]],
@@ -199,23 +195,6 @@ impl Changes {
             })
             .reduce(|| 0.0, f32::max)
     }
-}
-
-/// Means over blocks of a picture `[H, W, 3]`, row by row.
-fn blocks(rgb: &[f32], width: usize, side: usize, [rows, columns]: [usize; 2]) -> Vec<f32> {
-    let mut sums = vec![0.0f32; rows * columns * 3];
-    let mut counts = vec![0u32; rows * columns];
-    for (pixel, color) in rgb.chunks_exact(3).enumerate() {
-        let block = pixel / width / side * columns + pixel % width / side;
-        counts[block] += 1;
-        for (sum, value) in sums[3 * block..].iter_mut().zip(color) {
-            *sum += value;
-        }
-    }
-    for (sum, &count) in sums.chunks_exact_mut(3).zip(&counts) {
-        sum.iter_mut().for_each(|value| *value /= count as f32);
-    }
-    sums
 }
 
 /// Means over three neighbours along an axis of `stride` values, in runs of `length` values; the ends
@@ -301,14 +280,5 @@ mod tests {
             }
         });
         assert!(motion(&fast));
-    }
-
-    #[test]
-    fn blocks_at_the_border_are_means_too() {
-        let picture: Vec<f32> = (0..5 * 3).flat_map(|i| [i as f32, 1.0, 0.0]).collect();
-        let means = blocks(&picture, 5, 2, [2, 3]);
-        // Pixels 0, 1, 5, 6; the corner is pixel 14 alone.
-        assert_eq!(means[..3], [3.0, 1.0, 0.0]);
-        assert_eq!(means[15..], [14.0, 1.0, 0.0]);
     }
 }
