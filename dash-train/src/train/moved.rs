@@ -5,8 +5,6 @@
 
 use std::collections::BTreeMap;
 
-use dash_kernels::Camera;
-
 use super::blocks::Blocks;
 use super::coarse::Part;
 use super::trainer::Trainer;
@@ -29,7 +27,7 @@ pub(crate) struct Moved {
 }
 
 struct Start {
-    camera: Camera,
+    grid: Blocks,
     blocks: Vec<f32>,
     weight: f32,
 }
@@ -59,12 +57,12 @@ impl Moved {
             if views.iter().any(|view| view.camera != first.camera) {
                 continue;
             }
-            let camera = first.camera.clone();
-            let grid = Blocks::of(camera.width, camera.height);
+            let grid = Blocks::of(first.camera.width, first.camera.height);
             let blocks = grid.means(&first.rgb(background)?);
             let mut most = 0.0f32;
-            for look in 0..LOOKS.min(views.len()) {
-                let view = views[look * (views.len() - 1) / (LOOKS.min(views.len()) - 1).max(1)];
+            let looks = LOOKS.min(views.len());
+            for look in 0..looks {
+                let view = views[look * (views.len() - 1) / (looks - 1).max(1)];
                 let changed = changed(&blocks, &grid.means(&view.rgb(background)?));
                 let n = changed.iter().filter(|&&changed| changed).count();
                 most = most.max(n as f32 / changed.len() as f32);
@@ -72,7 +70,7 @@ impl Moved {
             let weight = (least / most - 1.0).clamp(0.0, MOST);
             if most > 0.0 && weight > 0.0 {
                 let start = Start {
-                    camera,
+                    grid,
                     blocks,
                     weight,
                 };
@@ -86,12 +84,11 @@ impl Moved {
     /// `None` where none counts more.
     pub(crate) fn weights(&self, view: &View, rgb: &[f32]) -> Option<Vec<f32>> {
         let start = self.starts.get(&view.camera_index)?;
-        let grid = Blocks::of(start.camera.width, start.camera.height);
-        let changed = changed(&start.blocks, &grid.means(rgb));
+        let changed = changed(&start.blocks, &start.grid.means(rgb));
         if !changed.contains(&true) {
             return None;
         }
-        let weight_of = |pixel| f32::from(u8::from(changed[grid.at(pixel)])) * start.weight;
+        let weight_of = |pixel| f32::from(u8::from(changed[start.grid.at(pixel)])) * start.weight;
         Some((0..rgb.len() / 3).map(weight_of).collect())
     }
 }
@@ -143,6 +140,8 @@ impl Trainer {
 #[cfg(test)]
 mod tests {
     use std::path::PathBuf;
+
+    use dash_kernels::Camera;
 
     use super::*;
     use crate::dataset::Layout;
