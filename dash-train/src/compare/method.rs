@@ -159,7 +159,8 @@ fn everything_moves(config: &mut TrainConfig) {
     config.decomposition.review_interval = 0;
     let most = config.density_static.max_gaussians + config.density_dynamic.max_gaussians;
     config.density_static.max_gaussians = most;
-    config.density_dynamic.max_gaussians = most;
+    // They have what the static ones leave, which is all.
+    config.density_dynamic.max_gaussians = 0;
     // What is a crowd among those that move is none where all do.
     config.density_dynamic.crowd = 0;
     config.density_dynamic.from = config.stages.warmup;

@@ -243,6 +243,10 @@ pub struct DecompositionConfig {
     /// off: with 0.03 it found nothing in three runs of five, and too little for the others to differ by it.
     #[serde(default)]
     pub promote_floor: f32,
+    /// Motion from one frame to the next, in shares of the image's width, from which on Gaussians are looked for in
+    /// pictures of a new frame while motion is followed, where several cameras see every frame; 0 for never. Ours.
+    #[serde(default)]
+    pub matching_floor: f32,
 }
 
 /// Where a field's box comes from.
@@ -285,6 +289,9 @@ pub struct DensityConfig {
     /// that each of many has to pay for more; 0: it never does.
     #[serde(default)]
     pub crowd: usize,
+    /// Share of the Gaussians that the split makes dynamic which is no crowd yet, if it is more than that number.
+    #[serde(default)]
+    pub crowd_of_split: f32,
     /// Largest scale that is cloned rather than split, in units of the extent (3DGS: 0.01).
     pub clone_scale: f32,
     /// Opacity below which a Gaussian is removed (3DGS: 0.005).
@@ -294,11 +301,18 @@ pub struct DensityConfig {
     pub max_scale: f32,
     /// Steps between opacity resets (3DGS: 3,000); 0 for none.
     pub opacity_reset_interval: usize,
-    /// Most Gaussians of this set.
+    /// Most Gaussians of this set. Dynamic ones may also have what static ones leave of theirs.
     pub max_gaussians: usize,
 }
 
 impl DensityConfig {
+    /// Takes note of how many Gaussians the split made dynamic.
+    pub(crate) fn after_split(&mut self, n: usize) {
+        if self.crowd > 0 {
+            self.crowd = self.crowd.max((self.crowd_of_split * n as f32) as usize);
+        }
+    }
+
     /// The gradient above which one of `n` Gaussians is cloned or split.
     pub(crate) fn threshold(&self, n: usize) -> f32 {
         match self.crowd {

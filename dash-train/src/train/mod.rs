@@ -12,6 +12,7 @@ pub(crate) mod initial;
 mod leave_out;
 mod lines;
 mod loss;
+mod matching;
 mod moved;
 mod optimizer;
 mod presets;

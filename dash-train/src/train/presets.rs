@@ -107,6 +107,7 @@ impl TrainConfig {
                 review_interval: 500,
                 review_floor: 0.005,
                 promote_floor: 0.0,
+                matching_floor: 0.0,
             },
             field: FieldConfig {
                 deformation: DeformationConfig {
@@ -134,6 +135,7 @@ impl TrainConfig {
                 interval: 100,
                 gradient_threshold: 2e-4,
                 crowd: 0,
+                crowd_of_split: 0.0,
                 clone_scale: 0.01,
                 min_opacity: 0.005,
                 max_scale: 0.1,
@@ -146,6 +148,7 @@ impl TrainConfig {
                 interval: 100,
                 gradient_threshold: 2e-4,
                 crowd: 0,
+                crowd_of_split: 0.0,
                 clone_scale: 0.01,
                 min_opacity: 0.005,
                 max_scale: 0.1,
@@ -178,6 +181,9 @@ impl TrainConfig {
         self.density_dynamic.max_gaussians = 4_000;
         // Half as many are as good at equal steps, and their steps are faster.
         self.density_dynamic.crowd = 400;
+        // Where much moves, more are.
+        self.density_dynamic.crowd_of_split = 0.5;
+        self.decomposition.matching_floor = 0.015;
         self.decomposition.review_interval = 250;
     }
 
@@ -303,6 +309,7 @@ impl TrainConfig {
             review_interval: 0,
             review_floor: 0.0,
             promote_floor: 0.0,
+            matching_floor: 0.0,
         };
         self.field = FieldConfig {
             deformation: DeformationConfig {

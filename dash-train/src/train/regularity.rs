@@ -39,6 +39,11 @@ impl Times {
         }
     }
 
+    /// All of them.
+    pub(crate) fn all(&self) -> &[f32] {
+        &self.times
+    }
+
     /// The times one to [`REACH`] places before and after a training time, as drawn; `None` at the clip's ends, and where
     /// a gap is between them.
     pub(crate) fn around(&self, time: f32, rng: &mut impl Rng) -> Option<Around> {

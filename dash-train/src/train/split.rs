@@ -97,6 +97,8 @@ pub(crate) fn split(trainer: &mut Trainer) -> Result<(), TrainError> {
     if trainer.config.decomposition.review_interval > 0 {
         drop_hidden(trainer)?;
     }
+    let (_, n) = trainer.scene.counts();
+    trainer.config.density_dynamic.after_split(n);
     Ok(())
 }
 

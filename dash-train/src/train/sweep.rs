@@ -208,7 +208,7 @@ impl Sweep {
     }
 }
 
-fn difference(a: [f32; 3], b: [f32; 3]) -> f32 {
+pub(crate) fn difference(a: [f32; 3], b: [f32; 3]) -> f32 {
     (0..3).map(|c| (a[c] - b[c]).abs()).sum::<f32>() / 3.0
 }
 
@@ -251,7 +251,7 @@ fn witnesses(cameras: &[Camera], index: usize) -> Vec<usize> {
 }
 
 /// Colours averaged over 3 x 3 pixels.
-fn smoothed(rgb: &[f32], camera: &Camera) -> Vec<[f32; 3]> {
+pub(crate) fn smoothed(rgb: &[f32], camera: &Camera) -> Vec<[f32; 3]> {
     let (width, height) = (camera.width, camera.height);
     let around = |at: usize, end: usize| at.saturating_sub(1)..(at + 2).min(end);
     let mut colors = Vec::with_capacity(width * height);

@@ -22,7 +22,7 @@ use super::moved::Moved;
 use super::optimizer::{Optimizer, to_host};
 use super::regularity::Times;
 use super::sampler::ViewSampler;
-use super::{coarse, promote, review, statistics, update, validation};
+use super::{coarse, matching, promote, review, statistics, update, validation};
 use crate::TrainError;
 use crate::dataset::{Dataset, Split, View};
 
@@ -246,6 +246,7 @@ impl Trainer {
             self.begin()?;
         }
         coarse::enter_stage(self)?;
+        matching::meet_new_frames(self)?;
         let sh_interval = self.config.step_at(self.config.sh_interval).max(1);
         self.scene.settings.sh_degree = (self.step / sh_interval).min(self.config.sh_degree);
 

@@ -118,10 +118,13 @@ pub(crate) fn densities(trainer: &mut Trainer) {
         && let Some(dynamic) = &mut trainer.scene.dynamic
     {
         let rows = dynamic.gaussians.to_rows();
+        let mut density = config.density_dynamic.clone();
+        let left = config.density_static.max_gaussians;
+        density.max_gaussians += left.saturating_sub(trainer.scene.static_set.len());
         let round = control(
             &rows,
             &trainer.density_dynamic,
-            &config.density_dynamic,
+            &density,
             from_split,
             &mut trainer.rng,
         );

@@ -53,6 +53,12 @@ impl TrainConfig {
             "density_*.interval must be at least 1",
         )?;
         check(
+            [&self.density_static, &self.density_dynamic]
+                .iter()
+                .all(|d| d.crowd_of_split >= 0.0 && d.crowd_of_split.is_finite()),
+            "density_*.crowd_of_split must not be negative",
+        )?;
+        check(
             self.near_plane
                 .is_none_or(|near| near > 0.0 && near.is_finite()),
             "near_plane must be greater than 0",
@@ -90,6 +96,11 @@ impl TrainConfig {
         check(
             self.decomposition.promote_floor >= 0.0 && self.decomposition.promote_floor.is_finite(),
             "decomposition.promote_floor must not be negative",
+        )?;
+        check(
+            self.decomposition.matching_floor >= 0.0
+                && self.decomposition.matching_floor.is_finite(),
+            "decomposition.matching_floor must not be negative",
         )?;
         check(
             (0.0..=1.0).contains(&self.decomposition.basis.anchor()),

@@ -31,11 +31,12 @@ fn what_older_runs_do_not_say_is_as_it_was() {
         "nearness",
         "crowd",
         "promote_floor",
+        "matching_floor",
     ];
     let is_newer = |line: &&str| newer.iter().any(|key| line.starts_with(key));
     let older: Vec<&str> = text.lines().filter(|line| !is_newer(line)).collect();
-    // Both sets have a crowd.
-    assert_eq!(text.lines().count() - older.len(), newer.len() + 1);
+    // Both sets have a crowd, each by two keys.
+    assert_eq!(text.lines().count() - older.len(), newer.len() + 3);
     let read = toml::from_str::<TrainConfig>(&older.join("\n")).expect("parses");
     assert_eq!(read, config);
 }
@@ -64,6 +65,8 @@ fn set_changes_one_value_and_refuses_others() {
         "ndc_limit=0.9",
         "gap_steps=0.5",
         "decomposition.promote_floor=-0.1",
+        "decomposition.matching_floor=-0.1",
+        "density_dynamic.crowd_of_split=-1",
         "decomposition.basis={polyline={spans=4, anchor=1.1}}",
         "iterations=x",
         "a.b=1",

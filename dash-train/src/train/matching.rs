@@ -1,0 +1,240 @@
+//! Where what moves fast is when the window of times reaches a new frame: found by comparing pictures.
+//!
+//! The gradient of a picture reaches as far as a Gaussian is wide. What is further off, or what a trajectory carries
+//! on through the floor that it bounces off, fades where it is instead of being drawn to where it should be. So groups
+//! of fast Gaussians are looked for around where they were a frame before, in pictures of several cameras, and the
+//! coarse field is taught what is found before its first step on the new frame.
+
+mod search;
+
+use burn::tensor::{Int, Tensor, TensorData};
+use dash_model::{GaussianRows, HashEncoder, SH_C0, TrajectoryBasis};
+use glam::Vec3;
+use rayon::prelude::*;
+
+use self::search::{Group, Pair, groups, pairs};
+use super::coarse;
+use super::optimizer::{Optimizer, Pace, to_host};
+use super::trainer::Trainer;
+use crate::TrainError;
+
+/// Gaussians more transparent than this are not asked.
+const MIN_OPACITY: f32 = 0.2;
+/// Frames before the new one whose fastest way counts: what bounces is slow for a moment.
+const MEMORY: usize = 4;
+/// Other Gaussians that keep their trajectories while the field is taught, at most.
+const KEPT: usize = 2_000;
+/// Steps in which it is taught, at most, and the share of what it was off that is little enough.
+const STEPS: usize = 40;
+const TAUGHT: f32 = 0.1;
+/// A span counts from this share on that it has at a time: what ends just before would have to jump there.
+const MIN_SPAN: f32 = 0.5;
+
+/// Looks for what moves fast in frames that the window has reached with this step. Where one time does not show the
+/// scene from several sides, pictures do not tell where anything is.
+pub(crate) fn meet_new_frames(trainer: &mut Trainer) -> Result<(), TrainError> {
+    let (Some(part), Some(before)) = (trainer.start_part, trainer.step.checked_sub(1)) else {
+        return Ok(());
+    };
+    if trainer.config.decomposition.matching_floor <= 0.0
+        || trainer.motion.is_none()
+        || !coarse::shown_at_once(Some(part))
+    {
+        return Ok(());
+    }
+    let holds = |step: usize, time: f32| {
+        coarse::time_window(trainer, step).is_none_or(|(window, _)| window.holds(time))
+    };
+    let times = trainer.times.all().to_vec();
+    let new: Vec<usize> = (0..times.len())
+        .filter(|&k| holds(trainer.step, times[k]) && !holds(before, times[k]))
+        .collect();
+    for at in new {
+        let nearer = |k: usize| {
+            let index = if times[at] > part.middle() {
+                at.checked_sub(k)
+            } else {
+                Some(at + k)
+            };
+            index.and_then(|index| times.get(index).copied())
+        };
+        let known: Vec<f32> = (1..=MEMORY).map_while(nearer).collect();
+        meet(trainer, times[at], &known)?;
+    }
+    Ok(())
+}
+
+/// Looks for what moves fast at a new time, after some known ones, nearest first.
+fn meet(trainer: &mut Trainer, new: f32, known: &[f32]) -> Result<(), TrainError> {
+    let Some(coefficients) = coarse::coefficients(trainer)? else {
+        return Ok(());
+    };
+    let coefficients = coefficients.detach();
+    let basis = trainer.config.decomposition.basis;
+    let rows = trainer.scene.static_set.to_rows();
+    let places_at = |time: f32| -> Vec<Vec3> {
+        let moved = to_host(basis.displacement(coefficients.clone(), time));
+        let moved = moved.chunks_exact(3).map(Vec3::from_slice);
+        let places = rows.means.iter().zip(moved);
+        places
+            .map(|(&mean, moved)| Vec3::from(mean) + moved)
+            .collect()
+    };
+    let expected = places_at(new);
+    let before: Vec<Vec<Vec3>> = known.iter().map(|&time| places_at(time)).collect();
+    let [last, earlier, ..] = before.as_slice() else {
+        return Ok(());
+    };
+    // Ways in the time from the last frame to the new one.
+    let pace = |k: usize| (new - known[0]) / (known[k] - known[k + 1]);
+    let ways: Vec<Vec3> = last
+        .iter()
+        .zip(earlier)
+        .map(|(&last, &earlier)| (last - earlier) * pace(0))
+        .collect();
+    let speeds: Vec<f32> = (0..rows.len())
+        .map(|row| {
+            let of = |k: usize| (before[k][row] - before[k + 1][row]).length() * pace(k).abs();
+            (0..known.len() - 1).map(of).fold(0.0, f32::max)
+        })
+        .collect();
+    let fast = fast(trainer, &rows, &speeds, |row| {
+        last[row].is_finite() && expected[row].is_finite()
+    });
+    if fast.is_empty() {
+        return Ok(());
+    }
+    let pairs: Vec<Pair> = pairs(trainer, [known[0], new])?;
+    let found: Vec<(Vec<usize>, Option<Vec3>)> = groups(&fast, last, &ways)
+        .into_par_iter()
+        .map(|members| {
+            let group = Group {
+                members: &members,
+                last,
+                ways: &ways,
+                speeds: &speeds,
+            };
+            let color = |row: usize| rows.sh_dc[row].map(|v| 0.5 + SH_C0 * v);
+            let shift = group.shift(&pairs, color, &expected);
+            (members, shift)
+        })
+        .collect();
+    let moved: Vec<(usize, Vec3)> = found
+        .into_iter()
+        .filter_map(|(members, shift)| Some((members, shift?)))
+        .flat_map(|(members, shift)| members.into_iter().map(move |row| (row, shift)))
+        .map(|(row, shift)| (row, last[row] + shift - Vec3::from(rows.means[row])))
+        .collect();
+    if moved.is_empty() {
+        return Ok(());
+    }
+    teach(trainer, &moved, coefficients, new)
+}
+
+/// Gaussians that can be seen and have moved fast on the screen.
+fn fast(
+    trainer: &Trainer,
+    rows: &GaussianRows,
+    speeds: &[f32],
+    is_finite: impl Fn(usize) -> bool,
+) -> Vec<usize> {
+    let floor = trainer.config.decomposition.matching_floor;
+    let scales = trainer.motion_statistics.means();
+    let limit = dash_model::logit(MIN_OPACITY);
+    (0..rows.len())
+        .filter(|&row| {
+            speeds[row] * scales[row] >= floor
+                && rows.opacity_logits[row] >= limit
+                && is_finite(row)
+        })
+        .collect()
+}
+
+/// Teaches the coarse field where some Gaussians are displaced to at a time, and the trajectories that others had.
+fn teach(
+    trainer: &mut Trainer,
+    moved: &[(usize, Vec3)],
+    coefficients: Tensor<2>,
+    time: f32,
+) -> Result<(), TrainError> {
+    let Some(mut field) = trainer.motion.take() else {
+        return Ok(());
+    };
+    let device = coefficients.device();
+    let [total, width] = coefficients.dims();
+    let mut is_moved = vec![false; total];
+    moved.iter().for_each(|&(row, _)| is_moved[row] = true);
+    let others: Vec<usize> = (0..total).filter(|&row| !is_moved[row]).collect();
+    let kept = others.iter().step_by(others.len().div_ceil(KEPT).max(1));
+    let rows: Vec<i32> = moved
+        .iter()
+        .map(|(row, _)| row)
+        .chain(kept)
+        .map(|&row| row as i32)
+        .collect();
+    let (n, all) = (moved.len(), rows.len());
+    let rows = Tensor::<1, Int>::from_data(TensorData::new(rows, [all]), &device);
+    let means = trainer.scene.static_set.means.val().detach();
+    let means = means.select(0, rows.clone());
+    let mut targets = to_host(coefficients.select(0, rows));
+    for ((_, to), target) in moved.iter().zip(targets.chunks_exact_mut(width)) {
+        lead_to(trainer.config.decomposition.basis, target, *to, time);
+    }
+    let targets = Tensor::<2>::from_data(TensorData::new(targets, [all, width]), &device);
+    let unit = trainer.extent * trainer.extent;
+    let rates = &trainer.config.learning_rates;
+    let mut optimizer = Optimizer::default();
+    let mut first = None;
+    for _ in 0..STEPS {
+        let off = (field.coefficients(means.clone())? - targets.clone()).powi_scalar(2) / unit;
+        let of_moved = off.clone().narrow(0, 0, n).sum() / n as f32;
+        let left = to_host(of_moved.clone())[0];
+        if !left.is_finite() || left <= TAUGHT * TAUGHT * *first.get_or_insert(left) {
+            break;
+        }
+        let loss = if all > n {
+            of_moved + off.narrow(0, n, all - n).sum() / (all - n) as f32
+        } else {
+            of_moved
+        };
+        let mut gradients = loss.backward();
+        field = optimizer.step("motion", field, &mut gradients, |name| {
+            if HashEncoder::is_table(name) {
+                Pace::from(rates.motion_grid)
+            } else {
+                Pace {
+                    rate: rates.motion_network,
+                    damping: rates.motion_damping,
+                }
+            }
+        });
+    }
+    trainer.motion = Some(field);
+    Ok(())
+}
+
+/// Changes a trajectory `coefficients [B * 3]` so that it displaces to a place at a time: by the least change of the
+/// last spans on the way there, as many as it takes to have one that counts.
+fn lead_to(basis: TrajectoryBasis, coefficients: &mut [f32], to: Vec3, time: f32) {
+    let weights = basis.at(time);
+    let mut off = to;
+    for (weight, part) in weights.iter().zip(coefficients.chunks_exact(3)) {
+        off -= *weight * Vec3::from_slice(part);
+    }
+    let mut spans: Vec<usize> = (0..weights.len()).filter(|&k| weights[k] != 0.0).collect();
+    if time > basis.anchor() {
+        spans.reverse();
+    }
+    let counts = |k: &usize| weights[*k].abs() >= MIN_SPAN;
+    let used = spans.iter().position(counts).map_or(spans.len(), |k| k + 1);
+    spans.truncate(used);
+    let norm: f32 = spans.iter().map(|&k| weights[k] * weights[k]).sum();
+    for k in spans {
+        for (axis, value) in coefficients[3 * k..3 * k + 3].iter_mut().enumerate() {
+            *value += off[axis] * weights[k] / norm;
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests;
