@@ -24,7 +24,7 @@ const TYPICAL_POWER: f64 = 1.2;
 /// Trials are noisy: the least and the largest power that they may show.
 const POWERS: (f64, f64) = (1.0, 1.5);
 /// A run may be so much shorter or longer than the budget, as a share of it.
-const TOLERANCE: f64 = 0.1;
+const TOLERANCE: f64 = 0.05;
 /// Most runs whose steps are corrected after them.
 const MAX_CORRECTIONS: usize = 3;
 
@@ -139,7 +139,8 @@ mod tests {
         let budget = Budget { seconds: 60.0 };
         let once = |seconds: f64| budget.corrected(&[(1000, seconds)]);
         assert_eq!(once(60.0), None);
-        assert_eq!(once(55.0), None);
+        assert_eq!(once(58.0), None);
+        assert!(once(55.0).is_some(), "methods differ by less");
         let fewer = once(120.0).expect("twice too long");
         assert!((500..1000).contains(&fewer), "{fewer}");
         let more = once(30.0).expect("too short by half");

@@ -2,7 +2,7 @@
 //!
 //! Every method is a change of one preset ([`Method::of`]) and trains as long as the budget says: short
 //! runs of its own schedule tell how many steps that is, and its first run is done again with another
-//! number of steps while that misses the budget by more than 10 %, three times at most. Seconds are those
+//! number of steps while that misses the budget by more than 5 %, three times at most. Seconds are those
 //! that the machine would have taken at the speed it had when the comparison began: every two seconds some
 //! steps of a reference run are timed (`OUT/speed.toml` keeps what they took at first). Each run is an
 //! ordinary run's folder, `OUT/METHOD/seed-S`.

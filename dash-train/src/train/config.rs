@@ -306,13 +306,6 @@ pub struct DensityConfig {
 }
 
 impl DensityConfig {
-    /// Takes note of how many Gaussians the split made dynamic.
-    pub(crate) fn after_split(&mut self, n: usize) {
-        if self.crowd > 0 {
-            self.crowd = self.crowd.max((self.crowd_of_split * n as f32) as usize);
-        }
-    }
-
     /// The gradient above which one of `n` Gaussians is cloned or split.
     pub(crate) fn threshold(&self, n: usize) -> f32 {
         match self.crowd {
@@ -382,6 +375,7 @@ impl TrainConfig {
     }
 }
 
+mod counts;
 mod following;
 mod frames;
 mod ranges;

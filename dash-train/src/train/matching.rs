@@ -27,8 +27,10 @@ const KEPT: usize = 2_000;
 /// Steps in which it is taught, at most, and the share of what it was off that is little enough.
 const STEPS: usize = 40;
 const TAUGHT: f32 = 0.1;
-/// A span counts from this share on that it has at a time: what ends just before would have to jump there.
+/// A span leads to a time by itself if it has this share of it behind it; what has less would have to jump.
 const MIN_SPAN: f32 = 0.5;
+/// What changing a span costs beside where it moves the last known frame, as a square.
+const SPAN_COST: f32 = 0.1;
 
 /// Looks for what moves fast in frames that the window has reached with this step. Where one time does not show the
 /// scene from several sides, pictures do not tell where anything is.
@@ -128,7 +130,7 @@ fn meet(trainer: &mut Trainer, new: f32, known: &[f32]) -> Result<(), TrainError
     if moved.is_empty() {
         return Ok(());
     }
-    teach(trainer, &moved, coefficients, new)
+    teach(trainer, &moved, coefficients, [known[0], new])
 }
 
 /// Gaussians that can be seen and have moved fast on the screen.
@@ -150,16 +152,14 @@ fn fast(
         .collect()
 }
 
-/// Teaches the coarse field where some Gaussians are displaced to at a time, and the trajectories that others had.
+/// Teaches the coarse field where some Gaussians are displaced to at the second of two times, and the trajectories that
+/// others had.
 fn teach(
     trainer: &mut Trainer,
     moved: &[(usize, Vec3)],
     coefficients: Tensor<2>,
-    time: f32,
+    times: [f32; 2],
 ) -> Result<(), TrainError> {
-    let Some(mut field) = trainer.motion.take() else {
-        return Ok(());
-    };
     let device = coefficients.device();
     let [total, width] = coefficients.dims();
     let mut is_moved = vec![false; total];
@@ -178,8 +178,15 @@ fn teach(
     let means = means.select(0, rows.clone());
     let mut targets = to_host(coefficients.select(0, rows));
     for ((_, to), target) in moved.iter().zip(targets.chunks_exact_mut(width)) {
-        lead_to(trainer.config.decomposition.basis, target, *to, time);
+        lead_to(trainer.config.decomposition.basis, target, *to, times);
     }
+    // What is not finite is left to the guard of the step.
+    if targets.iter().any(|value| !value.is_finite()) {
+        return Ok(());
+    }
+    let Some(mut field) = trainer.motion.take() else {
+        return Ok(());
+    };
     let targets = Tensor::<2>::from_data(TensorData::new(targets, [all, width]), &device);
     let unit = trainer.extent * trainer.extent;
     let rates = &trainer.config.learning_rates;
@@ -213,10 +220,10 @@ fn teach(
     Ok(())
 }
 
-/// Changes a trajectory `coefficients [B * 3]` so that it displaces to a place at a time: by the least change of the
-/// last spans on the way there, as many as it takes to have one that counts.
-fn lead_to(basis: TrajectoryBasis, coefficients: &mut [f32], to: Vec3, time: f32) {
-    let weights = basis.at(time);
+/// Changes a trajectory `coefficients [B * 3]` so that it displaces to a place at the second of two times: by the last
+/// span on the way there, or the last two where that has hardly begun, and as little as can be at the first time.
+fn lead_to(basis: TrajectoryBasis, coefficients: &mut [f32], to: Vec3, [known, time]: [f32; 2]) {
+    let (weights, at_known) = (basis.at(time), basis.at(known));
     let mut off = to;
     for (weight, part) in weights.iter().zip(coefficients.chunks_exact(3)) {
         off -= *weight * Vec3::from_slice(part);
@@ -225,13 +232,18 @@ fn lead_to(basis: TrajectoryBasis, coefficients: &mut [f32], to: Vec3, time: f32
     if time > basis.anchor() {
         spans.reverse();
     }
-    let counts = |k: &usize| weights[*k].abs() >= MIN_SPAN;
-    let used = spans.iter().position(counts).map_or(spans.len(), |k| k + 1);
+    let leads_alone = |k: &usize| weights[*k].abs() >= MIN_SPAN;
+    let used = if spans.first().is_some_and(leads_alone) {
+        1
+    } else {
+        2
+    };
     spans.truncate(used);
-    let norm: f32 = spans.iter().map(|&k| weights[k] * weights[k]).sum();
+    let share = |k: usize| weights[k] / (at_known[k].powi(2) + SPAN_COST);
+    let norm: f32 = spans.iter().map(|&k| weights[k] * share(k)).sum();
     for k in spans {
         for (axis, value) in coefficients[3 * k..3 * k + 3].iter_mut().enumerate() {
-            *value += off[axis] * weights[k] / norm;
+            *value += off[axis] * share(k) / norm;
         }
     }
 }

@@ -119,8 +119,7 @@ pub(crate) fn densities(trainer: &mut Trainer) {
     {
         let rows = dynamic.gaussians.to_rows();
         let mut density = config.density_dynamic.clone();
-        let left = config.density_static.max_gaussians;
-        density.max_gaussians += left.saturating_sub(trainer.scene.static_set.len());
+        density.max_gaussians = config.most_dynamic(trainer.scene.static_set.len());
         let round = control(
             &rows,
             &trainer.density_dynamic,

@@ -123,16 +123,16 @@ fn trainer(dataset: Dataset, floor: f32) -> Trainer {
     let scale = 110.0 / 4.0 / WIDTH as f32;
     trainer.motion_statistics.add(&[scale; N], &[1.0; N]);
     let ways = [
-        (0.75, WAY),
-        (1.0, 2.0 * WAY),
-        (0.25, -WAY),
-        (0.0, -2.0 * WAY),
+        ([0.5, 0.75], WAY),
+        ([0.75, 1.0], 2.0 * WAY),
+        ([0.5, 0.25], -WAY),
+        ([0.25, 0.0], -2.0 * WAY),
     ];
     // What is taught of one time moves the others a little.
-    for (time, place) in ways.into_iter().cycle().take(4 * ways.len()) {
+    for (times, place) in ways.into_iter().cycle().take(4 * ways.len()) {
         let moved: Vec<(usize, Vec3)> = (0..N).map(|row| (row, place)).collect();
         let coefficients = coefficients(&trainer);
-        teach(&mut trainer, &moved, coefficients, time).expect("valid");
+        teach(&mut trainer, &moved, coefficients, times).expect("valid");
     }
     trainer
 }
@@ -197,11 +197,12 @@ fn others_keep_their_trajectories() {
         let basis = trainer.config.decomposition.basis;
         let now = to_host(basis.displacement(coefficients(trainer), 1.0));
         let off = |row: usize| Vec3::from_slice(&now[3 * row..]).distance(to);
-        (0..N).filter(top).map(off).sum::<f32>() / (N / 2) as f32
+        // Next to those that stay the field has to give in.
+        (3 * N / 4..N).map(off).sum::<f32>() / (N / 4) as f32
     };
     let far = off(&trainer);
-    teach(&mut trainer, &moved, from, 1.0).expect("valid");
-    assert!(off(&trainer) < 0.2 * far, "{} {far}", off(&trainer));
+    teach(&mut trainer, &moved, from, [0.75, 1.0]).expect("valid");
+    assert!(off(&trainer) < 0.3 * far, "{} {far}", off(&trainer));
     let after = to_host(coefficients(&trainer));
     let width = before.len() / N;
     let changed = |rows: std::ops::Range<usize>| {
@@ -209,7 +210,7 @@ fn others_keep_their_trajectories() {
         let squares = pairs.take(width * rows.len()).map(|(a, b)| (a - b).powi(2));
         (squares.sum::<f32>() / rows.len() as f32).sqrt()
     };
-    let (kept, taught) = (changed(0..N / 4), changed(N / 2..N));
+    let (kept, taught) = (changed(0..N / 4), changed(3 * N / 4..N));
     assert!(kept < 0.4 * taught, "{kept} {taught}");
 }
 
@@ -221,16 +222,16 @@ fn a_trajectory_is_led_to_a_place_by_its_last_spans() {
     };
     let given: Vec<f32> = (0..18).map(|i| (i as f32 * 0.7).sin()).collect();
     let to = Vec3::new(1.0, -2.0, 0.5);
-    // (time, spans that may change): the last by itself from half of it on, else the one before it too.
-    for (time, free) in [
-        (1.0, vec![5]),
-        (0.95, vec![5]),
-        (0.85, vec![4, 5]),
-        (0.0, vec![0]),
-        (0.3, vec![1, 2]),
+    // (times, spans that may change): the last by itself where it has begun, else the one before it too.
+    for ([known, time], free) in [
+        ([0.8, 1.0], vec![5]),
+        ([0.8, 0.95], vec![5]),
+        ([0.7, 0.85], vec![4, 5]),
+        ([0.2, 0.0], vec![0]),
+        ([0.4, 0.3], vec![1, 2]),
     ] {
         let mut led = given.clone();
-        lead_to(basis, &mut led, to, time);
+        lead_to(basis, &mut led, to, [known, time]);
         let weights = basis.at(time);
         let place: Vec3 = weights
             .iter()
@@ -244,6 +245,6 @@ fn a_trajectory_is_led_to_a_place_by_its_last_spans() {
         }
     }
     let mut led = given.clone();
-    lead_to(basis, &mut led, to, 0.5);
+    lead_to(basis, &mut led, to, [0.4, 0.5]);
     assert_eq!(led, given, "nothing is displaced at the anchor");
 }

@@ -44,7 +44,7 @@ fn groups_are_of_such_as_go_the_same_way() {
     let places: Vec<Vec3> = (0..96)
         .map(|i| Vec3::new((i % 7) as f32 * 0.01, 0.0, 1.0))
         .collect();
-    let up = |row: usize| row % 2 == 0;
+    let up = |row: usize| row.is_multiple_of(2);
     let ways: Vec<Vec3> = (0..96)
         .map(|row| Vec3::Y * if up(row) { 0.1 } else { -0.1 })
         .collect();

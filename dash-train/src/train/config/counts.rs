@@ -1,0 +1,55 @@
+//! How many Gaussians there may be.
+
+use super::{DensityConfig, TrainConfig};
+
+impl DensityConfig {
+    /// Takes note of how many Gaussians the split made dynamic.
+    pub(crate) fn after_split(&mut self, n: usize) {
+        if self.crowd > 0 {
+            self.crowd = self.crowd.max((self.crowd_of_split * n as f32) as usize);
+        }
+    }
+}
+
+impl TrainConfig {
+    /// Most dynamic Gaussians beside so many static ones.
+    pub(crate) fn most_dynamic(&self, n_static: usize) -> usize {
+        let left = self.density_static.max_gaussians.saturating_sub(n_static);
+        self.density_dynamic.max_gaussians.saturating_add(left)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::train::Preset;
+
+    #[test]
+    fn half_of_what_the_split_makes_dynamic_is_no_crowd_where_much_moves() {
+        let after = |n: usize, set: &[&str]| {
+            let mut config = TrainConfig::preset(Preset::Quick);
+            for assignment in set {
+                config.set(assignment).expect("a known key");
+            }
+            config.density_dynamic.after_split(n);
+            config.density_dynamic.crowd
+        };
+        assert_eq!(
+            [0, 800, 900, 6_000].map(|n| after(n, &[])),
+            [400, 400, 450, 3_000]
+        );
+        assert_eq!(
+            after(6_000, &["density_dynamic.crowd=0"]),
+            0,
+            "none stays none"
+        );
+        assert_eq!(after(6_000, &["density_dynamic.crowd_of_split=0"]), 400);
+    }
+
+    #[test]
+    fn dynamic_gaussians_have_what_static_ones_leave() {
+        let config = TrainConfig::preset(Preset::Quick);
+        let most = [0, 9_000, 10_000, 11_000].map(|n| config.most_dynamic(n));
+        assert_eq!(most, [14_000, 5_000, 4_000, 4_000]);
+    }
+}
