@@ -8,14 +8,15 @@
 mod search;
 
 use burn::tensor::{Int, Tensor, TensorData};
-use dash_model::{GaussianRows, HashEncoder, SH_C0, TrajectoryBasis};
+use dash_model::{GaussianRows, SH_C0, TrajectoryBasis};
 use glam::Vec3;
 use rayon::prelude::*;
 
 use self::search::{Group, Pair, groups, pairs};
 use super::coarse;
-use super::optimizer::{Optimizer, Pace, to_host};
+use super::optimizer::{Optimizer, to_host};
 use super::trainer::Trainer;
+use super::update::motion_pace;
 use crate::TrainError;
 
 /// Gaussians more transparent than this are not asked.
@@ -44,13 +45,18 @@ pub(crate) fn meet_new_frames(trainer: &mut Trainer) -> Result<(), TrainError> {
     {
         return Ok(());
     }
-    let holds = |step: usize, time: f32| {
-        coarse::time_window(trainer, step).is_none_or(|(window, _)| window.holds(time))
+    let [now, then] = [trainer.step, before].map(|step| coarse::time_window(trainer, step));
+    let holds = |window: Option<(coarse::Part, coarse::Part)>, time: f32| {
+        window.is_none_or(|(window, _)| window.holds(time))
     };
-    let times = trainer.times.all().to_vec();
+    let times = trainer.times.all();
     let new: Vec<usize> = (0..times.len())
-        .filter(|&k| holds(trainer.step, times[k]) && !holds(before, times[k]))
+        .filter(|&k| holds(now, times[k]) && !holds(then, times[k]))
         .collect();
+    if new.is_empty() {
+        return Ok(());
+    }
+    let times = times.to_vec();
     for at in new {
         let nearer = |k: usize| {
             let index = if times[at] > part.middle() {
@@ -206,14 +212,7 @@ fn teach(
         };
         let mut gradients = loss.backward();
         field = optimizer.step("motion", field, &mut gradients, |name| {
-            if HashEncoder::is_table(name) {
-                Pace::from(rates.motion_grid)
-            } else {
-                Pace {
-                    rate: rates.motion_network,
-                    damping: rates.motion_damping,
-                }
-            }
+            motion_pace(rates, 1.0, name)
         });
     }
     trainer.motion = Some(field);

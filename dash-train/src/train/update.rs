@@ -4,7 +4,7 @@ use burn::tensor::{Gradients, Tensor};
 use dash_model::{Gaussians, HashEncoder};
 
 use super::coarse::{Part, Stages, teaches_gaussians};
-use super::config::{DensityConfig, TrainConfig};
+use super::config::{DensityConfig, LearningRates, TrainConfig};
 use super::density::{DensityStatistics, Measure, RESET_OPACITY, control_density};
 use super::optimizer::Pace;
 use super::trainer::{DYNAMIC, STATIC, Trainer};
@@ -56,17 +56,20 @@ pub(crate) fn parameters(trainer: &mut Trainer, time: f32, gradients: &mut Gradi
     }
     if let Some(motion) = trainer.motion.take() {
         let left = stages.field_rate(trainer.step);
-        let pace = |name: &str| {
-            if HashEncoder::is_table(name) {
-                Pace::from(rates.motion_grid * left)
-            } else {
-                Pace {
-                    rate: rates.motion_network * left,
-                    damping: rates.motion_damping,
-                }
-            }
-        };
+        let pace = |name: &str| motion_pace(&rates, left, name);
         trainer.motion = Some(optimizer.step("motion", motion, gradients, pace));
+    }
+}
+
+/// How a parameter of the coarse field learns, when so much is left of its rate.
+pub(crate) fn motion_pace(rates: &LearningRates, left: f32, name: &str) -> Pace {
+    if HashEncoder::is_table(name) {
+        Pace::from(rates.motion_grid * left)
+    } else {
+        Pace {
+            rate: rates.motion_network * left,
+            damping: rates.motion_damping,
+        }
     }
 }
 
