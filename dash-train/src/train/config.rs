@@ -289,7 +289,8 @@ pub struct DensityConfig {
     /// that each of many has to pay for more; 0: it never does.
     #[serde(default)]
     pub crowd: usize,
-    /// Share of the Gaussians that the split makes dynamic which is no crowd yet, if it is more than that number.
+    /// Share of the Gaussians that the split makes dynamic which is no crowd yet, if it is more than that number;
+    /// only where every time by itself shows the scene's shape, as a rig's do.
     #[serde(default)]
     pub crowd_of_split: f32,
     /// Largest scale that is cloned rather than split, in units of the extent (3DGS: 0.01).

@@ -98,7 +98,9 @@ pub(crate) fn split(trainer: &mut Trainer) -> Result<(), TrainError> {
         drop_hidden(trainer)?;
     }
     let (_, n) = trainer.scene.counts();
-    trainer.config.density_dynamic.after_split(n);
+    let shown_at_once = coarse::shown_at_once(trainer.start_part);
+    let density = &mut trainer.config.density_dynamic;
+    density.after_split(n, shown_at_once);
     Ok(())
 }
 

@@ -3,9 +3,10 @@
 use super::{DensityConfig, TrainConfig};
 
 impl DensityConfig {
-    /// Takes note of how many Gaussians the split made dynamic.
-    pub(crate) fn after_split(&mut self, n: usize) {
-        if self.crowd > 0 {
+    /// Takes note of how many Gaussians the split made dynamic. Where cameras take turns, each time has one picture, and
+    /// more Gaussians than that number cost time and show nothing more.
+    pub(crate) fn after_split(&mut self, n: usize, shown_at_once: bool) {
+        if self.crowd > 0 && shown_at_once {
             self.crowd = self.crowd.max((self.crowd_of_split * n as f32) as usize);
         }
     }
@@ -26,14 +27,15 @@ mod tests {
 
     #[test]
     fn half_of_what_the_split_makes_dynamic_is_no_crowd_where_much_moves() {
-        let after = |n: usize, set: &[&str]| {
+        let crowd_after = |n: usize, shown_at_once: bool, set: &[&str]| {
             let mut config = TrainConfig::preset(Preset::Quick);
             for assignment in set {
                 config.set(assignment).expect("a known key");
             }
-            config.density_dynamic.after_split(n);
+            config.density_dynamic.after_split(n, shown_at_once);
             config.density_dynamic.crowd
         };
+        let after = |n, set: &[&str]| crowd_after(n, true, set);
         assert_eq!(
             [0, 800, 900, 6_000].map(|n| after(n, &[])),
             [400, 400, 450, 3_000]
@@ -44,6 +46,7 @@ mod tests {
             "none stays none"
         );
         assert_eq!(after(6_000, &["density_dynamic.crowd_of_split=0"]), 400);
+        assert_eq!(crowd_after(6_000, false, &[]), 400, "in turns");
     }
 
     #[test]
