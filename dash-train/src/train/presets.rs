@@ -173,6 +173,7 @@ impl TrainConfig {
         self.min_initial_points = 6_000;
         self.learning_rates.means_final = 1.6e-5;
         self.learning_rates.means_in_turns = 2.5;
+        self.loss.smoothness_share = 0.1;
         self.loss.steadiness = 0.1;
         self.loss.moved_share = 0.03;
         self.density_static.opacity_reset_interval = 2_000;
