@@ -23,9 +23,8 @@ struct ImageField {
 impl ImageField {
     /// `positions [N, 2]` in [0, 1] -> `[N, 3]`
     fn forward(&self, positions: Tensor<2>) -> Result<Tensor<2>, ModelError> {
-        Ok(sigmoid(
-            self.decoder.forward(self.encoder.forward(positions)?),
-        ))
+        let features = self.encoder.forward(positions)?;
+        Ok(sigmoid(self.decoder.forward(features)?))
     }
 }
 

@@ -16,6 +16,24 @@ pub trait HostBackend: Backend {
     /// When the tensor is not `f32`.
     fn values(tensor: &FloatTensor<Self>) -> Cow<'_, [f32]>;
 
+    /// Tensors whose values `work` has changed: in place where nobody else holds them.
+    ///
+    /// # Panics
+    /// When a tensor is not `f32`.
+    fn change<const N: usize>(
+        tensors: [FloatTensor<Self>; N],
+        work: impl FnOnce([&mut [f32]; N]),
+    ) -> [FloatTensor<Self>; N] {
+        let mut values = tensors.each_ref().map(|t| Self::values(t).into_owned());
+        work(values.each_mut().map(Vec::as_mut_slice));
+        let mut tensors = tensors;
+        for (tensor, values) in tensors.iter_mut().zip(values) {
+            let data = TensorData::new(values, tensor.shape());
+            *tensor = Self::float_from_data(data, &tensor.device());
+        }
+        tensors
+    }
+
     /// A tensor of `shape` on the device of `like`.
     fn tensor<const R: usize>(
         values: Vec<f32>,
@@ -56,6 +74,21 @@ impl HostBackend for burn::backend::Flex {
             Some(values) => Cow::Borrowed(values),
             None => Cow::Owned(tensor.to_contiguous().storage::<f32>().to_vec()),
         }
+    }
+
+    fn change<const N: usize>(
+        mut tensors: [FloatTensor<Self>; N],
+        work: impl FnOnce([&mut [f32]; N]),
+    ) -> [FloatTensor<Self>; N] {
+        for tensor in &mut tensors {
+            let values = Self::values(tensor);
+            if values.len() != tensor.storage::<f32>().len() || !tensor.is_contiguous() {
+                let data = TensorData::new(values.into_owned(), tensor.shape());
+                *tensor = burn::backend::flex::FlexTensor::from_data(data);
+            }
+        }
+        work(tensors.each_mut().map(|tensor| tensor.storage_mut::<f32>()));
+        tensors
     }
 }
 

@@ -34,6 +34,7 @@ pub mod hash_encode;
 mod host;
 mod isa;
 pub mod limits;
+pub mod mlp;
 pub mod photometric;
 #[cfg(test)]
 mod poison_tests;

@@ -2,14 +2,13 @@
 
 use burn::module::{Module, Param};
 use burn::nn::Linear;
-use burn::tensor::activation::relu;
 use burn::tensor::{Device, Tensor, TensorData};
 use rand::Rng;
 use serde::{Deserialize, Serialize};
 
 use crate::encoders::{Representation, SpaceTimeEncoder, TimeEmbedding};
 use crate::gaussians::to_host;
-use crate::mlp::{Mlp, linear};
+use crate::mlp::{self, Mlp, linear};
 use crate::{HashEncoderConfig, ModelError, SpaceBox};
 
 /// World units per unit of the position head, as a share of the diagonal (see `motion.rs`).
@@ -273,22 +272,33 @@ impl DeformationField {
     ///
     /// # Shapes
     /// `features [N, features]`
-    pub fn decode(&self, features: Tensor<2>) -> Offsets {
+    ///
+    /// # Errors
+    /// When the features have another width, or there are more than the device holds.
+    pub fn decode(&self, features: Tensor<2>) -> Result<Offsets, ModelError> {
         let n = features.dims()[0];
-        let hidden = relu(self.decoder.forward(features));
-        let appearance = self
-            .head_appearance
-            .as_ref()
-            .map(|head| head.forward(hidden.clone()));
-        Offsets {
-            means: self.head_means.forward(hidden.clone()) * (OUTPUT_SCALE * self.space.diagonal()),
-            quats: self.head_quats.as_ref().map(|h| h.forward(hidden.clone())),
-            scales: self.head_scales.as_ref().map(|h| h.forward(hidden)),
+        let optional = [&self.head_quats, &self.head_scales, &self.head_appearance];
+        let optional = optional.map(Option::as_ref);
+        let mut heads = vec![&self.head_means];
+        heads.extend(optional.into_iter().flatten());
+        let columns = mlp::forward(features, &self.decoder.layers, &heads)?;
+        let mut first = 0;
+        let mut take = |head: &Linear| {
+            let width = head.weight.dims()[1];
+            first += width;
+            columns.clone().narrow(1, first - width, width)
+        };
+        let means = take(&self.head_means) * (OUTPUT_SCALE * self.space.diagonal());
+        let [quats, scales, appearance] = optional.map(|head| head.map(&mut take));
+        Ok(Offsets {
+            means,
+            quats,
+            scales,
             opacity_logits: appearance
                 .as_ref()
                 .map(|columns| columns.clone().narrow(1, 0, 1).reshape([n])),
             sh_dc: appearance.map(|columns| columns.narrow(1, 1, 3).reshape([n, 1, 3])),
-        }
+        })
     }
 
     /// The field without a head.

@@ -105,7 +105,7 @@ impl DynamicPart {
     /// The Gaussians at `time`, through gaps in straight lines.
     fn deform_straight(&self, settings: &SceneSettings, time: f32) -> Result<Deformed, ModelError> {
         let at = |time: f32| -> Result<Deformed, ModelError> {
-            Ok(self.deform_from(settings, time, self.features(time)?))
+            self.deform_from(settings, time, self.features(time)?)
         };
         match settings.gaps.around(time) {
             Some(gap) => Ok(at(gap.from)?.on_the_way_to(at(gap.to)?, gap.share)),
@@ -135,7 +135,7 @@ impl DynamicPart {
         };
         let mut value = own.val();
         for &time in times {
-            let offsets = self.field.decode(self.features(time)?);
+            let offsets = self.field.decode(self.features(time)?)?;
             let offset = match head {
                 Head::Rotation => offsets.quats,
                 Head::Scale => offsets.scales,
@@ -232,24 +232,27 @@ impl DynamicPart {
     ///
     /// # Shapes
     /// `features [N, features]`
+    ///
+    /// # Errors
+    /// When a shape does not fit.
     pub fn deform_from(
         &self,
         settings: &SceneSettings,
         time: f32,
         features: Tensor<2>,
-    ) -> Deformed {
+    ) -> Result<Deformed, ModelError> {
         fn plus<const D: usize>(value: Tensor<D>, offset: Option<Tensor<D>>) -> Tensor<D> {
             match offset {
                 Some(offset) => value + offset,
                 None => value,
             }
         }
-        let offsets = self.field.decode(features);
+        let offsets = self.field.decode(features)?;
         let canonical = &self.gaussians;
         let means = self.coarse_means(settings, time) + offsets.means;
         let opacity_logits = plus(canonical.opacity_logits.val(), offsets.opacity_logits);
         let sh_coeffs = canonical.sh_coeffs_with(plus(canonical.sh_dc.val(), offsets.sh_dc));
-        match settings.offsets {
+        Ok(match settings.offsets {
             OffsetPlacement::BeforeActivation => Deformed {
                 means,
                 quats: plus(canonical.quats.val(), offsets.quats),
@@ -270,6 +273,6 @@ impl DynamicPart {
                     activation: Activation::Linear,
                 }
             }
-        }
+        })
     }
 }

@@ -2,8 +2,9 @@
 
 use burn::module::{Module, Param};
 use burn::nn::Linear;
-use burn::tensor::activation::relu;
 use burn::tensor::{Device, Tensor, TensorData};
+use dash_kernels::KernelError;
+use dash_kernels::mlp::{MlpLayout, mlp};
 use rand::Rng;
 
 /// Fully connected layers with ReLU between them (none after the last).
@@ -26,15 +27,46 @@ impl Mlp {
 
     /// # Shapes
     /// `[N, first width] -> [N, last width]`
-    pub fn forward(&self, input: Tensor<2>) -> Tensor<2> {
+    ///
+    /// # Errors
+    /// When the input has another width, or outgrows the device.
+    pub fn forward(&self, input: Tensor<2>) -> Result<Tensor<2>, KernelError> {
         let last = self.layers.len() - 1;
-        self.layers
-            .iter()
-            .enumerate()
-            .fold(input, |x, (index, layer)| {
-                let x = layer.forward(x);
-                if index < last { relu(x) } else { x }
-            })
+        forward(input, &self.layers[..last], &[&self.layers[last]])
+    }
+}
+
+/// What `heads` give side by side, each of what comes out of the layers of `trunk`, with ReLU behind each of these.
+///
+/// # Shapes
+/// `[N, first width] -> [N, sum of the heads' widths]`
+///
+/// # Errors
+/// When the widths do not fit, or the device can't hold so many rows.
+pub(crate) fn forward(
+    input: Tensor<2>,
+    trunk: &[Linear],
+    heads: &[&Linear],
+) -> Result<Tensor<2>, KernelError> {
+    let device = input.device();
+    let mut widths = Vec::with_capacity(trunk.len() + 2);
+    let mut parameters = Vec::with_capacity(2 * trunk.len() + 2);
+    for layer in trunk {
+        widths.push(layer.weight.dims()[0]);
+        parameters.extend([layer.weight.val().flatten(0, 1), biases(layer, &device)]);
+    }
+    let weights: Vec<_> = heads.iter().map(|head| head.weight.val()).collect();
+    let biases = heads.iter().map(|head| biases(head, &device)).collect();
+    let weights = Tensor::cat(weights, 1);
+    widths.extend(weights.dims());
+    parameters.extend([weights.flatten(0, 1), Tensor::cat(biases, 0)]);
+    mlp(input, Tensor::cat(parameters, 0), &MlpLayout::new(&widths)?)
+}
+
+fn biases(layer: &Linear, device: &Device) -> Tensor<1> {
+    match &layer.bias {
+        Some(bias) => bias.val(),
+        None => Tensor::zeros([layer.weight.dims()[1]], device),
     }
 }
 

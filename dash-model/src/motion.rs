@@ -2,11 +2,10 @@
 
 use burn::module::Module;
 use burn::nn::Linear;
-use burn::tensor::activation::relu;
 use burn::tensor::{Device, Tensor};
 use rand::Rng;
 
-use crate::mlp::{Mlp, linear};
+use crate::mlp::{self, Mlp, linear};
 use crate::{HashEncoder, HashEncoderConfig, ModelError, SpaceBox, TrajectoryBasis};
 
 /// World units per unit of the head, as a share of the diagonal: one step of Adam changes every
@@ -71,8 +70,8 @@ impl MotionField {
     /// When a shape does not fit.
     pub fn coefficients(&self, means: Tensor<2>) -> Result<Tensor<2>, ModelError> {
         let features = self.encoder.forward(self.space.normalize(means.detach()))?;
-        let hidden = relu(self.trunk.forward(features));
-        Ok(self.head.forward(hidden) * (OUTPUT_SCALE * self.space.diagonal()))
+        let out = mlp::forward(features, &self.trunk.layers, &[&self.head])?;
+        Ok(out * (OUTPUT_SCALE * self.space.diagonal()))
     }
 
     /// The basis of the trajectories.

@@ -8,8 +8,8 @@ pub mod reference;
 mod tests;
 
 use burn::backend::tensor::FloatTensor;
-use burn::backend::{Backend, Dispatch, TensorMetadata, backend_extension};
-use burn::tensor::{Tensor, TensorData, try_read_sync};
+use burn::backend::{Backend, Dispatch, backend_extension};
+use burn::tensor::Tensor;
 
 use crate::KernelError;
 use crate::host::HostBackend;
@@ -148,27 +148,11 @@ impl<B: HostBackend> AdamUpdate for B {
         second_moment: FloatTensor<B>,
         settings: AdamStep,
     ) -> (FloatTensor<B>, FloatTensor<B>, FloatTensor<B>) {
-        let (device, shape) = (param.device(), param.shape());
-        let mut values = [param, first_moment, second_moment].map(take_values::<B>);
-        let [param, first_moment, second_moment] = &mut values;
-        cpu::adam_step(
-            param,
-            &B::values(&grad),
-            first_moment,
-            second_moment,
-            &settings,
-        );
-        let [param, first_moment, second_moment] = values
-            .map(|values| B::float_from_data(TensorData::new(values, shape.clone()), &device));
+        let grad = B::values(&grad);
+        let state = [param, first_moment, second_moment];
+        let [param, first_moment, second_moment] = B::change(state, |[param, first, second]| {
+            cpu::adam_step(param, &grad, first, second, &settings);
+        });
         (param, first_moment, second_moment)
     }
-}
-
-/// The tensor's values, without a copy where nobody else holds its storage.
-fn take_values<B: HostBackend>(tensor: FloatTensor<B>) -> Vec<f32> {
-    try_read_sync(B::float_into_data(tensor))
-        .expect("a host backend's tensors are read without waiting")
-        .expect("reading host memory cannot fail")
-        .into_vec()
-        .expect("the caller passes f32 tensors")
 }

@@ -76,7 +76,7 @@ impl Grid4d {
         for (grid, &axes) in self.temporal.iter().zip(&WITH_TIME) {
             temporal.push(grid.forward(columns(&points, axes))?);
         }
-        let weights = sigmoid(self.attention.forward(spatial)) * 2.0 - 1.0;
-        Ok(weights * self.decoder.forward(Tensor::cat(temporal, 1)))
+        let weights = sigmoid(self.attention.forward(spatial)?) * 2.0 - 1.0;
+        Ok(weights * self.decoder.forward(Tensor::cat(temporal, 1))?)
     }
 }

@@ -137,7 +137,7 @@ impl Trainer {
         let regularity = regularity(dynamic, settings, time, &measure, rng)?;
         regularisers.extend(regularity.smoothness.map(|term| term * loss.smoothness));
         regularisers.extend(regularity.unsteadiness.map(|term| term * loss.steadiness));
-        let deformed = dynamic.deform_from(settings, time, regularity.features);
+        let deformed = dynamic.deform_from(settings, time, regularity.features)?;
         Ok(Some(self.scene.deformed_splats(deformed, camera)?))
     }
 

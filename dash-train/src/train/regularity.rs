@@ -135,22 +135,27 @@ pub(crate) fn regularity(
         let difference = own.clone() - next();
         difference.powi_scalar(2).sum() / n as f32
     });
-    let unsteadiness = measure.around.map(|Around { before, after }| {
-        let moved = |features: Tensor<2>, time: f32| {
-            let offset = field.decode(features).means;
-            match &gaussians.trajectories {
-                Some(own) => {
-                    let own = own.val().select(0, drawn.clone());
-                    offset + settings.trajectory_basis.displacement(own, time)
-                }
+    let mut unsteadiness = None;
+    if let Some(Around { before, after }) = measure.around {
+        let times = [time, before, after];
+        let offsets = field
+            .decode(Tensor::cat(vec![own, next(), next()], 0))?
+            .means;
+        let own = gaussians.trajectories.as_ref();
+        let own = own.map(|own| own.val().select(0, drawn));
+        let [now, before_now, after_now] = std::array::from_fn(|k| {
+            let offset = offsets.clone().narrow(0, k * n, n);
+            match own.clone() {
+                Some(own) => offset + settings.trajectory_basis.displacement(own, times[k]),
                 None => offset,
             }
-        };
+        });
         let share = (time - before) / (after - before);
-        let straight = moved(next(), before) * (1.0 - share) + moved(next(), after) * share;
-        let off = (moved(own, time) - straight) / measure.extent;
-        (off.powi_scalar(2).sum_dim(1) + TINY * TINY).sqrt().sum() / n as f32
-    });
+        let straight = before_now * (1.0 - share) + after_now * share;
+        let off = (now - straight) / measure.extent;
+        let lengths = (off.powi_scalar(2).sum_dim(1) + TINY * TINY).sqrt();
+        unsteadiness = Some(lengths.sum() / n as f32);
+    }
     Ok(Regularity {
         features,
         smoothness,

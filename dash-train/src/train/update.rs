@@ -50,9 +50,18 @@ pub(crate) fn parameters(trainer: &mut Trainer, time: f32, gradients: &mut Gradi
     let teaches_gaussians = teaches_gaussians(trainer, time);
     let optimizer = &mut trainer.optimizer;
     if teaches_gaussians {
-        trainer.scene = optimizer.step("scene", trainer.scene.clone(), gradients, |name| {
-            Pace::from(scene_rate(name))
-        });
+        let pace = |name: &str| Pace::from(scene_rate(name));
+        let scene = &mut trainer.scene;
+        scene.static_set = optimizer.step(
+            "scene.static_set",
+            scene.static_set.clone(),
+            gradients,
+            pace,
+        );
+        // Taken, not cloned: what nobody else holds is changed in place.
+        if let Some(dynamic) = scene.dynamic.take() {
+            scene.dynamic = Some(optimizer.step("scene.dynamic", dynamic, gradients, pace));
+        }
     }
     if let Some(motion) = trainer.motion.take() {
         let left = stages.field_rate(trainer.step);
