@@ -10,11 +10,14 @@ mod scene;
 use std::cell::Cell;
 use std::time::{Duration, Instant};
 
+use burn::tensor::activation::relu;
+use burn::tensor::module::linear;
 use burn::tensor::{Device, Distribution, Tensor, TensorData};
 use dash_kernels::adam::{AdamStep, adam_step};
 use dash_kernels::hash_encode::{
     HashGridConfig, HashGridLayout, Interpolation, LevelSizing, hash_encode,
 };
+use dash_kernels::mlp::{MlpLayout, mlp};
 use dash_kernels::photometric::photometric;
 use dash_kernels::project::{Activation, ProjectOptions, project};
 use dash_kernels::rasterize::{N_CHANNELS, RasterizeOptions, rasterize};
@@ -54,6 +57,7 @@ fn main() {
         println!("{name}: {:.1} GB/s", bench.bandwidth / 1e9);
         bench.adam();
         bench.hash_encode();
+        bench.mlp();
         bench.project();
         bench.rasterize();
         bench.ssim();
@@ -223,6 +227,52 @@ impl Bench {
             self.time(&format!("project {n}, both"), 3 * values, || {
                 drop(inputs.project().sum().backward());
             });
+        }
+    }
+
+    /// The decoder of a 4D field with its heads: 16 features, two hidden layers, 10 outputs.
+    fn mlp(&self) {
+        if !self.wants("mlp") {
+            return;
+        }
+        let layout = MlpLayout::new(&[16, 64, 64, 10]).expect("good widths");
+        let parameters = self.random([layout.n_parameters()]) * 0.2;
+        for n in N_POINTS {
+            let input = self.random([n, layout.n_inputs()]);
+            let values = n * (layout.n_inputs() + layout.n_outputs());
+            self.time(&format!("mlp {n}, forward"), values, || {
+                drop(mlp(input.clone(), parameters.clone(), &layout).expect("fits"));
+            });
+            let [input, parameters] = [input.flatten(0, 1), parameters.clone()]
+                .map(|tensor: Tensor<1>| tensor.autodiff().require_grad());
+            let both = || {
+                let input = input.clone().reshape([n, layout.n_inputs()]);
+                let out = mlp(input, parameters.clone(), &layout).expect("fits");
+                drop(out.sum().backward());
+            };
+            self.time(&format!("mlp {n}, both"), 3 * values, both);
+            let burn = || {
+                let mut first = 0;
+                let mut take = |length: usize| {
+                    first += length;
+                    parameters.clone().narrow(0, first - length, length)
+                };
+                let mut x = input.clone().reshape([n, layout.n_inputs()]);
+                for (index, layer) in layout.layers().iter().enumerate() {
+                    let weights = take(layer.n_inputs * layer.n_outputs);
+                    let weights = weights.reshape([layer.n_inputs, layer.n_outputs]);
+                    x = linear(x, weights, Some(take(layer.n_outputs)));
+                    if index + 1 < layout.layers().len() {
+                        x = relu(x);
+                    }
+                }
+                drop(x.sum().backward());
+            };
+            self.time(
+                &format!("mlp {n}, both, as Burn's layers"),
+                3 * values,
+                burn,
+            );
         }
     }
 

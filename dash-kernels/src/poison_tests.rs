@@ -6,6 +6,7 @@ use burn::tensor::{Device, Tensor};
 use crate::Camera;
 use crate::adam::{AdamStep, adam_step};
 use crate::hash_encode::{HashGridConfig, HashGridLayout, Interpolation, LevelSizing, hash_encode};
+use crate::mlp::{MlpLayout, mlp};
 use crate::project::{ProjectOptions, project};
 use crate::rasterize::{N_CHANNELS, RasterizeOptions, rasterize};
 use crate::splats::N_COLUMNS;
@@ -173,6 +174,56 @@ fn extents_of_trajectories() {
                         vec![values(coefficients.grad(grads).expect("tracked"))]
                     });
                 }
+            }
+        }
+    }
+}
+
+#[test]
+fn networks() {
+    let layout = MlpLayout::new(&[3, 5, 2]).expect("good widths");
+    let poison = poison();
+    // Rows are independent: each value has one of its own.
+    let n = poison.len();
+    let good = [
+        random(14, 3 * n),
+        random(15, layout.n_parameters()),
+        random(16, 2 * n),
+    ];
+    let check = |bad: &[Vec<f32>; 3], name: &str, device: &Device| {
+        let input = tracked(&bad[0], [n, 3], device);
+        let parameters = tracked(&bad[1], [layout.n_parameters()], device);
+        let out = mlp(input.clone(), parameters.clone(), &layout).expect("fits");
+        assert_sound(name, out, &bad[2], |grads| {
+            vec![
+                values(input.grad(grads).expect("tracked")),
+                values(parameters.grad(grads).expect("tracked")),
+            ]
+        });
+    };
+    for device in devices() {
+        for (input, width) in [(0, 3), (2, 2)] {
+            for slot in 0..width {
+                let mut bad = good.clone();
+                for (row, &value) in poison.iter().enumerate() {
+                    bad[input][row * width + slot] = value;
+                }
+                check(
+                    &bad,
+                    &format!("{device:?}, slot {slot} of input {input}"),
+                    &device,
+                );
+            }
+        }
+        for slot in 0..layout.n_parameters() {
+            for value in poison {
+                let mut bad = good.clone();
+                bad[1][slot] = value;
+                check(
+                    &bad,
+                    &format!("{device:?}, {value} in parameter {slot}"),
+                    &device,
+                );
             }
         }
     }

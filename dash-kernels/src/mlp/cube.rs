@@ -1,8 +1,9 @@
-//! Fully connected networks on CubeCL devices: a launch for each layer.
+//! Fully connected networks on CubeCL devices: a launch for each layer, after one that cleans the parameters.
 //!
-//! Forward and gradient to the input: a unit owns one output of [`ROWS`] rows, neighbouring units the same rows, whose
-//! values come from the cache. Gradient to the parameters: a unit owns one parameter and a part of the rows; a second
-//! launch adds up the parts, one unit for each parameter. No shared memory, no atomics; deterministic.
+//! Forward and gradient to the input: a unit owns [`ROWS`] rows of [`COLUMNS`] outputs, neighbouring units neighbouring
+//! outputs of the same rows, whose values come from the cache. Gradient to the parameters: a unit owns [`INPUTS`] times
+//! [`COLUMNS`] weights and a part of the rows; a last launch adds up the parts, one unit for each parameter. No shared
+//! memory, no atomics; deterministic.
 
 use burn_cubecl::CubeBackend;
 use burn_cubecl::tensor::CubeTensor;
@@ -14,6 +15,10 @@ use super::{MlpLayer, MlpLayout, Perceptron, PerceptronVjp};
 
 /// Rows of a unit.
 const ROWS: usize = 8;
+/// Outputs of a unit.
+const COLUMNS: usize = 4;
+/// Inputs whose weights a unit has the gradients of.
+const INPUTS: usize = 4;
 /// Fewest rows, and most parts, that gradients of the parameters are summed over.
 const PART: usize = 128;
 const MOST_PARTS: usize = 256;
@@ -22,11 +27,10 @@ const MOST_SUMS: usize = 1 << 24;
 
 impl Perceptron for CubeBackend {
     fn mlp(input: CubeTensor, parameters: CubeTensor, layout: MlpLayout) -> CubeTensor {
-        let (input, parameters) = (contiguous(input), contiguous(parameters));
-        let n_layers = layout.layers().len();
-        let hidden = hidden(&input, &parameters, &layout);
-        let last = hidden.last().unwrap_or(&input);
-        give(last, &parameters, &layout.layers()[n_layers - 1], false)
+        let (input, parameters) = (contiguous(input), clean(parameters));
+        forward(&input, &parameters, &layout, layout.layers().len())
+            .pop()
+            .unwrap_or(input)
     }
 }
 
@@ -38,16 +42,16 @@ impl PerceptronVjp for CubeBackend {
         layout: &MlpLayout,
         [needs_input, needs_parameters]: [bool; 2],
     ) -> [Option<CubeTensor>; 2] {
-        let [input, parameters, v_out] = [input, parameters, v_out].map(contiguous);
+        let (input, parameters) = (contiguous(input), clean(parameters));
         let client = &input.client;
         let n = input.meta.shape()[0];
-        let hidden = hidden(&input, &parameters, layout);
+        let hidden = forward(&input, &parameters, layout, layout.layers().len() - 1);
         let n_parameters = layout.n_parameters();
         let most_parts = (MOST_SUMS / n_parameters).clamp(1, MOST_PARTS);
         let part = n.div_ceil(most_parts).max(PART);
         let n_parts = n.div_ceil(part);
         let sums = needs_parameters.then(|| Buffer::uninitialised(client, n_parts * n_parameters));
-        let mut v = v_out;
+        let mut v = clean(v_out);
         let mut v_input = None;
         for (index, layer) in layout.layers().iter().enumerate().rev() {
             let given = if index == 0 {
@@ -56,7 +60,7 @@ impl PerceptronVjp for CubeBackend {
                 &hidden[index - 1]
             };
             if let Some(sums) = &sums {
-                let own = (layer.n_inputs + 1) * layer.n_outputs;
+                let own = (layer.n_inputs + 1).div_ceil(INPUTS) * groups(layer.n_outputs);
                 let (count, dim) = units(client, n_parts * own);
                 sum_parts::launch(
                     client,
@@ -87,37 +91,49 @@ impl PerceptronVjp for CubeBackend {
     }
 }
 
-/// What every layer but the last gives.
-fn hidden(input: &CubeTensor, parameters: &CubeTensor, layout: &MlpLayout) -> Vec<CubeTensor> {
-    let mut all: Vec<CubeTensor> = Vec::new();
-    for layer in &layout.layers()[..layout.layers().len() - 1] {
-        let given = give(all.last().unwrap_or(input), parameters, layer, true);
-        all.push(given);
-    }
-    all
+/// Units that the outputs of one row take.
+fn groups(n_outputs: usize) -> usize {
+    n_outputs.div_ceil(COLUMNS)
 }
 
-/// A layer's output.
-fn give(
+/// The values, with zeros in place of those that are not finite.
+fn clean(values: CubeTensor) -> CubeTensor {
+    let values = contiguous(values);
+    let out = CubeTensor {
+        handle: uninitialised(&values, [values.meta.num_elements()]).handle,
+        ..values.clone()
+    };
+    let (count, dim) = units(&values.client, values.meta.num_elements());
+    clean_kernel::launch(&values.client, count, dim, arg(&values), arg(&out));
+    out
+}
+
+/// What the first `n_layers` layers give.
+fn forward(
     input: &CubeTensor,
     parameters: &CubeTensor,
-    layer: &MlpLayer,
-    is_hidden: bool,
-) -> CubeTensor {
-    let n = input.meta.shape()[0];
-    let out = uninitialised(input, [n, layer.n_outputs]);
-    let (count, dim) = units(&input.client, n.div_ceil(ROWS) * layer.n_outputs);
-    forward::launch(
-        &input.client,
-        count,
-        dim,
-        arg(input),
-        arg(parameters),
-        arg(&out),
-        sizes(layer, n),
-        is_hidden,
-    );
-    out
+    layout: &MlpLayout,
+    n_layers: usize,
+) -> Vec<CubeTensor> {
+    let mut all: Vec<CubeTensor> = Vec::new();
+    for (index, layer) in layout.layers().iter().enumerate().take(n_layers) {
+        let read = all.last().unwrap_or(input);
+        let n = read.meta.shape()[0];
+        let out = uninitialised(read, [n, layer.n_outputs]);
+        let (count, dim) = units(&read.client, n.div_ceil(ROWS) * groups(layer.n_outputs));
+        give::launch(
+            &read.client,
+            count,
+            dim,
+            arg(read),
+            arg(parameters),
+            arg(&out),
+            sizes(layer, n),
+            index + 1 < layout.layers().len(),
+        );
+        all.push(out);
+    }
+    all
 }
 
 /// Gradient of what a layer reads, `given`, from that of what it gives.
@@ -130,8 +146,8 @@ fn read(
 ) -> CubeTensor {
     let n = v.meta.shape()[0];
     let out = uninitialised(v, [n, layer.n_inputs]);
-    let (count, dim) = units(&v.client, n.div_ceil(ROWS) * layer.n_inputs);
-    backward::launch(
+    let (count, dim) = units(&v.client, n.div_ceil(ROWS) * groups(layer.n_inputs));
+    give_back::launch(
         &v.client,
         count,
         dim,
@@ -164,7 +180,36 @@ fn sizes(layer: &MlpLayer, n: usize) -> SizesLaunch {
 }
 
 #[cube(launch)]
-fn forward(
+fn clean_kernel(values: &[f32], out: &mut [f32]) {
+    if ABSOLUTE_POS < out.len() {
+        out[ABSOLUTE_POS] = finite_or_zero(values[ABSOLUTE_POS]);
+    }
+}
+
+/// Where a unit's rows start; those behind the last are the last again.
+#[cube]
+fn row_starts(first_row: usize, n_rows: usize, width: usize) -> Array<usize> {
+    let mut starts = Array::<usize>::new(ROWS);
+    #[unroll]
+    for row in 0..ROWS {
+        starts[row] = usize::min(first_row + row, n_rows - 1usize) * width;
+    }
+    starts
+}
+
+/// A unit's columns, as far apart as there are groups; those behind the last are the last again.
+#[cube]
+fn columns(group: usize, n_groups: usize, width: usize) -> Array<usize> {
+    let mut all = Array::<usize>::new(COLUMNS);
+    #[unroll]
+    for column in 0..COLUMNS {
+        all[column] = usize::min(group + column * n_groups, width - 1usize);
+    }
+    all
+}
+
+#[cube(launch)]
+fn give(
     input: &[f32],
     parameters: &[f32],
     out: &mut [f32],
@@ -173,43 +218,58 @@ fn forward(
 ) {
     let (n_inputs, n_outputs) = (sizes.n_inputs as usize, sizes.n_outputs as usize);
     let n_rows = sizes.n_rows as usize;
-    let column = ABSOLUTE_POS % n_outputs;
-    let first_row = ABSOLUTE_POS / n_outputs * ROWS;
+    let n_groups = n_outputs.div_ceil(COLUMNS);
+    let group = ABSOLUTE_POS % n_groups;
+    let first_row = ABSOLUTE_POS / n_groups * ROWS;
     if first_row >= n_rows {
         terminate!();
     }
-    let weights = sizes.first as usize + column;
-    let bias = finite_or_zero(parameters[weights + n_inputs * n_outputs]);
-    let mut sums = Array::<f32>::new(ROWS);
+    let rows = row_starts(first_row, n_rows, n_inputs);
+    let columns = columns(group, n_groups, n_outputs);
+    let first = sizes.first as usize;
+    let mut weights = Array::<f32>::new(COLUMNS);
+    let mut sums = Array::<f32>::new(comptime!(ROWS * COLUMNS));
     #[unroll]
-    for row in 0..ROWS {
-        sums[row] = bias;
-    }
-    for k in 0..n_inputs {
-        let weight = finite_or_zero(parameters[weights + k * n_outputs]);
+    for column in 0..COLUMNS {
+        let bias = parameters[first + n_inputs * n_outputs + columns[column]];
         #[unroll]
         for row in 0..ROWS {
-            // Rows behind the last are the last again.
-            let at = usize::min(first_row + row, n_rows - 1usize);
-            sums[row] += finite_or_zero(input[at * n_inputs + k]) * weight;
+            sums[row * COLUMNS + column] = bias;
+        }
+    }
+    for k in 0..n_inputs {
+        #[unroll]
+        for column in 0..COLUMNS {
+            weights[column] = parameters[first + k * n_outputs + columns[column]];
+        }
+        #[unroll]
+        for row in 0..ROWS {
+            let value = finite_or_zero(input[rows[row] + k]);
+            #[unroll]
+            for column in 0..COLUMNS {
+                sums[row * COLUMNS + column] += value * weights[column];
+            }
         }
     }
     #[unroll]
     for row in 0..ROWS {
-        if first_row + row < n_rows {
-            let value = finite_or_zero(sums[row]);
-            let at = (first_row + row) * n_outputs + column;
-            if is_hidden {
-                out[at] = f32::max(value, 0.0f32);
-            } else {
-                out[at] = value;
+        #[unroll]
+        for column in 0..COLUMNS {
+            let at = group + column * n_groups;
+            if first_row + row < n_rows && at < n_outputs {
+                let value = finite_or_zero(sums[row * COLUMNS + column]);
+                if is_hidden {
+                    out[(first_row + row) * n_outputs + at] = f32::max(value, 0.0f32);
+                } else {
+                    out[(first_row + row) * n_outputs + at] = value;
+                }
             }
         }
     }
 }
 
 #[cube(launch)]
-fn backward(
+fn give_back(
     v: &[f32],
     given: &[f32],
     parameters: &[f32],
@@ -219,40 +279,54 @@ fn backward(
 ) {
     let (n_inputs, n_outputs) = (sizes.n_inputs as usize, sizes.n_outputs as usize);
     let n_rows = sizes.n_rows as usize;
-    let column = ABSOLUTE_POS % n_inputs;
-    let first_row = ABSOLUTE_POS / n_inputs * ROWS;
+    let n_groups = n_inputs.div_ceil(COLUMNS);
+    let group = ABSOLUTE_POS % n_groups;
+    let first_row = ABSOLUTE_POS / n_groups * ROWS;
     if first_row >= n_rows {
         terminate!();
     }
-    let weights = sizes.first as usize + column * n_outputs;
-    let mut sums = Array::<f32>::new(ROWS);
+    let rows = row_starts(first_row, n_rows, n_outputs);
+    let columns = columns(group, n_groups, n_inputs);
+    let first = sizes.first as usize;
+    let mut weights = Array::<f32>::new(COLUMNS);
+    let mut sums = Array::<f32>::new(comptime!(ROWS * COLUMNS));
     #[unroll]
-    for row in 0..ROWS {
-        sums[row] = 0.0f32;
+    for i in 0..comptime!(ROWS * COLUMNS) {
+        sums[i] = 0.0f32;
     }
     for k in 0..n_outputs {
-        let weight = finite_or_zero(parameters[weights + k]);
+        #[unroll]
+        for column in 0..COLUMNS {
+            weights[column] = parameters[first + columns[column] * n_outputs + k];
+        }
         #[unroll]
         for row in 0..ROWS {
-            let at = usize::min(first_row + row, n_rows - 1usize);
-            sums[row] += finite_or_zero(v[at * n_outputs + k]) * weight;
+            let value = v[rows[row] + k];
+            #[unroll]
+            for column in 0..COLUMNS {
+                sums[row * COLUMNS + column] += value * weights[column];
+            }
         }
     }
     #[unroll]
     for row in 0..ROWS {
-        if first_row + row < n_rows {
-            let at = (first_row + row) * n_inputs + column;
-            let value = finite_or_zero(sums[row]);
-            if is_hidden {
-                out[at] = select(given[at] > 0.0f32, value, 0.0f32);
-            } else {
-                out[at] = value;
+        #[unroll]
+        for column in 0..COLUMNS {
+            let input = group + column * n_groups;
+            if first_row + row < n_rows && input < n_inputs {
+                let at = (first_row + row) * n_inputs + input;
+                let value = finite_or_zero(sums[row * COLUMNS + column]);
+                if is_hidden {
+                    out[at] = select(given[at] > 0.0f32, value, 0.0f32);
+                } else {
+                    out[at] = value;
+                }
             }
         }
     }
 }
 
-/// A parameter's gradient, summed over a part of the rows. Biases come behind the weights, as if one more input were
+/// Parameters' gradients, summed over a part of the rows. Biases come behind the weights, as if one more input were
 /// always one.
 #[cube(launch)]
 fn sum_parts(
@@ -264,25 +338,49 @@ fn sum_parts(
     n_parameters: u32,
 ) {
     let (n_inputs, n_outputs) = (sizes.n_inputs as usize, sizes.n_outputs as usize);
-    let own = (n_inputs + 1usize) * n_outputs;
-    let parameter = ABSOLUTE_POS % own;
-    let first_row = ABSOLUTE_POS / own * part as usize;
     let n_rows = sizes.n_rows as usize;
+    let n_groups = n_outputs.div_ceil(COLUMNS);
+    let own = (n_inputs + 1usize).div_ceil(INPUTS) * n_groups;
+    let first_row = ABSOLUTE_POS / own * part as usize;
     if first_row >= n_rows {
         terminate!();
     }
-    let (input, column) = (parameter / n_outputs, parameter % n_outputs);
-    let end = usize::min(first_row + part as usize, n_rows);
-    let mut sum = 0.0f32;
-    for row in first_row..end {
-        let mut value = 1.0f32;
-        if input < n_inputs {
-            value = finite_or_zero(given[row * n_inputs + input]);
-        }
-        sum += value * finite_or_zero(v[row * n_outputs + column]);
+    let group = ABSOLUTE_POS % n_groups;
+    let first_input = ABSOLUTE_POS % own / n_groups * INPUTS;
+    let columns = columns(group, n_groups, n_outputs);
+    let mut values = Array::<f32>::new(INPUTS);
+    let mut held = Array::<f32>::new(comptime!(INPUTS * COLUMNS));
+    #[unroll]
+    for i in 0..comptime!(INPUTS * COLUMNS) {
+        held[i] = 0.0f32;
     }
-    let slot = ABSOLUTE_POS / own * n_parameters as usize;
-    sums[slot + sizes.first as usize + parameter] = sum;
+    for row in first_row..usize::min(first_row + part as usize, n_rows) {
+        #[unroll]
+        for i in 0..INPUTS {
+            let input = usize::min(first_input + i, n_inputs - 1usize);
+            let value = finite_or_zero(given[row * n_inputs + input]);
+            values[i] = select(first_input + i < n_inputs, value, 1.0f32);
+        }
+        #[unroll]
+        for column in 0..COLUMNS {
+            let v = v[row * n_outputs + columns[column]];
+            #[unroll]
+            for i in 0..INPUTS {
+                held[i * COLUMNS + column] += values[i] * v;
+            }
+        }
+    }
+    let slot = ABSOLUTE_POS / own * n_parameters as usize + sizes.first as usize;
+    #[unroll]
+    for i in 0..INPUTS {
+        #[unroll]
+        for column in 0..COLUMNS {
+            let at = group + column * n_groups;
+            if first_input + i <= n_inputs && at < n_outputs {
+                sums[slot + (first_input + i) * n_outputs + at] = held[i * COLUMNS + column];
+            }
+        }
+    }
 }
 
 #[cube(launch)]

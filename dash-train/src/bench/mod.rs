@@ -7,7 +7,7 @@
 //! # Map
 //! - this file: what is asked for and the loop over it; `file`: what is written.
 //! - `error`: errors of many values; `timing`: medians and quartiles.
-//! - `hash_encode`, `project`, `rasterize`, `ssim`, `photometric`, `adam`, `squared_extent`: one operation
+//! - `hash_encode`, `mlp`, `project`, `rasterize`, `ssim`, `photometric`, `adam`, `squared_extent`: one operation
 //!   each; `determinant`: two forms of one formula, on the host; `stiffness`: inputs made harder and harder.
 
 mod adam;
@@ -15,6 +15,7 @@ mod determinant;
 mod error;
 mod file;
 mod hash_encode;
+mod mlp;
 mod photometric;
 mod project;
 mod rasterize;
@@ -49,6 +50,8 @@ const HOST: &str = "host";
 pub enum Op {
     /// Multiresolution hash encoding.
     HashEncode,
+    /// Small fully connected networks.
+    Mlp,
     /// Projection of Gaussians.
     Project,
     /// Rasterization of splats.
@@ -65,8 +68,9 @@ pub enum Op {
 
 impl Op {
     /// All of them.
-    pub const ALL: [Self; 7] = [
+    pub const ALL: [Self; 8] = [
         Self::HashEncode,
+        Self::Mlp,
         Self::Project,
         Self::Rasterize,
         Self::Ssim,
@@ -79,6 +83,7 @@ impl Op {
     pub fn name(self) -> &'static str {
         match self {
             Self::HashEncode => "hash_encode",
+            Self::Mlp => "mlp",
             Self::Project => "project",
             Self::Rasterize => "rasterize",
             Self::Ssim => "ssim",
@@ -99,7 +104,7 @@ impl fmt::Display for Op {
 pub struct BenchOptions {
     /// The operations.
     pub ops: Vec<Op>,
-    /// Points, Gaussians, pixels, values or trajectories that they are measured with.
+    /// Points, rows, Gaussians, pixels, values or trajectories that they are measured with.
     pub sizes: Vec<usize>,
     /// The devices and their names.
     pub devices: Vec<(String, Device)>,
@@ -142,6 +147,7 @@ impl Bench<'_> {
                     (self.on_part)(&format!("{name}: {op}, {size}"));
                     let measured = match op {
                         Op::HashEncode => hash_encode::measure(self, target, size),
+                        Op::Mlp => mlp::measure(self, target, size),
                         Op::Project => project::measure(self, target, size),
                         Op::Rasterize => rasterize::measure(self, target, size),
                         Op::Ssim => ssim::measure(self, target, size),

@@ -8,12 +8,13 @@
 //! # Map
 //! `measured`: what a case finds; `inputs`: random inputs and tensors; `projected`: Gaussians on a
 //! device and in `f64`; `projection`,
-//! `rasterization`, `hash_grid`, `similarity`, `trajectories`, `optimiser`, `selection`, `scenes`, `training`: the
+//! `rasterization`, `hash_grid`, `networks`, `similarity`, `trajectories`, `optimiser`, `selection`, `scenes`, `training`: the
 //! cases of each family.
 
 mod hash_grid;
 mod inputs;
 mod measured;
+mod networks;
 mod optimiser;
 mod projected;
 mod projection;
@@ -81,6 +82,7 @@ pub fn cases() -> Vec<Case> {
         projection::CASES,
         rasterization::CASES,
         hash_grid::CASES,
+        networks::CASES,
         similarity::CASES,
         trajectories::CASES,
         optimiser::CASES,
