@@ -76,7 +76,8 @@ impl DynamicPart {
 
     /// The Gaussians at `time`. Through one of [`SceneSettings::gaps`] they go in straight lines from how they are
     /// before to how they are after; those whose velocities before and after agree on where they turned in between go by
-    /// there. The field is asked four times then.
+    /// there. The field is asked four times then. Beyond an end of what was seen they go on as they came there, as far
+    /// as it is that they were seen to come.
     ///
     /// # Source
     /// DASH Eqs. 9-10; the coarse trajectory below the field's offsets and the way through gaps are ours.
@@ -84,6 +85,12 @@ impl DynamicPart {
     /// # Errors
     /// When a shape does not fit.
     pub fn deform(&self, settings: &SceneSettings, time: f32) -> Result<Deformed, ModelError> {
+        if let Some(end) = settings.gaps.beyond(time) {
+            let mut deformed = self.deform_straight(settings, end.at)?;
+            let inner = self.deform_straight(settings, end.inner)?;
+            deformed.means = deformed.means * 2.0 - inner.means;
+            return Ok(deformed);
+        }
         let Some(gap) = settings.gaps.around(time) else {
             return self.deform_straight(settings, time);
         };

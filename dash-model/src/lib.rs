@@ -38,7 +38,7 @@ pub use deformation::{DeformationConfig, DeformationField, Head, Heads, Offsets}
 pub use dynamic_part::{Deformed, DynamicPart};
 pub use encoders::{Grid4d, HexPlanes, Representation, SpaceTimeEncoder, TimeEmbedding};
 pub use error::ModelError;
-pub use gaps::{Gap, Gaps};
+pub use gaps::{End, Gap, Gaps};
 pub use gaussians::{GaussianRows, Gaussians, SH_C0, gather_rows, logit};
 pub use hash_encoder::{HashEncoder, HashEncoderConfig};
 pub use motion::MotionField;

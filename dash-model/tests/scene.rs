@@ -332,6 +332,59 @@ fn through_a_gap(known: [[f64; 3]; 4], longer: f64, share: f64) -> ([f64; 3], f6
     (place, agree)
 }
 
+/// Means, quaternions, scales, opacities and colours of the dynamic Gaussians at a time.
+fn deformed(scene: &DynamicScene, time: f32) -> [Vec<f32>; 5] {
+    let part = scene.dynamic.as_ref().expect("some move");
+    let deformed = part.deform(&scene.settings, time).expect("fits");
+    let flat = |tensor: Tensor<1>| tensor.into_data().try_into_vec().expect("f32");
+    [
+        flat(deformed.means.reshape([-1])),
+        flat(deformed.quats.reshape([-1])),
+        flat(deformed.scales.reshape([-1])),
+        flat(deformed.opacities),
+        flat(deformed.sh_coeffs.reshape([-1])),
+    ]
+}
+
+#[test]
+fn beyond_what_was_seen_things_go_on_as_they_came_and_files_say_so() {
+    let folder = tempfile::tempdir().expect("a scratch folder");
+    for (index, device) in devices().into_iter().enumerate() {
+        let seen = lively(scene(
+            6,
+            Some(9),
+            OffsetPlacement::BeforeActivation,
+            &device,
+        ));
+        let mut ended = seen.clone();
+        ended.settings.gaps = Gaps::between([0.25, 0.375, 0.5, 0.625, 0.75], 1.5);
+        for time in [0.25, 0.3, 0.5, 0.75] {
+            assert_eq!(deformed(&ended, time), deformed(&seen, time), "{time}");
+        }
+        for (time, at, inner) in [(0.9, 0.75, 0.6), (1.0, 0.75, 0.5), (0.125, 0.25, 0.375)] {
+            let [mut expected, before] = [at, inner].map(|time| deformed(&seen, time));
+            for (mean, before) in expected[0].iter_mut().zip(&before[0]) {
+                *mean = 2.0 * *mean - before;
+            }
+            let found = deformed(&ended, time);
+            assert_eq!(found[1..], expected[1..], "{time}");
+            let error = largest_difference(&found[0], &expected[0]);
+            assert!(error <= 1e-6, "{time}: {error}");
+            let other = deformed(&seen, time);
+            assert!(
+                largest_difference(&other[0], &expected[0]) > 1e-3,
+                "it bends"
+            );
+        }
+        let path = folder.path().join(index.to_string());
+        ended.save(&path).expect("writes");
+        let text = std::fs::read_to_string(path.join("scene.json")).expect("reads");
+        assert!(text.contains("\"format_version\": 6"), "{text}");
+        let loaded = DynamicScene::load(&path, &device).expect("reads");
+        assert_eq!(loaded.settings, ended.settings);
+    }
+}
+
 #[test]
 fn through_a_gap_things_go_straight_or_turn_once_and_files_say_so() {
     let folder = tempfile::tempdir().expect("a scratch folder");
@@ -342,21 +395,9 @@ fn through_a_gap_things_go_straight_or_turn_once_and_files_say_so() {
         ] {
             let seen = lively(scene(6, Some(9), offsets, &device));
             let mut bridged = seen.clone();
-            bridged.settings.gaps = Gaps::between([0.0, 0.125, 0.25, 0.75, 0.875], 1.5);
+            bridged.settings.gaps = Gaps::between([0.0, 0.125, 0.25, 0.75, 0.875, 1.0], 1.5);
             assert_eq!(bridged.settings.gaps.len(), 1);
-            let values = |scene: &DynamicScene, time: f32| {
-                let part = scene.dynamic.as_ref().expect("some move");
-                let deformed = part.deform(&scene.settings, time).expect("fits");
-                let flat = |tensor: Tensor<1>| tensor.into_data().try_into_vec().expect("f32");
-                let parts: [Vec<f32>; 5] = [
-                    flat(deformed.means.reshape([-1])),
-                    flat(deformed.quats.reshape([-1])),
-                    flat(deformed.scales.reshape([-1])),
-                    flat(deformed.opacities),
-                    flat(deformed.sh_coeffs.reshape([-1])),
-                ];
-                parts.concat()
-            };
+            let values = |scene: &DynamicScene, time: f32| deformed(scene, time).concat();
             for time in [0.0, 0.2, 0.25, 0.75, 0.8, 1.0] {
                 assert_eq!(values(&bridged, time), values(&seen, time), "{time}");
             }

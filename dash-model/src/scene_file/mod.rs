@@ -4,7 +4,7 @@
 //! coefficients of those Gaussians only that have any, `SET.sh_rest`, with the numbers of these
 //! Gaussians, `SET.sh_rest.rows`. In version 3 tables may also lack their rows of zeros, see `marks`. In version 4
 //! trajectories may be at rest at another time than the first, and the settings may have an `ndc_limit`; in version 5
-//! they may have `gaps`. A file is of the lowest version that has what is in it.
+//! they may have `gaps`, in version 6 also such as go on beyond the clip. A file is of the lowest version that has what is in it.
 
 mod marks;
 mod stored;
@@ -38,7 +38,9 @@ const MARKED_VERSION: u32 = 3;
 /// Version of those with an anchor of trajectories, or a limit to what is drawn.
 const LIMITED_VERSION: u32 = 4;
 /// Version of those with gaps in time.
-const FORMAT_VERSION: u32 = 5;
+const GAPS_VERSION: u32 = 5;
+/// Version of those with gaps that go on beyond the clip.
+const FORMAT_VERSION: u32 = 6;
 /// Most functions of time that trajectories may be made of.
 const MAX_BASIS_FUNCTIONS: usize = 4096;
 
@@ -170,8 +172,10 @@ impl DynamicScene {
 
 /// The first version of scenes that has such settings.
 fn settings_version(settings: &SceneSettings) -> u32 {
-    if !settings.gaps.is_empty() {
+    if settings.gaps.are_open() {
         FORMAT_VERSION
+    } else if !settings.gaps.is_empty() {
+        GAPS_VERSION
     } else if settings.ndc_limit.is_some() || settings.trajectory_basis.anchor() != 0.0 {
         LIMITED_VERSION
     } else {
@@ -304,7 +308,7 @@ impl SceneDescription {
         if !self.settings.gaps.are_sound() {
             return Err(ModelError::format(
                 path,
-                "gaps [from, to] in [0, 1], in rising order and without overlap",
+                "gaps [from, to] in [0, 1] (from -1 the first, to 2 the last), in rising order and without overlap",
                 format!("{:?}", self.settings.gaps),
             ));
         }
