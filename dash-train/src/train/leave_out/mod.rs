@@ -15,9 +15,9 @@ use crate::TrainError;
 
 /// Most that pictures may lose when a part is left out, dB: over all pixels and where something moves, by
 /// the lower bound of the mean over training views.
-const MAX_LOSS: f64 = 0.015;
+const MAX_LOSS: f64 = 0.007;
 /// Most that they may lose when all that was left out is counted, dB: by the same bound.
-const MAX_TOTAL_LOSS: f64 = 0.045;
+const MAX_TOTAL_LOSS: f64 = 0.02;
 /// Share of the scene's bytes, or of its field's arithmetic, that a part must take to be worth leaving
 /// out.
 const MIN_SAVING: f64 = 0.03;

@@ -301,9 +301,9 @@ mod tests {
         let uneven = Outcome::of(&with, &[30.3, 30.3, 30.3, 29.1]);
         assert!(uneven.mean.abs() < 1e-9 && uneven.lower() < -MAX_LOSS);
         assert!(!uneven.is_clearly_worse());
-        assert!(lower(&[29.98; 4]) < -MAX_LOSS && lower(&[29.99; 4]) > -MAX_LOSS);
+        assert!(lower(&[29.99; 4]) < -MAX_LOSS && lower(&[29.995; 4]) > -MAX_LOSS);
         assert!(Outcome::of(&with, &[29.98; 4]).is_clearly_worse());
-        assert!(!Outcome::of(&with, &[29.99; 4]).is_clearly_worse());
+        assert!(!Outcome::of(&with, &[29.995; 4]).is_clearly_worse());
         // Nothing moves: nothing is lost there.
         let none = Outcome::of(&[], &[]);
         assert!(none.lower() == 0.0 && !none.is_clearly_worse());
