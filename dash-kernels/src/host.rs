@@ -4,7 +4,7 @@ use std::borrow::Cow;
 
 use burn::backend::tensor::FloatTensor;
 use burn::backend::{Backend, TensorMetadata};
-use burn::tensor::TensorData;
+use burn::tensor::{TensorData, try_read_sync};
 
 /// A backend whose tensors live in host memory.
 ///
@@ -24,14 +24,20 @@ pub trait HostBackend: Backend {
         tensors: [FloatTensor<Self>; N],
         work: impl FnOnce([&mut [f32]; N]),
     ) -> [FloatTensor<Self>; N] {
-        let mut values = tensors.each_ref().map(|t| Self::values(t).into_owned());
+        let places = tensors.each_ref().map(|t| (t.shape(), t.device()));
+        let mut values = tensors.map(|tensor| -> Vec<f32> {
+            try_read_sync(Self::float_into_data(tensor))
+                .expect("a host backend's tensors are read without waiting")
+                .expect("reading host memory cannot fail")
+                .into_vec()
+                .expect("the caller passes f32 tensors")
+        });
         work(values.each_mut().map(Vec::as_mut_slice));
-        let mut tensors = tensors;
-        for (tensor, values) in tensors.iter_mut().zip(values) {
-            let data = TensorData::new(values, tensor.shape());
-            *tensor = Self::float_from_data(data, &tensor.device());
-        }
-        tensors
+        let mut places = places.into_iter();
+        values.map(|values| {
+            let (shape, device) = places.next().expect("one for each");
+            Self::float_from_data(TensorData::new(values, shape), &device)
+        })
     }
 
     /// A tensor of `shape` on the device of `like`.

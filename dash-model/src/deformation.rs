@@ -1,5 +1,7 @@
 //! The field over space and time with its multi-head decoder.
 
+mod heads;
+
 use burn::module::{Module, Param};
 use burn::nn::Linear;
 use burn::tensor::{Device, Tensor, TensorData};
@@ -10,6 +12,7 @@ use crate::encoders::{Representation, SpaceTimeEncoder, TimeEmbedding};
 use crate::gaussians::to_host;
 use crate::mlp::{self, Mlp, linear};
 use crate::{HashEncoderConfig, ModelError, SpaceBox};
+pub use heads::{Head, Heads};
 
 /// World units per unit of the position head, as a share of the diagonal (see `motion.rs`).
 const OUTPUT_SCALE: f32 = 0.1;
@@ -23,38 +26,6 @@ const QUAT: u128 = 4;
 const SCALE: u128 = 3;
 /// Opacity, then colour.
 const APPEARANCE: u128 = 4;
-
-/// What a field changes beside positions.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct Heads {
-    /// Rotations.
-    pub rotation: bool,
-    /// Scales.
-    pub scale: bool,
-    /// Opacities and constant colours. Not in DASH; E-D3DGS has it.
-    pub appearance: bool,
-}
-
-/// A head that a field can do without.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Head {
-    /// See [`Heads::rotation`].
-    Rotation,
-    /// See [`Heads::scale`].
-    Scale,
-}
-
-impl Default for Heads {
-    /// Those of DASH.
-    fn default() -> Self {
-        Self {
-            rotation: true,
-            scale: true,
-            appearance: false,
-        }
-    }
-}
 
 /// Sizes of a [`DeformationField`].
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]

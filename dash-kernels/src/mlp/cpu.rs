@@ -5,22 +5,22 @@
 //! Rows are independent; gradients of the parameters are summed over parts of the rows whose number and order do not
 //! depend on threads.
 
+mod lanes;
+
 use rayon::prelude::*;
 
 use super::{MlpLayer, MlpLayout};
 use crate::isa::{Kernel, dispatch};
+use lanes::{
+    LANES, Lanes, ROWS, Rows, add_outer, finite, finite_or_zero, finite_where_positive, multiply,
+    pad, panels, plus, positive, unpad,
+};
 
-/// Values summed side by side.
-const LANES: usize = 16;
-/// Rows (of parameters' gradients: inputs) whose sums are held at a time.
-const ROWS: usize = 4;
 /// Rows that go through all layers together.
 const BLOCK: usize = 64;
 /// Fewest rows, and most parts, that gradients of the parameters are summed over.
 const PART: usize = 8 * BLOCK;
 const MOST_PARTS: usize = 64;
-
-type Lanes = [f32; LANES];
 
 /// A layer's parameters, padded with zeros to whole lanes.
 struct Packed {
@@ -52,28 +52,23 @@ impl Packed {
         Self {
             n_inputs,
             n_outputs,
-            weights: lanes(panels(n_outputs), n_inputs, |j, k| weight(k, j)),
+            weights: in_lanes(panels(n_outputs), n_inputs, |j, k| weight(k, j)),
             biases: biases
                 .map(|chunk| {
                     std::array::from_fn(|l| chunk.get(l).map_or(0.0, |&b| finite_or_zero(b)))
                 })
                 .collect(),
-            transposed: lanes(transposed_panels, n_outputs, weight),
+            transposed: in_lanes(transposed_panels, n_outputs, weight),
         }
     }
 }
 
 /// `value(lane, step)` of `panels` times sixteen lanes over `n` steps.
-fn lanes(panels: usize, n: usize, value: impl Fn(usize, usize) -> f32) -> Vec<Lanes> {
+fn in_lanes(panels: usize, n: usize, value: impl Fn(usize, usize) -> f32) -> Vec<Lanes> {
     (0..panels)
         .flat_map(|panel| (0..n).map(move |step| (panel, step)))
         .map(|(panel, step)| std::array::from_fn(|l| value(panel * LANES + l, step)))
         .collect()
-}
-
-/// Lanes that hold `width` values.
-fn panels(width: usize) -> usize {
-    width.div_ceil(LANES)
 }
 
 fn pack(parameters: &[f32], layout: &MlpLayout, with_transposed: bool) -> Vec<Packed> {
@@ -217,35 +212,6 @@ impl Scratch {
     }
 }
 
-/// Values of rows in whole lanes, without the padding.
-fn unpad(out: &mut [f32], padded: &[Lanes], width: usize) {
-    let rows = padded.chunks_exact(panels(width));
-    for (out, row) in out.chunks_exact_mut(width).zip(rows) {
-        out.copy_from_slice(&row.as_flattened()[..width]);
-    }
-}
-
-/// Finite values of rows in whole lanes, with zeros in the padding and in the rows up to a multiple of [`ROWS`].
-/// Returns that many rows.
-#[inline(always)]
-fn pad(padded: &mut [Lanes], rows: &[f32], width: usize) -> usize {
-    let n = rows.len() / width;
-    let padded_rows = n.next_multiple_of(ROWS);
-    let panels = panels(width);
-    for (padded, row) in padded
-        .chunks_exact_mut(panels)
-        .zip(rows.chunks_exact(width))
-    {
-        let padded = padded.as_flattened_mut();
-        for (padded, &value) in padded.iter_mut().zip(row) {
-            *padded = finite_or_zero(value);
-        }
-        padded[width..].fill(0.0);
-    }
-    padded[n * panels..padded_rows * panels].fill([0.0; LANES]);
-    padded_rows
-}
-
 /// One block through all layers.
 struct Forward<'a> {
     layers: &'a [Packed],
@@ -335,143 +301,4 @@ impl Kernel for Backward<'_> {
             std::mem::swap(&mut scratch.v, &mut scratch.v_before);
         }
     }
-}
-
-/// Rows in whole lanes.
-#[derive(Clone, Copy)]
-struct Rows<'a> {
-    values: &'a [f32],
-    stride: usize,
-    width: usize,
-}
-
-impl<'a> Rows<'a> {
-    #[inline(always)]
-    fn new(values: &'a [Lanes], width: usize) -> Self {
-        Self {
-            values: values.as_flattened(),
-            stride: panels(width) * LANES,
-            width,
-        }
-    }
-
-    #[inline(always)]
-    fn four(self, first: usize) -> [&'a [f32]; ROWS] {
-        std::array::from_fn(|row| &self.values[(first + row) * self.stride..][..self.width])
-    }
-}
-
-/// Rows times weights, plus `start` where there is any; `finish(at, sum)` is what is written at `at`.
-#[inline(always)]
-fn multiply(
-    rows: Rows,
-    weights: &[Lanes],
-    start: &[Lanes],
-    out: &mut [Lanes],
-    n_rows: usize,
-    finish: impl Fn(usize, Lanes) -> Lanes,
-) {
-    let n_panels = weights.len() / rows.width;
-    for first in (0..n_rows).step_by(ROWS) {
-        let four = rows.four(first);
-        for (panel, weights) in weights.chunks_exact(rows.width).enumerate() {
-            let start = start.get(panel).copied().unwrap_or([0.0; LANES]);
-            let sums = sum_products(four, weights, [start; ROWS]);
-            for (row, sums) in sums.into_iter().enumerate() {
-                let at = (first + row) * n_panels + panel;
-                out[at] = finish(at, sums);
-            }
-        }
-    }
-}
-
-/// `sums[row][l] + sum over k of rows[row][k] * weights[k][l]`.
-#[inline(always)]
-fn sum_products(rows: [&[f32]; ROWS], weights: &[Lanes], sums: [Lanes; ROWS]) -> [Lanes; ROWS] {
-    let rows = rows.map(|row| &row[..weights.len()]);
-    let mut sums = sums;
-    for k in 0..weights.len() {
-        for row in 0..ROWS {
-            let value = rows[row][k];
-            for l in 0..LANES {
-                sums[row][l] += value * weights[k][l];
-            }
-        }
-    }
-    sums
-}
-
-/// Adds to `sums[k]` the sum over rows of `rows[row][k] * v[row]`.
-#[inline(always)]
-fn add_outer(rows: Rows, v: &[Lanes], sums: &mut [Lanes], n_panels: usize) {
-    let n_rows = v.len() / n_panels;
-    for first in (0..rows.width).step_by(ROWS) {
-        for panel in 0..n_panels {
-            let mut held: [Lanes; ROWS] =
-                std::array::from_fn(|k| sums[(first + k) * n_panels + panel]);
-            for row in 0..n_rows {
-                let values = &rows.values[row * rows.stride + first..][..ROWS];
-                let v = &v[row * n_panels + panel];
-                for k in 0..ROWS {
-                    let value = values[k];
-                    for l in 0..LANES {
-                        held[k][l] += value * v[l];
-                    }
-                }
-            }
-            for (k, held) in held.into_iter().enumerate() {
-                sums[(first + k) * n_panels + panel] = held;
-            }
-        }
-    }
-}
-
-#[inline(always)]
-fn plus(a: Lanes, b: Lanes) -> Lanes {
-    let mut out = a;
-    for l in 0..LANES {
-        out[l] += b[l];
-    }
-    out
-}
-
-#[inline(always)]
-fn finite_or_zero(value: f32) -> f32 {
-    if value.abs() < f32::INFINITY {
-        value
-    } else {
-        0.0
-    }
-}
-
-// Loops over lanes become vector instructions, `map` of an array does not.
-
-#[inline(always)]
-fn finite(values: Lanes) -> Lanes {
-    let mut out = [0.0; LANES];
-    for l in 0..LANES {
-        out[l] = finite_or_zero(values[l]);
-    }
-    out
-}
-
-/// Zero where they are negative, too.
-#[inline(always)]
-fn positive(values: Lanes) -> Lanes {
-    let mut out = [0.0; LANES];
-    for l in 0..LANES {
-        out[l] = finite_or_zero(values[l].max(0.0));
-    }
-    out
-}
-
-/// Zero where `what` is not positive, too.
-#[inline(always)]
-fn finite_where_positive(values: Lanes, what: &Lanes) -> Lanes {
-    let mut out = [0.0; LANES];
-    for l in 0..LANES {
-        let value = finite_or_zero(values[l]);
-        out[l] = if what[l] > 0.0 { value } else { 0.0 };
-    }
-    out
 }
