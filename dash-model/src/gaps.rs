@@ -112,6 +112,12 @@ impl Gaps {
         self.0.is_empty()
     }
 
+    /// Whether one lies between two times that were seen.
+    pub fn lie_within(&self) -> bool {
+        let closed = |[from, to]: &[f32; 2]| *from != BEFORE_THE_CLIP && *to != AFTER_THE_CLIP;
+        self.0.iter().any(closed)
+    }
+
     /// How many there are.
     pub fn len(&self) -> usize {
         self.0.len()
@@ -152,6 +158,8 @@ mod tests {
         }
         assert_eq!(of(&[0.1, 0.2, 0.9], 8.0), [[-1.0, 0.1], [0.9, 2.0]]);
         assert_eq!(of(&[0.0, 0.1, 0.2, 0.9], 1.5), [[0.2, 0.9], [0.9, 2.0]]);
+        assert!(Gaps::between([0.1, 0.2, 0.3, 0.9], 1.5).lie_within());
+        assert!(!Gaps::between([0.1, 0.2, 0.3, 0.4], 1.5).lie_within());
     }
 
     #[test]

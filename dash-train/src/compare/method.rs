@@ -94,9 +94,20 @@ impl Method {
         self.name().replace('/', "")
     }
 
+    /// Whether its field has a resolution of its own, whatever the preset says.
+    fn brings_its_grid(self) -> bool {
+        matches!(
+            self,
+            Self::HexPlane | Self::Grid4d | Self::Grid4dDecomposed | Self::Embedding
+        )
+    }
+
     /// A preset changed into this method.
     pub fn of(self, preset: &TrainConfig) -> TrainConfig {
         let mut config = preset.clone();
+        if self.brings_its_grid() {
+            config.field.cells_with_gaps = 1.0;
+        }
         match self {
             Self::Dash => {}
             Self::WithoutDecomposition => everything_moves(&mut config),
@@ -238,6 +249,25 @@ mod tests {
                 method == Method::Dash,
                 "{method}"
             );
+        }
+    }
+
+    #[test]
+    fn grids_that_methods_bring_are_as_fine_with_gaps() {
+        let preset = TrainConfig::preset(Preset::Quick);
+        for (method, cells) in [
+            (Method::HexPlane, 128),
+            (Method::Grid4d, 64),
+            (Method::Grid4dDecomposed, 64),
+            (Method::Embedding, 64),
+            (Method::Dash, 4),
+            (Method::WithoutDecomposition, 4),
+            (Method::WithoutRegulariser, 4),
+        ] {
+            let mut config = method.of(&preset);
+            config.coarsen_for_gaps();
+            let finest = config.field.deformation.encoder.finest_resolution[0];
+            assert_eq!(finest, cells, "{method}");
         }
     }
 }

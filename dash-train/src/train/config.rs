@@ -270,6 +270,10 @@ pub struct FieldConfig {
     pub space: SpaceRule,
     /// Where rotation and scale offsets are added.
     pub offsets: OffsetPlacement,
+    /// Factor of the encoder's resolutions in space where no time shows the scene from several sides, as with cameras
+    /// that take turns, and pictures lack of three times in a row or more. Ours.
+    #[serde(default = "one")]
+    pub cells_with_gaps: f32,
 }
 
 /// Adaptive density control of one set (Kerbl et al. 2023, section 5).

@@ -128,6 +128,7 @@ impl TrainConfig {
                 },
                 space: SpaceRule::Scene,
                 offsets: OffsetPlacement::BeforeActivation,
+                cells_with_gaps: 1.0,
             },
             density_static: DensityConfig {
                 from: 500.0 / 15_000.0,
@@ -168,6 +169,8 @@ impl TrainConfig {
         self.field.deformation.encoder.finest_resolution = vec![16, 16, 16, 0];
         // What moves as a whole moves as fast as its parts.
         self.field.deformation.encoder.base_resolution = vec![4, 4, 4, 0];
+        // How things go on into a gap is told from how they move beside it, and cells of one picture each tell that badly.
+        self.field.cells_with_gaps = 0.25;
         self.sh_degree = 1;
         self.max_initial_points = 20_000;
         self.min_initial_points = 6_000;
@@ -331,6 +334,7 @@ impl TrainConfig {
             },
             space: SpaceRule::Fixed(1.0),
             offsets: OffsetPlacement::AfterActivation,
+            cells_with_gaps: 1.0,
         };
         let density = DensityConfig {
             from: 600.0 / 50_000.0,

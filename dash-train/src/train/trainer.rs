@@ -26,6 +26,9 @@ use super::{coarse, matching, promote, review, statistics, update, validation};
 use crate::TrainError;
 use crate::dataset::{Dataset, Split, View};
 
+/// Steps between two times from which on what lies between makes the field coarser.
+const LONG_GAP: f32 = 3.5;
+
 /// Path prefix of the static Gaussians' parameters.
 pub(crate) const STATIC: &str = "scene.static_set.";
 /// Path prefix of the dynamic Gaussians' parameters.
@@ -131,6 +134,10 @@ impl Trainer {
         let gaps = config
             .gap_steps
             .map(|steps| Gaps::between(times.clone(), steps));
+        let has_long_gaps = Gaps::between(times.clone(), LONG_GAP).lie_within();
+        if has_long_gaps && !coarse::shown_at_once(start_part) {
+            config.coarsen_for_gaps();
+        }
         let times = Times::of(times);
         let core = Core::of(&dataset, &points);
         let near_plane = config

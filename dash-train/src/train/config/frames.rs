@@ -42,4 +42,15 @@ impl TrainConfig {
         }
         config
     }
+
+    /// Makes the field's encoder coarser in space by `field.cells_with_gaps`, once: the factor is 1 then.
+    pub(crate) fn coarsen_for_gaps(&mut self) {
+        let factor = std::mem::replace(&mut self.field.cells_with_gaps, 1.0);
+        let encoder = &mut self.field.deformation.encoder;
+        for cells in [&mut encoder.base_resolution, &mut encoder.finest_resolution] {
+            for axis in cells.iter_mut().take(3) {
+                *axis = ((*axis as f32 * factor).ceil() as u32).max(1);
+            }
+        }
+    }
 }

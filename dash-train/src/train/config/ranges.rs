@@ -140,6 +140,10 @@ impl TrainConfig {
             loss.smoothness_share > 0.0 && loss.smoothness_share <= 1.0,
             "loss.smoothness_share must be above 0 and at most 1",
         )?;
+        check(
+            self.field.cells_with_gaps > 0.0 && self.field.cells_with_gaps <= 1.0,
+            "field.cells_with_gaps must be above 0 and at most 1",
+        )?;
         let rates = &self.learning_rates;
         check(
             [

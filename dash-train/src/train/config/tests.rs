@@ -25,6 +25,7 @@ fn what_older_runs_do_not_say_is_as_it_was() {
     let text = toml::to_string(&config).expect("serialises");
     let newer = [
         "means_in_turns",
+        "cells_with_gaps",
         "steadiness",
         "moved_share",
         "smoothness_share",
@@ -60,6 +61,8 @@ fn set_changes_one_value_and_refuses_others() {
         "loss.moved_share=1.1",
         "loss.visible_motion=nan",
         "loss.smoothness_share=0",
+        "field.cells_with_gaps=0",
+        "field.cells_with_gaps=1.1",
         "loss.smoothness_share=1.1",
         "near_plane=0",
         "ndc_limit=0.9",
@@ -99,4 +102,22 @@ fn zeros_of_time_follow_from_the_frames() {
         assert_eq!(resolutions(0, 9, 24, seen_at_once), [9, 9]);
         assert_eq!(resolutions(4, 9, 24, seen_at_once), [4, 9]);
     }
+}
+
+#[test]
+fn gaps_make_the_field_coarser_in_space_once() {
+    let coarsened = |factor: f32| {
+        let mut config = TrainConfig::preset(Preset::Quick);
+        config.field.cells_with_gaps = factor;
+        config.field.deformation.encoder.base_resolution = vec![1, 5, 4, 7];
+        config.field.deformation.encoder.finest_resolution = vec![16, 16, 9, 12];
+        config.coarsen_for_gaps();
+        let once = config.clone();
+        config.coarsen_for_gaps();
+        assert_eq!(config, once);
+        let encoder = once.field.deformation.encoder;
+        [encoder.base_resolution, encoder.finest_resolution]
+    };
+    assert_eq!(coarsened(0.25), [[1, 2, 1, 7], [4, 4, 3, 12]]);
+    assert_eq!(coarsened(1.0), [[1, 5, 4, 7], [16, 16, 9, 12]]);
 }

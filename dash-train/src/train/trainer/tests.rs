@@ -39,3 +39,20 @@ fn cells_of_time_follow_from_what_training_pictures_show() {
     // Cameras that take turns.
     assert_eq!(cells(&|view| view.camera_index == view.frame % 6), (6, 6));
 }
+
+#[test]
+fn the_field_is_coarser_where_cameras_take_turns_with_long_gaps() {
+    let rig = synth::loaded(6, 24, [32, 24]);
+    let cells = |keep: &dyn Fn(&View) -> bool| {
+        let mut dataset = rig.clone();
+        dataset.views.retain(|view| keep(view));
+        let config = TrainConfig::preset(Preset::Quick);
+        let trainer = Trainer::new(config, Arc::new(dataset), &Device::flex()).expect("valid");
+        trainer.config.field.deformation.encoder.finest_resolution[0]
+    };
+    let in_turns = |view: &View| view.camera_index == view.frame * 5 % 6;
+    let lacks = |view: &View, n: usize| (9..9 + n).contains(&view.frame);
+    assert_eq!(cells(&|view| in_turns(view) && !lacks(view, 2)), 16);
+    assert_eq!(cells(&|view| in_turns(view) && !lacks(view, 3)), 4);
+    assert_eq!(cells(&|view| !lacks(view, 6)), 16);
+}
