@@ -1,3 +1,5 @@
+use dash_model::HashEncoderConfig;
+
 use super::*;
 use crate::synth;
 use crate::train::Preset;
@@ -23,15 +25,20 @@ fn times_that_no_training_picture_shows_are_gaps() {
     assert!((gap.share - 0.5).abs() < 1e-6 && (gap.beside - 0.3).abs() < 1e-6);
 }
 
+/// The field's encoder for those of a dataset's views that are kept.
+fn encoder_for(dataset: &Dataset, keep: &dyn Fn(&View) -> bool) -> HashEncoderConfig {
+    let mut dataset = dataset.clone();
+    dataset.views.retain(|view| keep(view));
+    let config = TrainConfig::preset(Preset::Quick);
+    let trainer = Trainer::new(config, Arc::new(dataset), &Device::flex()).expect("valid");
+    trainer.config.field.deformation.encoder
+}
+
 #[test]
 fn cells_of_time_follow_from_what_training_pictures_show() {
     let rig = synth::loaded(6, 11, [32, 24]);
     let cells = |keep: &dyn Fn(&View) -> bool| {
-        let mut dataset = rig.clone();
-        dataset.views.retain(|view| keep(view));
-        let config = TrainConfig::preset(Preset::Quick);
-        let trainer = Trainer::new(config, Arc::new(dataset), &Device::flex()).expect("valid");
-        let encoder = &trainer.config.field.deformation.encoder;
+        let encoder = encoder_for(&rig, keep);
         (encoder.base_resolution[3], encoder.finest_resolution[3])
     };
     assert_eq!(cells(&|_| true), (10, 10));
@@ -43,13 +50,7 @@ fn cells_of_time_follow_from_what_training_pictures_show() {
 #[test]
 fn the_field_is_coarser_where_cameras_take_turns_with_long_gaps() {
     let rig = synth::loaded(6, 24, [32, 24]);
-    let cells = |keep: &dyn Fn(&View) -> bool| {
-        let mut dataset = rig.clone();
-        dataset.views.retain(|view| keep(view));
-        let config = TrainConfig::preset(Preset::Quick);
-        let trainer = Trainer::new(config, Arc::new(dataset), &Device::flex()).expect("valid");
-        trainer.config.field.deformation.encoder.finest_resolution[0]
-    };
+    let cells = |keep: &dyn Fn(&View) -> bool| encoder_for(&rig, keep).finest_resolution[0];
     let in_turns = |view: &View| view.camera_index == view.frame * 5 % 6;
     let lacks = |view: &View, n: usize| (9..9 + n).contains(&view.frame);
     assert_eq!(cells(&|view| in_turns(view) && !lacks(view, 2)), 16);
