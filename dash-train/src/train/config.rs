@@ -110,8 +110,8 @@ pub struct LossConfig {
     /// needs, such as dark smoke in the empty space before a dark background, fades. Kheradmand et al.
     /// 2024 take 0.01.
     pub static_opacity: f32,
-    /// Weight of what static Gaussians (before the split, those at rest) cover of the picture from nearer
-    /// than is typical: dark smoke between the cameras and the scene, which no training picture tells from
+    /// Weight of what Gaussians (before the split, those at rest) cover of the picture from nearer than half of
+    /// the typical distance: dark smoke between the cameras and the scene, which no training picture tells from
     /// what is behind it, fades. Ours.
     #[serde(default)]
     pub nearness: f32,
@@ -119,6 +119,9 @@ pub struct LossConfig {
     /// measured: it takes the field twice more for each. Ours; 1 in the paper.
     #[serde(default = "one")]
     pub smoothness_share: f32,
+    /// Steps of which one has the field's smoothness measured, with so many times the weight: 1, each. Ours.
+    #[serde(default = "every_step")]
+    pub smoothness_interval: usize,
     /// Weight of how far dynamic Gaussians are from where they would be had they gone in a straight line and at one speed
     /// from a training time before to one after, in units of the scene's extent; where no time by itself shows the
     /// scene's shape. Ours.
@@ -178,6 +181,10 @@ pub struct LearningRates {
 
 fn one() -> f32 {
     1.0
+}
+
+fn every_step() -> usize {
+    1
 }
 
 fn default_embedding_rate() -> f32 {

@@ -1,11 +1,15 @@
-//! What a picture shows of each static Gaussian, and the losses that are weighed by it.
+//! What a picture shows of each Gaussian, and the losses that are weighed by it.
 
 use burn::tensor::activation::sigmoid;
 use burn::tensor::{Device, Tensor, TensorData};
 use dash_kernels::Camera;
-use dash_kernels::splats::{CONIC_A, CONIC_B, CONIC_C, DEPTH, N_COLUMNS, OPACITY, RADIUS_X};
+use dash_kernels::splats::{
+    CONIC_A, CONIC_B, CONIC_C, DEPTH, MEAN_X, MEAN_Y, N_COLUMNS, OPACITY, RADIUS_X, RADIUS_Y,
+};
 use dash_model::Gaussians;
 
+/// Disparity, in units of the typical one, above which a Gaussian is near.
+const NEAR: f64 = 2.0;
 /// Most that nearness counts for.
 const NEAREST: f64 = 16.0;
 /// Motion, in shares of the image's width, with which a Gaussian pays half of what it would at rest for being
@@ -24,6 +28,8 @@ struct Drawn {
     opacity: f64,
     /// Of the picture, at most all of it.
     share: f64,
+    /// How much of it lies in the picture.
+    inside: f64,
     /// How large a world unit appears there, in shares of the image's width: in proportion to its disparity.
     scale: f64,
 }
@@ -46,11 +52,19 @@ impl Drawn {
         let drawn = Self {
             opacity: value(OPACITY),
             share: (1.0 / det.sqrt() / picture).min(1.0),
+            inside: part_inside(value(MEAN_X), value(RADIUS_X), camera.width)
+                * part_inside(value(MEAN_Y), value(RADIUS_Y), camera.height),
             scale: camera.fx / camera.width as f64 / value(DEPTH),
         };
         let shown = splat[RADIUS_X] > 0.0 && splat[DEPTH] > 0.0 && det > 0.0;
         (shown && drawn.opacity.is_finite() && drawn.scale.is_finite()).then_some(drawn)
     }
+}
+
+/// How much of `mean` +- `radius` lies in [0, `size`].
+fn part_inside(mean: f64, radius: f64, size: usize) -> f64 {
+    let (from, to) = ((mean - radius).max(0.0), (mean + radius).min(size as f64));
+    ((to - from) / (2.0 * radius)).clamp(0.0, 1.0)
 }
 
 /// Motion `m` on the screen, in shares of the image's width, as `m / (1 + m / far)` (however far, a
@@ -73,18 +87,19 @@ pub(crate) fn visible_motion(extents: Tensor<1>, cover: &Cover, far: f32) -> Ten
     (cost * column(shares, &device)).sum()
 }
 
-/// How much of the picture a set covers from nearer than is typical: the sum of opacity times the share of
-/// the picture under a Gaussian (at most all of it) times what the square of its disparity has above 1 (at
-/// most [`NEAREST`]), in units of the mean disparity of what the set covers. Like the photometric loss this
-/// is a mean over the picture. `None` of a set of which nothing is drawn.
+/// How much of the picture a set covers from nearer than half of the typical distance: the sum of opacity times
+/// the share of the picture under a Gaussian (at most all of it; what lies beside the picture covers nothing) times what the square of its disparity has above
+/// that of [`NEAR`] (at most [`NEAREST`]), in units of the mean disparity of what the set covers. Like the
+/// photometric loss this is a mean over the picture. `None` of a set of which nothing is drawn.
 ///
 /// What hangs between the cameras and the scene, as dark as what is behind it, changes no training picture,
 /// but darkens those of cameras between them. What moves is followed and must stay in sight: it pays the less
 /// the more its `motion [N]`, in world units (empty: all rest). Gradient to the opacities only.
 pub(crate) fn nearness(set: &Gaussians, cover: &Cover, motion: &[f32]) -> Option<Tensor<1>> {
     let drawn = || cover.drawn.iter().flatten();
-    let covered: f64 = drawn().map(|d| d.opacity * d.share).sum();
-    let near: f64 = drawn().map(|d| d.opacity * d.share * d.scale).sum();
+    let covered: f64 = drawn().map(|d| d.opacity * d.share * d.inside).sum();
+    let near = drawn().map(|d| d.opacity * d.share * d.inside * d.scale);
+    let near: f64 = near.sum();
     let typical = near / covered;
     if !(typical > 0.0 && typical.is_finite()) {
         return None;
@@ -93,9 +108,9 @@ pub(crate) fn nearness(set: &Gaussians, cover: &Cover, motion: &[f32]) -> Option
         let Some(drawn) = drawn else {
             return 0.0;
         };
-        let near = (drawn.scale / typical).powi(2) - 1.0;
+        let near = (drawn.scale / typical).powi(2) - NEAR.powi(2);
         let moved = motion.get(row).map_or(0.0, |&m| f64::from(m) * drawn.scale);
-        (drawn.share * near.clamp(0.0, NEAREST) / (1.0 + moved / AT_REST)) as f32
+        (drawn.share * drawn.inside * near.clamp(0.0, NEAREST) / (1.0 + moved / AT_REST)) as f32
     };
     let weights = cover.drawn.iter().enumerate().map(weight).collect();
     let logits = set.opacity_logits.val();
@@ -124,6 +139,12 @@ mod tests {
     /// Opacity, area of one standard deviation in pixels, depth, whether it is drawn.
     type Spot = (f32, f32, f32, bool);
 
+    /// Of a spot in the middle of the picture, one standard deviation wide; the height of the picture is 10.
+    fn inside(area: f32) -> f64 {
+        let radius = f64::from(area.sqrt());
+        (20.0 / (2.0 * radius)).min(1.0) * (10.0 / (2.0 * radius)).min(1.0)
+    }
+
     const SPOTS: [Spot; 6] = [
         (0.9, 40.0, 3.0, true),
         (0.5, 10.0, 6.0, true),
@@ -145,7 +166,8 @@ mod tests {
             if drawn {
                 splat[CONIC_A] = 1.0 / area;
                 splat[CONIC_C] = 1.0 / area;
-                splat[RADIUS_X] = area.sqrt();
+                (splat[MEAN_X], splat[MEAN_Y]) = (10.0, 5.0);
+                (splat[RADIUS_X], splat[RADIUS_Y]) = (area.sqrt(), area.sqrt());
                 splat[DEPTH] = depth;
                 splat[OPACITY] = opacity;
             }
@@ -158,14 +180,14 @@ mod tests {
     /// What the spots pay for each unit of opacity, in double precision.
     fn weights(spots: &[Spot], motion: &[f64]) -> Vec<f64> {
         let (mut covered, mut near) = (0.0, 0.0);
-        let share = |area: f32| (f64::from(area) / 200.0).min(1.0);
+        let share = |area: f32| (f64::from(area) / 200.0).min(1.0) * inside(area);
         for &(opacity, area, depth, _) in spots.iter().filter(|spot| spot.3) {
             covered += f64::from(opacity) * share(area);
             near += f64::from(opacity) * share(area) / f64::from(depth);
         }
         let weight = |(&(_, area, depth, drawn), moved): (&Spot, &f64)| {
             let ratio = covered / near / f64::from(depth);
-            let excess = (ratio * ratio - 1.0).clamp(0.0, 16.0);
+            let excess = (ratio * ratio - 4.0).clamp(0.0, 16.0);
             let on_screen = 0.5 * moved / f64::from(depth);
             let part = 0.005 / (0.005 + on_screen);
             if drawn {
@@ -198,7 +220,7 @@ mod tests {
             let found = value(cost.clone());
             assert!((found / expected - 1.0).abs() < 1e-5, "{found} {expected}");
 
-            // What is nearer than typical pays for its cover, the rest nothing.
+            // What is nearer than half of the typical distance, 3.8, pays for its cover, the rest nothing.
             let gradients = cost.expect("drawn").backward();
             let logits = set.opacity_logits.val();
             let slopes = Tensor::<1>::from_inner(logits.grad(&gradients).expect("of logits"));
@@ -216,7 +238,7 @@ mod tests {
                     error < 1e-3 * f64::from(slope.abs()) + 5e-6,
                     "{k}: {slope} {difference}"
                 );
-                let near = SPOTS[k].3 && SPOTS[k].2 < 3.5;
+                let near = SPOTS[k].3 && SPOTS[k].2 < 1.9;
                 assert_eq!(slope > 0.0, near, "{k}: {slope}");
             }
         }
@@ -243,6 +265,36 @@ mod tests {
             value(nearness(&set, &cover, &[]))
         };
         assert!((cost(39.4) / cost(1.0) - 1.0).abs() < 1e-5);
+    }
+
+    #[test]
+    fn what_lies_beside_the_picture_covers_nothing() {
+        let device = Device::flex();
+        // A far one, and one near: within the picture, by half, in a corner by a quarter, beside it.
+        let cost = |place: [f32; 2]| {
+            let mut splats = [[0.0; N_COLUMNS]; 2];
+            for (splat, (mean, depth)) in splats.iter_mut().zip([([10.0, 5.0], 9.0), (place, 1.0)])
+            {
+                (splat[CONIC_A], splat[CONIC_C]) = (1.0, 1.0);
+                (splat[MEAN_X], splat[MEAN_Y]) = mean.into();
+                (splat[RADIUS_X], splat[RADIUS_Y]) = (2.0, 3.0);
+                (splat[DEPTH], splat[OPACITY]) = (depth, [0.9, 0.001][usize::from(depth < 2.0)]);
+            }
+            let set = spots(&[(0.9, 1.0, 9.0, true), (0.001, 1.0, 1.0, true)], &device).0;
+            value(nearness(&set, &Cover::of(&splats.concat(), &camera()), &[]))
+        };
+        let whole = cost([4.0, 4.0]);
+        assert!(whole > 0.0);
+        for (place, part) in [
+            ([0.0, 4.0], 0.5),
+            ([20.0, 10.0], 0.25),
+            ([4.0, 12.0], 1.0 / 6.0),
+        ] {
+            assert!((cost(place) / whole - part).abs() < 1e-3, "{place:?}");
+        }
+        for beside in [[-2.0, 5.0], [23.0, 5.0], [4.0, -3.5], [4.0, 99.0]] {
+            assert_eq!(cost(beside), 0.0, "{beside:?}");
+        }
     }
 
     #[test]

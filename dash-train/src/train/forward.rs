@@ -65,6 +65,7 @@ impl Trainer {
         let splats = match self.dynamic_splats(camera, time, &mut regularisers)? {
             None => joined,
             Some(splats) => {
+                regularisers.extend(self.nearness_of_dynamic(&splats, camera));
                 let leaf = self.probe(&splats);
                 let probed = splats.clone() + leaf.clone();
                 dynamic_probe = Some((leaf, splats));
@@ -122,23 +123,33 @@ impl Trainer {
         };
         let loss = &self.config.loss;
         let is_steady = loss.steadiness > 0.0 && !coarse::shown_at_once(self.start_part);
-        if loss.smoothness <= 0.0 && !is_steady || dynamic.gaussians.is_empty() {
+        let is_smooth = loss.smoothness > 0.0 && self.step.is_multiple_of(loss.smoothness_interval);
+        if !is_smooth && !is_steady || dynamic.gaussians.is_empty() {
             return Ok(self.scene.dynamic_splats(camera, time)?);
         }
         let rng = &mut self.rng;
         let around = is_steady.then(|| self.times.around(time, rng)).flatten();
         let measure = Measure {
             share: loss.smoothness_share,
-            step: (loss.smoothness > 0.0).then_some(loss.smoothness_step),
+            step: is_smooth.then_some(loss.smoothness_step),
             around,
             extent: self.extent,
         };
         let settings = &self.scene.settings;
         let regularity = regularity(dynamic, settings, time, &measure, rng)?;
-        regularisers.extend(regularity.smoothness.map(|term| term * loss.smoothness));
+        let weight = loss.smoothness * loss.smoothness_interval as f32;
+        regularisers.extend(regularity.smoothness.map(|term| term * weight));
         regularisers.extend(regularity.unsteadiness.map(|term| term * loss.steadiness));
         let deformed = dynamic.deform_from(settings, time, regularity.features)?;
         Ok(Some(self.scene.deformed_splats(deformed, camera)?))
+    }
+
+    /// What the dynamic Gaussians pay for what they cover of a picture from near, if anything.
+    fn nearness_of_dynamic(&self, splats: &Tensor<2>, camera: &Camera) -> Option<Tensor<1>> {
+        let weight = self.config.loss.nearness;
+        let dynamic = self.scene.dynamic.as_ref().filter(|_| weight > 0.0)?;
+        let cover = Cover::of(&to_host(splats.clone()), camera);
+        nearness(&dynamic.gaussians, &cover, &[]).map(|cost| cost * weight)
     }
 
     /// A leaf of zeros: added to packed splats, its gradient is theirs.
@@ -181,4 +192,96 @@ impl Trainer {
 fn motion_unit(extent: f32) -> Option<f32> {
     let extraordinary = !ORDINARY_EXTENTS.contains(&extent) && extent > 0.0 && extent.is_finite();
     extraordinary.then(|| (extent / ROOM).log2().round().exp2())
+}
+
+#[cfg(test)]
+mod tests {
+    use std::sync::Arc;
+
+    use burn::tensor::Device;
+    use dash_model::{DeformationField, DynamicPart, GaussianRows, Gaussians, SpaceBox};
+    use rand::SeedableRng;
+    use rand_pcg::Pcg64;
+
+    use super::*;
+    use crate::synth;
+    use crate::train::{Preset, TrainConfig};
+
+    /// By the gradients of their opacities with the cost and without.
+    #[test]
+    fn dynamic_gaussians_pay_for_what_they_cover_from_near() {
+        let device = Device::flex();
+        let mut config = TrainConfig::preset(Preset::Quick);
+        config.loss.smoothness = 0.0;
+        config.loss.steadiness = 0.0;
+        let dataset = Arc::new(synth::loaded(4, 3, [32, 24]));
+        let view = dataset.views[0].clone();
+        let mut trainer = Trainer::new(config, dataset, &device).expect("valid");
+        let (eye, forward) = (view.camera.position(), view.camera.forward());
+        let before_it = |away: f64| std::array::from_fn(|k| (eye[k] + away * forward[k]) as f32);
+        let places = [before_it(4.0), before_it(1.0)];
+        let mut rows = GaussianRows::from_points(&places, &[[0.0; 3]; 2], 0, 0.1);
+        rows.log_scales = vec![[0.5_f32.ln(); 3], [0.05_f32.ln(); 3]];
+        rows.opacity_logits = vec![2.0, -2.0];
+        let deformation = &trainer.config.field.deformation;
+        let (space, mut rng) = (SpaceBox::fixed(10.0), Pcg64::seed_from_u64(1));
+        let field = DeformationField::new(deformation, space, &mut rng, &trainer.device);
+        trainer.scene.settings.near_plane = 0.1;
+        trainer.scene.dynamic = Some(DynamicPart {
+            gaussians: Gaussians::from_rows(&rows, &trainer.device),
+            field: field.expect("valid"),
+        });
+        let mut slopes = |weight: f32| {
+            trainer.config.loss.nearness = weight;
+            let gradients = trainer.forward(&view).expect("renders").loss.backward();
+            let dynamic = trainer.scene.dynamic.as_ref().expect("given");
+            let logits = dynamic.gaussians.opacity_logits.val();
+            let slopes = logits.grad(&gradients).expect("of logits");
+            to_host(Tensor::<1>::from_inner(slopes))
+        };
+        let (without, with) = (slopes(0.0), slopes(1.0));
+        assert_eq!(with[0], without[0], "at the typical distance");
+        assert!(with[1] > without[1] + 1e-4, "{with:?} {without:?}");
+    }
+
+    #[test]
+    fn smoothness_is_measured_at_one_step_of_its_interval_with_the_weight_of_all() {
+        let device = Device::flex();
+        let mut config = TrainConfig::preset(Preset::Quick);
+        config.loss.steadiness = 0.0;
+        config.loss.smoothness = 0.5;
+        config.loss.smoothness_share = 1.0;
+        // A step that is large beside the cells, so that features differ.
+        config.loss.smoothness_step = [0.4, 0.1];
+        let dataset = Arc::new(synth::loaded(4, 3, [32, 24]));
+        let view = dataset.views[0].clone();
+        let mut trainer = Trainer::new(config, dataset, &device).expect("valid");
+        let rows = GaussianRows::from_points(&[[0.1; 3], [-0.2; 3]], &[[0.5; 3]; 2], 0, 0.1);
+        let deformation = &trainer.config.field.deformation;
+        let (space, mut rng) = (SpaceBox::fixed(1.0), Pcg64::seed_from_u64(1));
+        let field = DeformationField::new(deformation, space, &mut rng, &trainer.device);
+        trainer.scene.dynamic = Some(DynamicPart {
+            gaussians: Gaussians::from_rows(&rows, &trainer.device),
+            field: field.expect("valid"),
+        });
+        let mut cost = |interval: usize, step: usize| {
+            trainer.config.loss.smoothness_interval = interval;
+            trainer.step = step;
+            trainer.rng = Pcg64::seed_from_u64(2);
+            let mut terms = Vec::new();
+            let splats = trainer.dynamic_splats(&view.camera, 0.5, &mut terms);
+            splats.expect("valid").expect("some are dynamic");
+            let terms = terms.into_iter().map(|term| to_host(term)[0]);
+            terms.collect::<Vec<f32>>()
+        };
+        let [each] = cost(1, 3)[..] else {
+            panic!("one term");
+        };
+        assert!(each > 0.0);
+        assert!(cost(4, 3).is_empty());
+        let [all] = cost(4, 8)[..] else {
+            panic!("one term");
+        };
+        assert!((all / (4.0 * each) - 1.0).abs() < 1e-6, "{all} {each}");
+    }
 }

@@ -141,6 +141,10 @@ impl TrainConfig {
             "loss.smoothness_share must be above 0 and at most 1",
         )?;
         check(
+            loss.smoothness_interval > 0,
+            "loss.smoothness_interval must be at least 1",
+        )?;
+        check(
             self.field.cells_with_gaps > 0.0 && self.field.cells_with_gaps <= 1.0,
             "field.cells_with_gaps must be above 0 and at most 1",
         )?;
