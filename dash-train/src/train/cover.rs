@@ -26,9 +26,9 @@ pub(crate) struct Cover {
 /// What a picture shows of a Gaussian.
 struct Drawn {
     opacity: f64,
-    /// Of the picture, at most all of it.
+    /// Of the picture, at most all of it; what lies beside it counts.
     share: f64,
-    /// How much of it lies in the picture.
+    /// Of the picture, only what lies in it.
     inside: f64,
     /// How large a world unit appears there, in shares of the image's width: in proportion to its disparity.
     scale: f64,
@@ -49,15 +49,19 @@ impl Drawn {
         let value = |column: usize| f64::from(splat[column]);
         let picture = (camera.width * camera.height) as f64;
         let det = value(CONIC_A) * value(CONIC_C) - value(CONIC_B).powi(2);
+        let share = 1.0 / det.sqrt() / picture;
         let drawn = Self {
             opacity: value(OPACITY),
-            share: (1.0 / det.sqrt() / picture).min(1.0),
-            inside: part_inside(value(MEAN_X), value(RADIUS_X), camera.width)
-                * part_inside(value(MEAN_Y), value(RADIUS_Y), camera.height),
+            share: share.min(1.0),
+            inside: (share
+                * part_inside(value(MEAN_X), value(RADIUS_X), camera.width)
+                * part_inside(value(MEAN_Y), value(RADIUS_Y), camera.height))
+            .min(1.0),
             scale: camera.fx / camera.width as f64 / value(DEPTH),
         };
         let shown = splat[RADIUS_X] > 0.0 && splat[DEPTH] > 0.0 && det > 0.0;
-        (shown && drawn.opacity.is_finite() && drawn.scale.is_finite()).then_some(drawn)
+        let numbers = [drawn.opacity, drawn.scale, drawn.inside];
+        (shown && numbers.iter().all(|number| number.is_finite())).then_some(drawn)
     }
 }
 
@@ -88,18 +92,17 @@ pub(crate) fn visible_motion(extents: Tensor<1>, cover: &Cover, far: f32) -> Ten
 }
 
 /// How much of the picture a set covers from nearer than half of the typical distance: the sum of opacity times
-/// the share of the picture under a Gaussian (at most all of it; what lies beside the picture covers nothing) times what the square of its disparity has above
-/// that of [`NEAR`] (at most [`NEAREST`]), in units of the mean disparity of what the set covers. Like the
-/// photometric loss this is a mean over the picture. `None` of a set of which nothing is drawn.
+/// the share of the picture under a Gaussian (what lies beside the picture covers nothing) times what the square of
+/// its disparity has above that of [`NEAR`] (at most [`NEAREST`]), in units of the mean disparity of what the set
+/// covers. Like the photometric loss this is a mean over the picture. `None` of a set of which nothing is drawn.
 ///
 /// What hangs between the cameras and the scene, as dark as what is behind it, changes no training picture,
 /// but darkens those of cameras between them. What moves is followed and must stay in sight: it pays the less
 /// the more its `motion [N]`, in world units (empty: all rest). Gradient to the opacities only.
 pub(crate) fn nearness(set: &Gaussians, cover: &Cover, motion: &[f32]) -> Option<Tensor<1>> {
     let drawn = || cover.drawn.iter().flatten();
-    let covered: f64 = drawn().map(|d| d.opacity * d.share * d.inside).sum();
-    let near = drawn().map(|d| d.opacity * d.share * d.inside * d.scale);
-    let near: f64 = near.sum();
+    let covered: f64 = drawn().map(|d| d.opacity * d.inside).sum();
+    let near: f64 = drawn().map(|d| d.opacity * d.inside * d.scale).sum();
     let typical = near / covered;
     if !(typical > 0.0 && typical.is_finite()) {
         return None;
@@ -110,7 +113,7 @@ pub(crate) fn nearness(set: &Gaussians, cover: &Cover, motion: &[f32]) -> Option
         };
         let near = (drawn.scale / typical).powi(2) - NEAR.powi(2);
         let moved = motion.get(row).map_or(0.0, |&m| f64::from(m) * drawn.scale);
-        (drawn.share * drawn.inside * near.clamp(0.0, NEAREST) / (1.0 + moved / AT_REST)) as f32
+        (drawn.inside * near.clamp(0.0, NEAREST) / (1.0 + moved / AT_REST)) as f32
     };
     let weights = cover.drawn.iter().enumerate().map(weight).collect();
     let logits = set.opacity_logits.val();
@@ -180,7 +183,7 @@ mod tests {
     /// What the spots pay for each unit of opacity, in double precision.
     fn weights(spots: &[Spot], motion: &[f64]) -> Vec<f64> {
         let (mut covered, mut near) = (0.0, 0.0);
-        let share = |area: f32| (f64::from(area) / 200.0).min(1.0) * inside(area);
+        let share = |area: f32| f64::from(area) / 200.0 * inside(area);
         for &(opacity, area, depth, _) in spots.iter().filter(|spot| spot.3) {
             covered += f64::from(opacity) * share(area);
             near += f64::from(opacity) * share(area) / f64::from(depth);
@@ -271,18 +274,19 @@ mod tests {
     fn what_lies_beside_the_picture_covers_nothing() {
         let device = Device::flex();
         // A far one, and one near: within the picture, by half, in a corner by a quarter, beside it.
-        let cost = |place: [f32; 2]| {
+        let cost_of = |place: [f32; 2], wide: f32| {
             let mut splats = [[0.0; N_COLUMNS]; 2];
-            for (splat, (mean, depth)) in splats.iter_mut().zip([([10.0, 5.0], 9.0), (place, 1.0)])
-            {
-                (splat[CONIC_A], splat[CONIC_C]) = (1.0, 1.0);
+            let places = [([10.0, 5.0], 9.0, 1.0), (place, 1.0, wide)];
+            for (splat, (mean, depth, wide)) in splats.iter_mut().zip(places) {
+                (splat[CONIC_A], splat[CONIC_C]) = (wide.powi(-2), wide.powi(-2));
                 (splat[MEAN_X], splat[MEAN_Y]) = mean.into();
-                (splat[RADIUS_X], splat[RADIUS_Y]) = (2.0, 3.0);
+                (splat[RADIUS_X], splat[RADIUS_Y]) = (2.0 * wide, 3.0 * wide);
                 (splat[DEPTH], splat[OPACITY]) = (depth, [0.9, 0.001][usize::from(depth < 2.0)]);
             }
             let set = spots(&[(0.9, 1.0, 9.0, true), (0.001, 1.0, 1.0, true)], &device).0;
             value(nearness(&set, &Cover::of(&splats.concat(), &camera()), &[]))
         };
+        let cost = |place: [f32; 2]| cost_of(place, 1.0);
         let whole = cost([4.0, 4.0]);
         assert!(whole > 0.0);
         for (place, part) in [
@@ -294,6 +298,12 @@ mod tests {
         }
         for beside in [[-2.0, 5.0], [23.0, 5.0], [4.0, -3.5], [4.0, 99.0]] {
             assert_eq!(cost(beside), 0.0, "{beside:?}");
+        }
+        // However much larger than the picture, it covers as much: of a splat, which has a box of 24 times the square of
+        // its width, 200 pixels are 200 / 24 such squares.
+        for wide in [50.0, 5e3] {
+            let ratio = cost_of([4.0, 4.0], wide) / whole;
+            assert!((ratio - 200.0 / 24.0).abs() < 0.05, "{wide}: {ratio}");
         }
     }
 
