@@ -28,7 +28,7 @@ struct Drawn {
     opacity: f64,
     /// Of the picture, at most all of it; what lies beside it counts.
     share: f64,
-    /// Of the picture, only what lies in it.
+    /// How much of the Gaussian lies in the picture.
     inside: f64,
     /// How large a world unit appears there, in shares of the image's width: in proportion to its disparity.
     scale: f64,
@@ -49,14 +49,11 @@ impl Drawn {
         let value = |column: usize| f64::from(splat[column]);
         let picture = (camera.width * camera.height) as f64;
         let det = value(CONIC_A) * value(CONIC_C) - value(CONIC_B).powi(2);
-        let share = 1.0 / det.sqrt() / picture;
         let drawn = Self {
             opacity: value(OPACITY),
-            share: share.min(1.0),
-            inside: (share
-                * part_inside(value(MEAN_X), value(RADIUS_X), camera.width)
-                * part_inside(value(MEAN_Y), value(RADIUS_Y), camera.height))
-            .min(1.0),
+            share: (1.0 / det.sqrt() / picture).min(1.0),
+            inside: part_inside(value(MEAN_X), value(RADIUS_X), camera.width)
+                * part_inside(value(MEAN_Y), value(RADIUS_Y), camera.height),
             scale: camera.fx / camera.width as f64 / value(DEPTH),
         };
         let shown = splat[RADIUS_X] > 0.0 && splat[DEPTH] > 0.0 && det > 0.0;
@@ -95,14 +92,17 @@ pub(crate) fn visible_motion(extents: Tensor<1>, cover: &Cover, far: f32) -> Ten
 /// the share of the picture under a Gaussian (what lies beside the picture covers nothing) times what the square of
 /// its disparity has above that of [`NEAR`] (at most [`NEAREST`]), in units of the mean disparity of what the set
 /// covers. Like the photometric loss this is a mean over the picture. `None` of a set of which nothing is drawn.
+/// The share of a Gaussian that is larger than the picture counts as all of it times what of the Gaussian lies in it:
+/// such are backgrounds. Where they paid as much as what just fills the picture, eight runs of `zju313` lost 0.8 dB.
 ///
 /// What hangs between the cameras and the scene, as dark as what is behind it, changes no training picture,
 /// but darkens those of cameras between them. What moves is followed and must stay in sight: it pays the less
 /// the more its `motion [N]`, in world units (empty: all rest). Gradient to the opacities only.
 pub(crate) fn nearness(set: &Gaussians, cover: &Cover, motion: &[f32]) -> Option<Tensor<1>> {
     let drawn = || cover.drawn.iter().flatten();
-    let covered: f64 = drawn().map(|d| d.opacity * d.inside).sum();
-    let near: f64 = drawn().map(|d| d.opacity * d.inside * d.scale).sum();
+    let share = |drawn: &Drawn| drawn.share * drawn.inside;
+    let covered: f64 = drawn().map(|d| d.opacity * share(d)).sum();
+    let near: f64 = drawn().map(|d| d.opacity * share(d) * d.scale).sum();
     let typical = near / covered;
     if !(typical > 0.0 && typical.is_finite()) {
         return None;
@@ -113,7 +113,7 @@ pub(crate) fn nearness(set: &Gaussians, cover: &Cover, motion: &[f32]) -> Option
         };
         let near = (drawn.scale / typical).powi(2) - NEAR.powi(2);
         let moved = motion.get(row).map_or(0.0, |&m| f64::from(m) * drawn.scale);
-        (drawn.inside * near.clamp(0.0, NEAREST) / (1.0 + moved / AT_REST)) as f32
+        (share(drawn) * near.clamp(0.0, NEAREST) / (1.0 + moved / AT_REST)) as f32
     };
     let weights = cover.drawn.iter().enumerate().map(weight).collect();
     let logits = set.opacity_logits.val();
@@ -183,7 +183,7 @@ mod tests {
     /// What the spots pay for each unit of opacity, in double precision.
     fn weights(spots: &[Spot], motion: &[f64]) -> Vec<f64> {
         let (mut covered, mut near) = (0.0, 0.0);
-        let share = |area: f32| f64::from(area) / 200.0 * inside(area);
+        let share = |area: f32| (f64::from(area) / 200.0).min(1.0) * inside(area);
         for &(opacity, area, depth, _) in spots.iter().filter(|spot| spot.3) {
             covered += f64::from(opacity) * share(area);
             near += f64::from(opacity) * share(area) / f64::from(depth);
@@ -299,12 +299,9 @@ mod tests {
         for beside in [[-2.0, 5.0], [23.0, 5.0], [4.0, -3.5], [4.0, 99.0]] {
             assert_eq!(cost(beside), 0.0, "{beside:?}");
         }
-        // However much larger than the picture, it covers as much: of a splat, which has a box of 24 times the square of
-        // its width, 200 pixels are 200 / 24 such squares.
-        for wide in [50.0, 5e3] {
-            let ratio = cost_of([4.0, 4.0], wide) / whole;
-            assert!((ratio - 200.0 / 24.0).abs() < 0.05, "{wide}: {ratio}");
-        }
+        // Twice as wide as one that is as large as the picture: a quarter of it lies within.
+        let ratio = cost_of([4.0, 4.0], 2e3) / cost_of([4.0, 4.0], 1e3);
+        assert!((ratio - 0.25).abs() < 1e-3, "{ratio}");
     }
 
     #[test]
