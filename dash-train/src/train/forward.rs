@@ -33,7 +33,7 @@ pub(crate) struct Forward {
     pub(super) mse: Tensor<1>,
     /// Zero leaves whose gradients are those of the packed splats, and the splats.
     pub(crate) static_probe: (Tensor<2>, Vec<f32>),
-    pub(crate) dynamic_probe: Option<(Tensor<2>, Tensor<2>)>,
+    pub(crate) dynamic_probe: Option<(Tensor<2>, Vec<f32>)>,
 }
 
 impl Trainer {
@@ -65,10 +65,11 @@ impl Trainer {
         let splats = match self.dynamic_splats(camera, time, &mut regularisers)? {
             None => joined,
             Some(splats) => {
-                regularisers.extend(self.nearness_of_dynamic(&splats, camera));
+                let on_host = to_host(splats.clone());
+                regularisers.extend(self.nearness_of_dynamic(&on_host, camera));
                 let leaf = self.probe(&splats);
-                let probed = splats.clone() + leaf.clone();
-                dynamic_probe = Some((leaf, splats));
+                let probed = splats + leaf.clone();
+                dynamic_probe = Some((leaf, on_host));
                 Tensor::cat(vec![joined, probed], 0)
             }
         };
@@ -145,10 +146,10 @@ impl Trainer {
     }
 
     /// What the dynamic Gaussians pay for what they cover of a picture from near, if anything.
-    fn nearness_of_dynamic(&self, splats: &Tensor<2>, camera: &Camera) -> Option<Tensor<1>> {
+    fn nearness_of_dynamic(&self, splats: &[f32], camera: &Camera) -> Option<Tensor<1>> {
         let weight = self.config.loss.nearness;
         let dynamic = self.scene.dynamic.as_ref().filter(|_| weight > 0.0)?;
-        let cover = Cover::of(&to_host(splats.clone()), camera);
+        let cover = Cover::of(splats, camera);
         nearness(&dynamic.gaussians, &cover, &[]).map(|cost| cost * weight)
     }
 
@@ -207,30 +208,40 @@ mod tests {
     use crate::synth;
     use crate::train::{Preset, TrainConfig};
 
+    /// At its first step, and a view of it.
+    fn trainer(config: TrainConfig) -> (Trainer, View) {
+        let dataset = Arc::new(synth::loaded(4, 3, [32, 24]));
+        let view = dataset.views[0].clone();
+        let trainer = Trainer::new(config, dataset, &Device::flex()).expect("valid");
+        (trainer, view)
+    }
+
+    /// Such dynamic Gaussians with a fresh field.
+    fn part(trainer: &Trainer, rows: &GaussianRows) -> DynamicPart {
+        let deformation = &trainer.config.field.deformation;
+        let (space, mut rng) = (SpaceBox::fixed(10.0), Pcg64::seed_from_u64(1));
+        let field = DeformationField::new(deformation, space, &mut rng, &trainer.device);
+        DynamicPart {
+            gaussians: Gaussians::from_rows(rows, &trainer.device),
+            field: field.expect("valid"),
+        }
+    }
+
     /// By the gradients of their opacities with the cost and without.
     #[test]
     fn dynamic_gaussians_pay_for_what_they_cover_from_near() {
-        let device = Device::flex();
         let mut config = TrainConfig::preset(Preset::Quick);
         config.loss.smoothness = 0.0;
         config.loss.steadiness = 0.0;
-        let dataset = Arc::new(synth::loaded(4, 3, [32, 24]));
-        let view = dataset.views[0].clone();
-        let mut trainer = Trainer::new(config, dataset, &device).expect("valid");
+        let (mut trainer, view) = trainer(config);
         let (eye, forward) = (view.camera.position(), view.camera.forward());
         let before_it = |away: f64| std::array::from_fn(|k| (eye[k] + away * forward[k]) as f32);
         let places = [before_it(4.0), before_it(1.0)];
         let mut rows = GaussianRows::from_points(&places, &[[0.0; 3]; 2], 0, 0.1);
         rows.log_scales = vec![[0.5_f32.ln(); 3], [0.05_f32.ln(); 3]];
         rows.opacity_logits = vec![2.0, -2.0];
-        let deformation = &trainer.config.field.deformation;
-        let (space, mut rng) = (SpaceBox::fixed(10.0), Pcg64::seed_from_u64(1));
-        let field = DeformationField::new(deformation, space, &mut rng, &trainer.device);
         trainer.scene.settings.near_plane = 0.1;
-        trainer.scene.dynamic = Some(DynamicPart {
-            gaussians: Gaussians::from_rows(&rows, &trainer.device),
-            field: field.expect("valid"),
-        });
+        trainer.scene.dynamic = Some(part(&trainer, &rows));
         let mut slopes = |weight: f32| {
             trainer.config.loss.nearness = weight;
             let gradients = trainer.forward(&view).expect("renders").loss.backward();
@@ -246,24 +257,15 @@ mod tests {
 
     #[test]
     fn smoothness_is_measured_at_one_step_of_its_interval_with_the_weight_of_all() {
-        let device = Device::flex();
         let mut config = TrainConfig::preset(Preset::Quick);
         config.loss.steadiness = 0.0;
         config.loss.smoothness = 0.5;
         config.loss.smoothness_share = 1.0;
         // A step that is large beside the cells, so that features differ.
         config.loss.smoothness_step = [0.4, 0.1];
-        let dataset = Arc::new(synth::loaded(4, 3, [32, 24]));
-        let view = dataset.views[0].clone();
-        let mut trainer = Trainer::new(config, dataset, &device).expect("valid");
+        let (mut trainer, view) = trainer(config);
         let rows = GaussianRows::from_points(&[[0.1; 3], [-0.2; 3]], &[[0.5; 3]; 2], 0, 0.1);
-        let deformation = &trainer.config.field.deformation;
-        let (space, mut rng) = (SpaceBox::fixed(1.0), Pcg64::seed_from_u64(1));
-        let field = DeformationField::new(deformation, space, &mut rng, &trainer.device);
-        trainer.scene.dynamic = Some(DynamicPart {
-            gaussians: Gaussians::from_rows(&rows, &trainer.device),
-            field: field.expect("valid"),
-        });
+        trainer.scene.dynamic = Some(part(&trainer, &rows));
         let mut cost = |interval: usize, step: usize| {
             trainer.config.loss.smoothness_interval = interval;
             trainer.step = step;

@@ -42,7 +42,7 @@ pub(crate) fn gather(
     {
         trainer
             .density_dynamic
-            .add(&to_host(v_splats), &to_host(splats.clone()), half_size);
+            .add(&to_host(v_splats), splats, half_size);
     }
     if trainer.motion_space.is_some() {
         gather_scale(trainer, splats, view);
