@@ -17,6 +17,7 @@ use serde::{Deserialize, Serialize};
 use super::config::TrainConfig;
 use super::density::DensityStatistics;
 use super::leave_out::Decision;
+use super::matching::{Memory, NUMBERS};
 use super::optimizer::Optimizer;
 use super::sampler::ViewSampler;
 use super::trainer::Trainer;
@@ -241,6 +242,7 @@ fn statistics(trainer: &Trainer) -> BTreeMap<String, HostTensor> {
     let (weighted, weights) = trainer.motion_statistics.parts();
     insert("motion.weighted", weighted.to_vec());
     insert("motion.weights", weights.to_vec());
+    insert("motion.found", trainer.found_places.to_numbers());
     tensors
 }
 
@@ -261,6 +263,13 @@ fn restore_statistics(
         DensityStatistics::from_parts(take("dynamic.gradient")?, counts(take("dynamic.seen")?));
     trainer.motion_statistics =
         MotionStatistics::from_parts(take("motion.weighted")?, take("motion.weights")?);
+    // Checkpoints of before have none.
+    let found = tensors.remove("motion.found");
+    let found = found.map_or(Vec::new(), |tensor| tensor.values);
+    if !found.len().is_multiple_of(NUMBERS) {
+        return Err(format!("`motion.found` of {} numbers", found.len()));
+    }
+    trainer.found_places = Memory::from_numbers(&found);
     Ok(())
 }
 

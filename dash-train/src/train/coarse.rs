@@ -228,6 +228,7 @@ fn settle(trainer: &mut Trainer) -> Result<(), TrainError> {
         return Ok(());
     };
     trainer.motion = None;
+    trainer.found_places.clear();
     trainer.optimizer.forget("motion.");
     let mut rows = trainer.scene.static_set.to_rows();
     rows.trajectory_width = own.dims()[1];

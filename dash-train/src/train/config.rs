@@ -131,6 +131,10 @@ pub struct LossConfig {
     /// the coarse field looks for motion, if the camera stands still; 0: what it covers. Ours.
     #[serde(default)]
     pub moved_share: f32,
+    /// Weight of how far what moves fast is from where it was found (`decomposition.matching_floor`), while the coarse
+    /// field looks for motion: what it learns of new frames makes it forget others. Ours.
+    #[serde(default)]
+    pub found_places: f32,
     /// Half-widths of the random step of Eq. 11 in the unit cube, space then time (released code).
     pub smoothness_step: [f32; 2],
 }

@@ -58,6 +58,7 @@ impl Trainer {
             let extents = self.extents(coefficients)?;
             motion = Some(extents.clone().detach());
             regularisers.extend(self.motion_cost(extents, &cover));
+            regularisers.extend(self.cost_of_forgetting()?);
         }
         let static_leaf = self.probe(&static_splats);
         let joined = static_splats + static_leaf.clone();
@@ -151,6 +152,19 @@ impl Trainer {
         let dynamic = self.scene.dynamic.as_ref().filter(|_| weight > 0.0)?;
         let cover = Cover::of(splats, camera);
         nearness(&dynamic.gaussians, &cover, &[]).map(|cost| cost * weight)
+    }
+
+    /// What the coarse field pays for having forgotten where fast things were found.
+    fn cost_of_forgetting(&self) -> Result<Option<Tensor<1>>, TrainError> {
+        let weight = self.config.loss.found_places;
+        let Some(field) = self.motion.as_ref().filter(|_| weight > 0.0) else {
+            return Ok(None);
+        };
+        let basis = self.config.decomposition.basis;
+        let cost = self
+            .found_places
+            .cost(field, basis, self.step, &self.device)?;
+        Ok(cost.map(|cost| cost * weight))
     }
 
     /// A leaf of zeros: added to packed splats, its gradient is theirs.

@@ -5,6 +5,7 @@
 //! of fast Gaussians are looked for around where they were a frame before, in pictures of several cameras, and the
 //! coarse field is taught what is found before its first step on the new frame.
 
+mod memory;
 mod search;
 
 use burn::tensor::{Int, Tensor, TensorData};
@@ -12,7 +13,9 @@ use dash_model::{GaussianRows, SH_C0, TrajectoryBasis};
 use glam::Vec3;
 use rayon::prelude::*;
 
-use self::search::{Group, Pair, groups, pairs};
+use self::memory::{MEMBERS, Place};
+pub(crate) use self::memory::{Memory, NUMBERS};
+use self::search::{Found, Group, Pair, groups, pairs};
 use super::coarse;
 use super::optimizer::{Optimizer, to_host};
 use super::trainer::Trainer;
@@ -28,6 +31,8 @@ const KEPT: usize = 2_000;
 /// Steps in which it is taught, at most, and the share of what it was off that is little enough.
 const STEPS: usize = 40;
 const TAUGHT: f32 = 0.1;
+/// How far from where it was found a Gaussian may be at no cost, in units of its fastest way of late.
+const TOLERANCE: f32 = 0.5;
 /// A span leads to a time by itself if it has this share of it behind it; what has less would have to jump.
 const MIN_SPAN: f32 = 0.5;
 /// What changing a span costs beside where it moves the last known frame, as a square.
@@ -113,9 +118,9 @@ fn meet(trainer: &mut Trainer, new: f32, known: &[f32]) -> Result<(), TrainError
         return Ok(());
     }
     let pairs: Vec<Pair> = pairs(trainer, [known[0], new])?;
-    let found: Vec<(Vec<usize>, Option<Vec3>)> = groups(&fast, last, &ways)
+    let found: Vec<(Vec<usize>, Found)> = groups(&fast, last, &ways)
         .into_par_iter()
-        .map(|members| {
+        .filter_map(|members| {
             let group = Group {
                 members: &members,
                 last,
@@ -123,15 +128,24 @@ fn meet(trainer: &mut Trainer, new: f32, known: &[f32]) -> Result<(), TrainError
                 speeds: &speeds,
             };
             let color = |row: usize| rows.sh_dc[row].map(|v| 0.5 + SH_C0 * v);
-            let shift = group.shift(&pairs, color, &expected);
-            (members, shift)
+            let found = group.find(&pairs, color, &expected)?;
+            Some((members, found))
         })
         .collect();
+    let displaced = |row: usize, shift: Vec3| last[row] + shift - Vec3::from(rows.means[row]);
+    for (members, found) in found.iter().filter(|(_, found)| found.is_certain) {
+        let places = members.iter().step_by(members.len().div_ceil(MEMBERS));
+        trainer.found_places.add(places.map(|&row| Place {
+            point: rows.means[row],
+            displacement: displaced(row, found.shift).to_array(),
+            time: new,
+            tolerance: TOLERANCE * speeds[row],
+        }));
+    }
     let moved: Vec<(usize, Vec3)> = found
         .into_iter()
-        .filter_map(|(members, shift)| Some((members, shift?)))
-        .flat_map(|(members, shift)| members.into_iter().map(move |row| (row, shift)))
-        .map(|(row, shift)| (row, last[row] + shift - Vec3::from(rows.means[row])))
+        .flat_map(|(members, found)| members.into_iter().map(move |row| (row, found.shift)))
+        .map(|(row, shift)| (row, displaced(row, shift)))
         .collect();
     if moved.is_empty() {
         return Ok(());

@@ -65,6 +65,7 @@ impl TrainConfig {
                 smoothness_interval: 1,
                 steadiness: 0.0,
                 moved_share: 0.0,
+                found_places: 0.0,
                 smoothness_step: [5e-3, 1e-4],
             },
             learning_rates: LearningRates {
@@ -182,6 +183,7 @@ impl TrainConfig {
         self.loss.smoothness_interval = 8;
         self.loss.steadiness = 0.1;
         self.loss.moved_share = 0.03;
+        self.loss.found_places = 0.001;
         self.density_static.opacity_reset_interval = 2_000;
         self.density_dynamic.opacity_reset_interval = 800;
         self.density_static.max_gaussians = 10_000;
@@ -274,6 +276,7 @@ impl TrainConfig {
             smoothness_interval: 1,
             steadiness: 0.0,
             moved_share: 0.0,
+            found_places: 0.0,
             smoothness_step: [5e-3, 1e-4],
         };
         self.learning_rates = LearningRates {

@@ -49,6 +49,7 @@ pub(crate) fn split(trainer: &mut Trainer) -> Result<(), TrainError> {
         (Selection::Moving, Some(_)) => statistics::moving(trainer)?,
     };
     trainer.motion = None;
+    trainer.found_places.clear();
     trainer.motion_space = None;
     trainer.optimizer.forget("motion.");
     let mut rows = trainer.scene.static_set.to_rows();

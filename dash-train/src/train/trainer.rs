@@ -18,6 +18,7 @@ use super::density::DensityStatistics;
 use super::guard::{self, Skipped, SkippedStep};
 use super::initial::{Core, initial_points, near_plane};
 use super::leave_out::{self, Decision};
+use super::matching::Memory;
 use super::moved::Moved;
 use super::optimizer::{Optimizer, to_host};
 use super::regularity::Times;
@@ -74,6 +75,8 @@ pub struct Trainer {
     pub(crate) motion_space: Option<SpaceBox>,
     /// What cameras saw where following begins, while the coarse field looks for motion.
     pub(crate) moved: Option<Moved>,
+    /// Where what moves fast was found, while the coarse field looks for motion.
+    pub(crate) found_places: Memory,
     pub(crate) optimizer: Optimizer,
     pub(crate) rng: Pcg64,
     pub(crate) sampler: ViewSampler,
@@ -178,6 +181,7 @@ impl Trainer {
             motion: None,
             motion_space: None,
             moved: None,
+            found_places: Memory::default(),
             optimizer: Optimizer::default(),
             rng,
             sampler: ViewSampler::default(),

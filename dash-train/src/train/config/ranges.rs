@@ -131,6 +131,7 @@ impl TrainConfig {
                 loss.static_opacity,
                 loss.nearness,
                 loss.steadiness,
+                loss.found_places,
             ]
             .iter()
             .all(|weight| weight.is_finite() && *weight >= 0.0),

@@ -31,6 +31,7 @@ fn what_older_runs_do_not_say_is_as_it_was() {
         "smoothness_share",
         "smoothness_interval",
         "nearness",
+        "found_places",
         "crowd",
         "promote_floor",
         "matching_floor",

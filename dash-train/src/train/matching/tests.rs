@@ -7,7 +7,9 @@ use dash_model::decomposition::MotionStatistics;
 
 use super::*;
 use crate::dataset::{Dataset, Layout, View};
-use crate::train::{Preset, TrainConfig, split, start_from};
+use crate::train::{
+    Preset, TrainConfig, latest_checkpoint, load_checkpoint, save_checkpoint, split, start_from,
+};
 
 /// Points of a small body.
 pub(super) const N: usize = 100;
@@ -169,6 +171,38 @@ fn the_field_is_taught_where_a_body_is_that_did_not_go_on_as_it_went() {
     assert!(after[2].distance(WAY + SHIFT) < 0.1, "{after:?}");
     // Spans on the other side of the middle are none of its business.
     assert!(after[0].distance(before[0]) < 0.05, "{before:?} {after:?}");
+}
+
+#[test]
+fn where_a_body_was_found_is_remembered_until_following_ends() {
+    let mut trainer = trainer(dataset(false), 0.015);
+    let view = trainer.dataset.views[0].clone();
+    let cost = |trainer: &mut Trainer| {
+        let mut loss = |weight: f32| {
+            trainer.config.loss.found_places = weight;
+            to_host(trainer.forward(&view).expect("renders").loss)[0]
+        };
+        loss(1.0) - loss(0.0)
+    };
+    assert_eq!(cost(&mut trainer), 0.0, "nothing was found yet");
+    follow(&mut trainer);
+    assert!(cost(&mut trainer) < 1e-3, "it is where it was found");
+    let elsewhere: Vec<(usize, Vec3)> = (0..N).map(|row| (row, 2.0 * WAY)).collect();
+    let coefficients = coefficients(&trainer);
+    teach(&mut trainer, &elsewhere, coefficients, [0.75, 1.0]).expect("valid");
+    assert!(cost(&mut trainer) > 0.5, "it has been forgotten");
+
+    let folder = tempfile::tempdir().expect("a folder");
+    save_checkpoint(&trainer, folder.path(), 1.0).expect("written");
+    let path = latest_checkpoint(folder.path()).expect("read");
+    let path = path.expect("just written");
+    let (resumed, _) =
+        load_checkpoint(&path, trainer.dataset.clone(), &Device::flex()).expect("read");
+    assert_eq!(resumed.found_places, trainer.found_places);
+
+    trainer.step = coarse::Stages::of(&trainer).end;
+    coarse::enter_stage(&mut trainer).expect("split");
+    assert_eq!(trainer.found_places, Memory::default());
 }
 
 #[test]

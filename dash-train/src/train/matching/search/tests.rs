@@ -6,7 +6,7 @@ fn found(
     expected: Vec3,
     hidden_cameras: usize,
     own_color: impl Fn(usize) -> [f32; 3],
-) -> Option<Vec3> {
+) -> Option<Found> {
     let pairs: Vec<Pair> = (0..8).map(|k| pair(k, SHIFT, k < hidden_cameras)).collect();
     let last = cloud();
     let ways = vec![WAY; N];
@@ -19,14 +19,16 @@ fn found(
         speeds: &speeds,
     };
     let expected: Vec<Vec3> = last.iter().map(|&place| place + expected).collect();
-    group.shift(&pairs, own_color, &expected)
+    group.find(&pairs, own_color, &expected)
 }
 
 #[test]
 fn what_bounces_is_found_where_it_is() {
     for hidden_cameras in [0, 3] {
-        let shift = found(WAY, hidden_cameras, color).expect("found");
-        assert!(shift.distance(SHIFT) < 0.05, "{shift} {hidden_cameras}");
+        let found = found(WAY, hidden_cameras, color).expect("it is seen");
+        let off = found.shift.distance(SHIFT);
+        assert!(off < 0.05, "{found:?} {hidden_cameras}");
+        assert_eq!(found.is_certain, hidden_cameras == 0, "{hidden_cameras}");
     }
 }
 
