@@ -148,10 +148,7 @@ impl Method {
                     *time = COARSE_TIME;
                 }
             }
-            Self::Static => {
-                config.decomposition.enabled = false;
-                config.density_static.max_gaussians += config.density_dynamic.max_gaussians;
-            }
+            Self::Static => config.decomposition.enabled = false,
         }
         config
     }

@@ -317,7 +317,8 @@ pub struct DensityConfig {
     pub max_scale: f32,
     /// Steps between opacity resets (3DGS: 3,000); 0 for none.
     pub opacity_reset_interval: usize,
-    /// Most Gaussians of this set. Dynamic ones may also have what static ones leave of theirs.
+    /// Most Gaussians of this set. Dynamic ones may also have what static ones leave of theirs; static ones, in a run in
+    /// which nothing may move, those of the dynamic ones.
     pub max_gaussians: usize,
 }
 

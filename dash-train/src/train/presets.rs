@@ -63,15 +63,15 @@ impl TrainConfig {
                 nearness: 0.016,
                 smoothness_share: 0.25,
                 smoothness_interval: 1,
-                steadiness: 0.0,
-                moved_share: 0.0,
-                found_places: 0.0,
+                steadiness: 0.1,
+                moved_share: 0.03,
+                found_places: 0.001,
                 smoothness_step: [5e-3, 1e-4],
             },
             learning_rates: LearningRates {
                 means: 1.6e-4,
                 means_final: 1.6e-6,
-                means_in_turns: 1.0,
+                means_in_turns: 2.5,
                 quats: 1e-3,
                 scales: 5e-3,
                 opacities: 0.05,
@@ -109,7 +109,7 @@ impl TrainConfig {
                 review_interval: 500,
                 review_floor: 0.005,
                 promote_floor: 0.0,
-                matching_floor: 0.0,
+                matching_floor: 0.015,
             },
             field: FieldConfig {
                 deformation: DeformationConfig {
@@ -130,7 +130,9 @@ impl TrainConfig {
                 },
                 space: SpaceRule::Scene,
                 offsets: OffsetPlacement::BeforeActivation,
-                cells_with_gaps: 1.0,
+                // How things go on into a gap is told from how they move beside it, and cells of one picture each
+                // tell that badly.
+                cells_with_gaps: 0.25,
             },
             density_static: DensityConfig {
                 from: 500.0 / 15_000.0,
@@ -171,19 +173,13 @@ impl TrainConfig {
         self.field.deformation.encoder.finest_resolution = vec![16, 16, 16, 0];
         // What moves as a whole moves as fast as its parts.
         self.field.deformation.encoder.base_resolution = vec![4, 4, 4, 0];
-        // How things go on into a gap is told from how they move beside it, and cells of one picture each tell that badly.
-        self.field.cells_with_gaps = 0.25;
         self.sh_degree = 1;
         self.max_initial_points = 20_000;
         self.min_initial_points = 6_000;
         self.learning_rates.means_final = 1.6e-5;
-        self.learning_rates.means_in_turns = 2.5;
         self.loss.smoothness_share = 0.1;
         // It costs by the call more than by the point; at one step of eight, with eight times the weight, it is as good.
         self.loss.smoothness_interval = 8;
-        self.loss.steadiness = 0.1;
-        self.loss.moved_share = 0.03;
-        self.loss.found_places = 0.001;
         self.density_static.opacity_reset_interval = 2_000;
         self.density_dynamic.opacity_reset_interval = 800;
         self.density_static.max_gaussians = 10_000;
@@ -192,7 +188,6 @@ impl TrainConfig {
         self.density_dynamic.crowd = 400;
         // Where much moves, more are.
         self.density_dynamic.crowd_of_split = 0.5;
-        self.decomposition.matching_floor = 0.015;
         self.decomposition.review_interval = 250;
     }
 
@@ -204,8 +199,12 @@ impl TrainConfig {
         self.loss.visible_motion = 0.0;
         self.loss.static_opacity = 0.0;
         self.loss.nearness = 0.0;
+        self.loss.steadiness = 0.0;
+        self.loss.moved_share = 0.0;
+        self.loss.found_places = 0.0;
         self.loss.smoothness = 0.01;
         self.loss.smoothness_share = 1.0;
+        self.learning_rates.means_in_turns = 1.0;
         self.learning_rates.motion_damping = 0.0;
         self.iterations = 30_000;
         self.stages = StageConfig {
@@ -221,6 +220,8 @@ impl TrainConfig {
         self.decomposition.keep_trajectories = false;
         self.decomposition.basis = TrajectoryBasis::Linear;
         self.decomposition.review_interval = 0;
+        self.decomposition.matching_floor = 0.0;
+        self.field.cells_with_gaps = 1.0;
         self.decomposition.encoder = HashEncoderConfig {
             n_levels: 16,
             n_features_per_level: 2,

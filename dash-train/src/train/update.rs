@@ -104,6 +104,7 @@ pub(crate) fn densities(trainer: &mut Trainer) {
     };
     if due(&config.density_static) {
         let mut density = config.density_static.clone();
+        density.max_gaussians = config.most_static(trainer.may_move());
         if trainer.may_move() && step <= from_split {
             density.max_gaussians -= (KEPT_BACK * density.max_gaussians as f32) as usize;
         }

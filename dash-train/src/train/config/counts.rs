@@ -13,6 +13,16 @@ impl DensityConfig {
 }
 
 impl TrainConfig {
+    /// Most static Gaussians: those of both kinds in a run in which nothing may move.
+    pub(crate) fn most_static(&self, may_move: bool) -> usize {
+        let others = if may_move {
+            0
+        } else {
+            self.density_dynamic.max_gaussians
+        };
+        self.density_static.max_gaussians.saturating_add(others)
+    }
+
     /// Most dynamic Gaussians beside so many static ones.
     pub(crate) fn most_dynamic(&self, n_static: usize) -> usize {
         let left = self.density_static.max_gaussians.saturating_sub(n_static);
@@ -54,5 +64,14 @@ mod tests {
         let config = TrainConfig::preset(Preset::Quick);
         let most = [0, 9_000, 10_000, 11_000].map(|n| config.most_dynamic(n));
         assert_eq!(most, [14_000, 5_000, 4_000, 4_000]);
+    }
+
+    #[test]
+    fn static_gaussians_have_what_dynamic_ones_never_need() {
+        let config = TrainConfig::preset(Preset::Quick);
+        assert_eq!(
+            [true, false].map(|m| config.most_static(m)),
+            [10_000, 14_000]
+        );
     }
 }
