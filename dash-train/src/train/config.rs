@@ -150,6 +150,9 @@ pub struct LearningRates {
     /// Factor of `means` where no time shows the scene from several sides, as with cameras that take turns. Ours.
     #[serde(default = "one")]
     pub means_in_turns: f32,
+    /// Factor of `scales` and `grid` where each time by itself shows the scene from several sides, as a rig's do. Ours.
+    #[serde(default = "one")]
+    pub at_once: f32,
     /// Quaternions (3DGS: 1e-3).
     pub quats: f32,
     /// Log scales (3DGS: 5e-3).

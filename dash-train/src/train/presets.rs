@@ -72,6 +72,7 @@ impl TrainConfig {
                 means: 1.6e-4,
                 means_final: 1.6e-6,
                 means_in_turns: 2.5,
+                at_once: 1.0,
                 quats: 1e-3,
                 scales: 5e-3,
                 opacities: 0.05,
@@ -177,6 +178,8 @@ impl TrainConfig {
         self.max_initial_points = 20_000;
         self.min_initial_points = 6_000;
         self.learning_rates.means_final = 1.6e-5;
+        // At the rates of long runs they stay behind.
+        self.learning_rates.at_once = 2.0;
         self.loss.smoothness_share = 0.1;
         // It costs by the call more than by the point; at one step of eight, with eight times the weight, it is as good.
         self.loss.smoothness_interval = 8;
@@ -284,6 +287,7 @@ impl TrainConfig {
             means: 1.6e-4,
             means_final: 1.6e-6,
             means_in_turns: 1.0,
+            at_once: 1.0,
             quats: 1e-3,
             scales: 5e-3,
             opacities: 0.05,

@@ -3,7 +3,7 @@
 use burn::tensor::{Gradients, Tensor};
 use dash_model::{Gaussians, HashEncoder};
 
-use super::coarse::{Part, Stages, teaches_gaussians};
+use super::coarse::{Part, Stages, shown_at_once, teaches_gaussians};
 use super::config::{DensityConfig, LearningRates, TrainConfig};
 use super::density::{DensityStatistics, Measure, RESET_OPACITY, control_density};
 use super::optimizer::Pace;
@@ -19,6 +19,10 @@ pub(crate) fn parameters(trainer: &mut Trainer, time: f32, gradients: &mut Gradi
     let mut rates = trainer.config.learning_rates.clone();
     if trainer.start_part.is_some_and(Part::has_several_times) {
         rates.means *= rates.means_in_turns;
+    }
+    if shown_at_once(trainer.start_part) {
+        rates.scales *= rates.at_once;
+        rates.grid *= rates.at_once;
     }
     let progress = trainer.step as f32 / trainer.config.iterations as f32;
     let decay = |from: f32, to: f32| {
@@ -207,26 +211,33 @@ mod tests {
         }
     }
 
-    /// The largest way that a mean goes in the first step, in units of the rate and the extent.
-    fn first_step(dataset: &Dataset, means_in_turns: f32) -> f32 {
+    /// The largest ways that a mean and a log scale go in the first step, in units of their rates (and the extent).
+    fn first_steps(dataset: &Dataset, set: [&str; 2]) -> [f32; 2] {
         let mut config = TrainConfig::preset(Preset::Quick);
         config.keep = Keep::All;
         config.min_initial_points = 50;
-        config.learning_rates.means_in_turns = means_in_turns;
-        let unit = config.learning_rates.means;
+        for assignment in set {
+            config.set(assignment).expect("a known key");
+        }
+        let units = [config.learning_rates.means, config.learning_rates.scales];
         let dataset = Arc::new(dataset.clone());
         let mut trainer = Trainer::new(config, dataset, &Device::flex()).expect("valid");
-        let means = |trainer: &Trainer| trainer.scene.static_set.to_rows().means;
-        let before = means(&trainer);
+        let rows = |trainer: &Trainer| trainer.scene.static_set.to_rows();
+        let before = rows(&trainer);
         trainer.step().expect("finite");
-        let after = means(&trainer);
-        let ways = before.iter().flatten().zip(after.iter().flatten());
-        let longest = ways.map(|(a, b)| (a - b).abs()).fold(0.0, f32::max);
-        longest / (unit * trainer.extent)
+        let after = rows(&trainer);
+        let longest = |before: &[[f32; 3]], after: &[[f32; 3]]| {
+            let ways = before.iter().flatten().zip(after.iter().flatten());
+            ways.map(|(a, b)| (a - b).abs()).fold(0.0, f32::max)
+        };
+        [
+            longest(&before.means, &after.means) / (units[0] * trainer.extent),
+            longest(&before.log_scales, &after.log_scales) / units[1],
+        ]
     }
 
     #[test]
-    fn means_are_faster_where_cameras_take_turns() {
+    fn means_are_faster_where_cameras_take_turns_and_scales_where_they_do_not() {
         let rig = synth::loaded(12, 96, [16, 16]);
         let mut in_turns = rig.clone();
         let mut times: Vec<f32> = rig.views.iter().map(|view| view.time).collect();
@@ -237,13 +248,24 @@ mod tests {
             frame.is_some_and(|frame| view.camera_index == 7 * frame % 12)
         });
         // Adam's first step has the length of the rate.
-        for (dataset, factor, expected) in [
-            (&rig, 2.5, 1.0),
-            (&in_turns, 1.0, 1.0),
-            (&in_turns, 2.5, 2.5),
+        let none = [
+            "learning_rates.means_in_turns=1",
+            "learning_rates.at_once=1",
+        ];
+        let both = [
+            "learning_rates.means_in_turns=2.5",
+            "learning_rates.at_once=2",
+        ];
+        for (dataset, set, expected) in [
+            (&rig, none, [1.0, 1.0]),
+            (&rig, both, [1.0, 2.0]),
+            (&in_turns, none, [1.0, 1.0]),
+            (&in_turns, both, [2.5, 1.0]),
         ] {
-            let found = first_step(dataset, factor);
-            assert!((found / expected - 1.0).abs() < 1e-2, "{found} {expected}");
+            let found = first_steps(dataset, set);
+            for (found, expected) in found.into_iter().zip(expected) {
+                assert!((found / expected - 1.0).abs() < 1e-2, "{found} {expected}");
+            }
         }
     }
 }

@@ -155,6 +155,7 @@ impl TrainConfig {
                 rates.means,
                 rates.means_final,
                 rates.means_in_turns,
+                rates.at_once,
                 rates.quats,
                 rates.scales,
                 rates.opacities,

@@ -25,6 +25,7 @@ fn what_older_runs_do_not_say_is_as_it_was() {
     let text = toml::to_string(&config).expect("serialises");
     let newer = [
         "means_in_turns",
+        "at_once",
         "cells_with_gaps",
         "steadiness",
         "moved_share",
