@@ -325,16 +325,6 @@ pub struct DensityConfig {
     pub max_gaussians: usize,
 }
 
-impl DensityConfig {
-    /// The gradient above which one of `n` Gaussians is cloned or split.
-    pub(crate) fn threshold(&self, n: usize) -> f32 {
-        match self.crowd {
-            0 => self.gradient_threshold,
-            crowd => self.gradient_threshold * (n as f32 / crowd as f32).max(1.0),
-        }
-    }
-}
-
 impl TrainConfig {
     /// Sets one value by its dotted path, such as `loss.dssim=0.1`.
     ///

@@ -3,6 +3,14 @@
 use super::{DensityConfig, TrainConfig};
 
 impl DensityConfig {
+    /// The gradient above which one of `n` Gaussians is cloned or split.
+    pub(crate) fn threshold(&self, n: usize) -> f32 {
+        match self.crowd {
+            0 => self.gradient_threshold,
+            crowd => self.gradient_threshold * (n as f32 / crowd as f32).max(1.0),
+        }
+    }
+
     /// Takes note of how many Gaussians the split made dynamic. Where cameras take turns, each time has one picture, and
     /// more Gaussians than that number cost time and show nothing more.
     pub(crate) fn after_split(&mut self, n: usize, shown_at_once: bool) {
