@@ -43,6 +43,7 @@ impl TrainConfig {
             gap_steps: Some(GAP_STEPS),
             max_initial_points: 100_000,
             min_initial_points: 20_000,
+            missing_share: 0.1,
             checkpoint_interval: 1_000,
             validation_interval: 500,
             keep: Keep::Needed,
@@ -196,6 +197,7 @@ impl TrainConfig {
 
     fn as_in_the_paper(&mut self) {
         self.keep = Keep::All;
+        self.missing_share = 0.0;
         self.ndc_limit = None;
         self.gap_steps = None;
         self.loss.field_motion = 0.0;
@@ -256,6 +258,7 @@ impl TrainConfig {
 
     fn as_released(&mut self) {
         self.keep = Keep::All;
+        self.missing_share = 0.0;
         self.near_plane = Some(NEAR_PLANE);
         self.ndc_limit = None;
         self.gap_steps = None;
