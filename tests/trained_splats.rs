@@ -12,7 +12,7 @@ use dash_kernels::rasterize::{self, N_CHANNELS};
 use dash_kernels::splats::NEAR_PLANE;
 use dash_kernels::splats::{MEAN_Y, N_COLUMNS};
 use dash_model::{
-    Camera, DynamicScene, Gaps, GaussianRows, Gaussians, OffsetPlacement, SceneSettings,
+    Camera, Clipping, DynamicScene, Gaps, GaussianRows, Gaussians, OffsetPlacement, SceneSettings,
     TrajectoryBasis, read_splat_ply, write_splat_ply,
 };
 use rand::{Rng, SeedableRng};
@@ -163,7 +163,7 @@ fn a_trained_scene() {
         eprintln!("{} is not there: not tried", path.display());
         return;
     }
-    let rows = read_splat_ply(&path).expect("a sound file");
+    let (rows, _) = read_splat_ply(&path).expect("a sound file");
     assert_eq!((rows.len(), rows.sh_rest_width), (9080, 45));
     // A room in the axes of COLMAP, y downwards, seen from within along z.
     let camera = Camera::new(280.0, 280.0, 160.0, 120.0, 320, 240).look_at(
@@ -179,8 +179,8 @@ fn a_random_scene() {
     let folder = tempfile::tempdir().expect("a scratch folder");
     let path: PathBuf = folder.path().join("random.ply");
     let written = random(2000);
-    write_splat_ply(&path, &written).expect("writes");
-    let rows = read_splat_ply(&path).expect("reads");
+    write_splat_ply(&path, &written, &Clipping::default()).expect("writes");
+    let (rows, _) = read_splat_ply(&path).expect("reads");
     assert_eq!(rows, written, "the file holds every bit");
     let camera = Camera::new(150.0, 155.0, 83.0, 58.0, 160, 121).look_at(
         [0.3, -0.2, -4.0],

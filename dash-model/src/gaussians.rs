@@ -11,7 +11,7 @@ pub const SH_C0: f32 = 0.282_094_8;
 const INITIAL_OPACITY: f32 = 0.1;
 
 /// Logit magnitude beyond which the sigmoid no longer changes in f32.
-const LOGIT_LIMIT: f32 = 15.0;
+pub(crate) const LOGIT_LIMIT: f32 = 15.0;
 
 /// A set of anisotropic 3D Gaussians with colour as spherical harmonics.
 ///

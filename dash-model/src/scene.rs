@@ -8,7 +8,10 @@ use dash_kernels::rasterize::{RasterizeOptions, rasterize};
 use dash_kernels::splats::{MEAN_X, MEAN_Y, NEAR_PLANE};
 use serde::{Deserialize, Serialize};
 
-use crate::{Deformed, DynamicPart, Gaps, GaussianRows, Gaussians, ModelError, TrajectoryBasis};
+use crate::gaussians::LOGIT_LIMIT;
+use crate::{
+    Clipping, Deformed, DynamicPart, Gaps, GaussianRows, Gaussians, ModelError, TrajectoryBasis,
+};
 
 /// Where the decoder's rotation and scale offsets are added.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
@@ -44,6 +47,16 @@ pub struct SceneSettings {
     /// Parts of the clip of which nothing was seen, see [`DynamicPart::deform`].
     #[serde(default, skip_serializing_if = "Gaps::is_empty")]
     pub gaps: Gaps,
+}
+
+impl SceneSettings {
+    /// What pictures leave out.
+    pub fn clipping(&self) -> Clipping {
+        Clipping {
+            near_plane: self.near_plane,
+            ndc_limit: self.ndc_limit,
+        }
+    }
 }
 
 fn default_near_plane() -> f64 {
@@ -256,7 +269,7 @@ impl DynamicScene {
         };
         let opacity_logits = match deformed.activation {
             Activation::Exp => deformed.opacities,
-            Activation::Linear => dynamic.gaussians.opacity_logits.val(),
+            Activation::Linear => logits(deformed.opacities),
         };
         let frozen = Gaussians {
             means: Param::from_tensor(deformed.means.detach()),
@@ -279,4 +292,11 @@ impl DynamicScene {
             self.dynamic.as_ref().map_or(0, |d| d.gaussians.len()),
         )
     }
+}
+
+/// The logits of opacities, within what the sigmoid still answers.
+fn logits(opacities: Tensor<1>) -> Tensor<1> {
+    let least = (1.0 + f64::from(LOGIT_LIMIT).exp()).recip();
+    let opacities = opacities.clamp(least, 1.0 - least);
+    opacities.clone().log() - (-opacities + 1.0).log()
 }

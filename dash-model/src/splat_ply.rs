@@ -4,6 +4,7 @@ use std::fs::File;
 use std::io::{BufReader, BufWriter, Write};
 use std::path::Path;
 
+use dash_kernels::splats::NEAR_PLANE;
 use serde::de::{Deserialize, Deserializer, IgnoredAny, MapAccess, SeqAccess, Visitor};
 use serde_ply::{PlyReader, PropertyType};
 
@@ -12,15 +13,59 @@ use crate::{GaussianRows, ModelError};
 /// Higher coefficients per channel that a file may hold: degrees 0 to 3.
 const REST_COUNTS: [usize; 4] = [0, 3, 8, 15];
 
+/// Comments of the header that hold what a picture leaves out; the number follows.
+const NEAR_PLANE_COMMENT: &str = "dash near_plane";
+const NDC_LIMIT_COMMENT: &str = "dash ndc_limit";
+
+/// Which Gaussians a picture leaves out for where they are. The default is what 3DGS leaves out.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Clipping {
+    /// As [`SceneSettings::near_plane`](crate::SceneSettings::near_plane), world units.
+    pub near_plane: f64,
+    /// As [`SceneSettings::ndc_limit`](crate::SceneSettings::ndc_limit).
+    pub ndc_limit: Option<f64>,
+}
+
+impl Default for Clipping {
+    fn default() -> Self {
+        Self {
+            near_plane: NEAR_PLANE,
+            ndc_limit: None,
+        }
+    }
+}
+
+impl Clipping {
+    /// From a header's comments; the default for what they do not tell.
+    fn of_comments(comments: &[String]) -> Result<Self, String> {
+        let number = |name: &str| {
+            let found = comments.iter().find_map(|c| c.strip_prefix(name));
+            let parse = |text: &str| {
+                let value = text.trim().parse::<f64>().ok();
+                let sound = value.filter(|v| v.is_finite() && *v > 0.0);
+                sound.ok_or_else(|| format!("`comment {name}{text}`"))
+            };
+            found.map(parse).transpose()
+        };
+        Ok(Self {
+            near_plane: number(NEAR_PLANE_COMMENT)?.unwrap_or(NEAR_PLANE),
+            ndc_limit: number(NDC_LIMIT_COMMENT)?,
+        })
+    }
+}
+
 /// Reads a standard 3DGS PLY: `x y z f_dc_* f_rest_* opacity scale_* rot_*`, ASCII or binary, other
-/// columns ignored.
+/// columns ignored; and what its pictures leave out, where [`write_splat_ply`] wrote that into its comments.
 ///
 /// # Errors
 /// [`ModelError::Io`] or [`ModelError::Format`]; the latter also for coordinates that are not finite.
-pub fn read_splat_ply(path: &Path) -> Result<GaussianRows, ModelError> {
+pub fn read_splat_ply(path: &Path) -> Result<(GaussianRows, Clipping), ModelError> {
     let file = File::open(path).map_err(|e| ModelError::io(path, "open", e))?;
     let mut reader = PlyReader::from_reader(BufReader::new(file))
         .map_err(|e| ModelError::format(path, "a PLY header", e.to_string()))?;
+    let clipping = Clipping::of_comments(&reader.header().comments).map_err(|found| {
+        ModelError::format(path, "a positive number in the comments of dash", found)
+    })?;
     let vertex = reader
         .current_element()
         .filter(|element| element.name == "vertex")
@@ -55,14 +100,20 @@ pub fn read_splat_ply(path: &Path) -> Result<GaussianRows, ModelError> {
             format!("{} before the end", table.rows),
         ));
     }
-    columns.gather(&table.values, names.len(), path)
+    let rows = columns.gather(&table.values, names.len(), path)?;
+    Ok((rows, clipping))
 }
 
-/// Writes a standard binary 3DGS PLY through a sibling scratch file.
+/// Writes a standard binary 3DGS PLY through a sibling scratch file. The format has no place for what pictures leave
+/// out: it goes into comments, which [`read_splat_ply`] understands and other readers pass over.
 ///
 /// # Errors
 /// [`ModelError::Io`].
-pub fn write_splat_ply(path: &Path, rows: &GaussianRows) -> Result<(), ModelError> {
+pub fn write_splat_ply(
+    path: &Path,
+    rows: &GaussianRows,
+    clipping: &Clipping,
+) -> Result<(), ModelError> {
     let per_channel = rows.sh_rest_width / 3;
     let mut names: Vec<String> = ["x", "y", "z", "nx", "ny", "nz"].map(String::from).to_vec();
     names.extend((0..3).map(|i| format!("f_dc_{i}")));
@@ -73,11 +124,14 @@ pub fn write_splat_ply(path: &Path, rows: &GaussianRows) -> Result<(), ModelErro
 
     crate::scene_file::write_atomically(path, |file| {
         let mut out = BufWriter::new(file);
-        writeln!(
-            out,
-            "ply\nformat binary_little_endian 1.0\nelement vertex {}",
-            rows.len()
-        )?;
+        writeln!(out, "ply\nformat binary_little_endian 1.0")?;
+        if clipping.near_plane != NEAR_PLANE {
+            writeln!(out, "comment {NEAR_PLANE_COMMENT} {}", clipping.near_plane)?;
+        }
+        if let Some(limit) = clipping.ndc_limit {
+            writeln!(out, "comment {NDC_LIMIT_COMMENT} {limit}")?;
+        }
+        writeln!(out, "element vertex {}", rows.len())?;
         for name in &names {
             writeln!(out, "property float {name}")?;
         }

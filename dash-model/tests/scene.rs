@@ -8,12 +8,13 @@
     )
 )]
 
+use burn::module::{Module, ModuleMapper, Param};
 use burn::tensor::{Device, Tensor};
 use dash_model::scene_file::TablePrecision;
 use dash_model::{
-    Camera, DeformationConfig, DeformationField, DynamicPart, DynamicScene, Gaps, GaussianRows,
-    Gaussians, HashEncoderConfig, Head, Heads, Layer, ModelError, OffsetPlacement, Representation,
-    SceneSettings, SpaceBox, TrajectoryBasis, read_splat_ply, write_splat_ply,
+    Camera, Clipping, DeformationConfig, DeformationField, DynamicPart, DynamicScene, Gaps,
+    GaussianRows, Gaussians, HashEncoderConfig, Head, Heads, Layer, ModelError, OffsetPlacement,
+    Representation, SceneSettings, SpaceBox, TrajectoryBasis, read_splat_ply, write_splat_ply,
 };
 use rand::{Rng, SeedableRng};
 use rand_pcg::Pcg64;
@@ -731,9 +732,11 @@ fn an_instant_survives_the_ply_and_draws_alike() {
             OffsetPlacement::AfterActivation,
         ] {
             let scene = scene(6, Some(5), offsets, &device);
-            write_splat_ply(&path, &scene.at(0.7).expect("deforms")).expect("writes");
-            let read = read_splat_ply(&path).expect("reads");
+            let clipping = scene.settings.clipping();
+            write_splat_ply(&path, &scene.at(0.7).expect("deforms"), &clipping).expect("writes");
+            let (read, limits) = read_splat_ply(&path).expect("reads");
             assert_eq!(read, scene.at(0.7).expect("deforms"));
+            assert_eq!(limits, clipping);
             let instant = DynamicScene {
                 static_set: Gaussians::from_rows(&read, &device),
                 dynamic: None,
@@ -748,11 +751,86 @@ fn an_instant_survives_the_ply_and_draws_alike() {
     }
 }
 
+/// Adds to every parameter.
+struct Shift(f32);
+
+impl ModuleMapper for Shift {
+    fn map_float<const D: usize>(&mut self, param: Param<Tensor<D>>) -> Param<Tensor<D>> {
+        param.map(|value| value + self.0)
+    }
+}
+
+#[test]
+fn an_exported_instant_has_the_opacities_that_the_field_gives() {
+    let device = Device::flex();
+    for offsets in [
+        OffsetPlacement::BeforeActivation,
+        OffsetPlacement::AfterActivation,
+    ] {
+        let mut scene = scene(0, Some(5), offsets, &device);
+        let part = scene.dynamic.as_mut().expect("given");
+        let mut config = field_config();
+        config.heads.appearance = true;
+        let mut rng = Pcg64::seed_from_u64(3);
+        let space = *part.field.space();
+        let field = DeformationField::new(&config, space, &mut rng, &device).expect("valid");
+        part.field = field.map(&mut Shift(0.05));
+        let instant = scene.at(0.7).expect("deforms");
+        let canonical = part_logits(&scene);
+        let pairs = instant.opacity_logits.iter().zip(&canonical);
+        assert!(
+            pairs.clone().all(|(a, b)| (a - b).abs() > 1e-3),
+            "{offsets:?}"
+        );
+        let frozen = DynamicScene {
+            static_set: Gaussians::from_rows(&instant, &device),
+            dynamic: None,
+            settings: scene.settings.clone(),
+        };
+        let worst = largest_difference(
+            &pixels(&frozen, 0.0, Layer::Full),
+            &pixels(&scene, 0.7, Layer::Full),
+        );
+        assert!(worst < 1e-4, "{offsets:?}: {worst}");
+    }
+}
+
+fn part_logits(scene: &DynamicScene) -> Vec<f32> {
+    let part = scene.dynamic.as_ref().expect("given");
+    part.gaussians.to_rows().opacity_logits
+}
+
+#[test]
+fn comments_of_a_ply_say_what_pictures_leave_out() {
+    let folder = tempfile::tempdir().expect("a scratch folder");
+    let path = folder.path().join("clipped.ply");
+    let clipping = Clipping {
+        near_plane: 0.1 + 0.2,
+        ndc_limit: Some(8.0),
+    };
+    write_splat_ply(&path, &rows(3, 5, 3), &clipping).expect("writes");
+    assert_eq!(read_splat_ply(&path).expect("reads").1, clipping);
+    let plain = Clipping::default();
+    write_splat_ply(&path, &rows(3, 5, 3), &plain).expect("writes");
+    let bytes = std::fs::read(&path).expect("reads");
+    assert!(!String::from_utf8_lossy(&bytes).contains("comment"));
+    assert_eq!(read_splat_ply(&path).expect("reads").1, plain);
+    let header = b"ply\nformat binary_little_endian 1.0\n";
+    let damaged = [
+        header,
+        &b"comment dash near_plane none\n"[..],
+        &bytes[header.len()..],
+    ];
+    std::fs::write(&path, damaged.concat()).expect("writes");
+    let error = read_splat_ply(&path).expect_err("no number");
+    assert!(error.to_string().contains("near_plane none"), "{error}");
+}
+
 #[test]
 fn a_truncated_ply_is_an_error_that_names_the_file() {
     let folder = tempfile::tempdir().expect("a scratch folder");
     let path = folder.path().join("cut.ply");
-    write_splat_ply(&path, &rows(3, 5, 3)).expect("writes");
+    write_splat_ply(&path, &rows(3, 5, 3), &Clipping::default()).expect("writes");
     let whole = std::fs::read(&path).expect("reads");
     for length in 0..whole.len() {
         std::fs::write(&path, &whole[..length]).expect("writes");

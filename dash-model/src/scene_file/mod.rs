@@ -1,4 +1,4 @@
-//! A scene on disk: `scene.json` (structure) and `scene.safetensors` (parameters).
+//! A scene on disk: `scene.json` (structure) and `scene.safetensors` (parameters), described in `docs/scene-format.md`.
 //!
 //! Version 2 of the files may hold tables of features as 16-bit floats, and the higher colour
 //! coefficients of those Gaussians only that have any, `SET.sh_rest`, with the numbers of these

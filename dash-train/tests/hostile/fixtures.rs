@@ -5,8 +5,8 @@ use std::io::Cursor;
 
 use burn::tensor::Device;
 use dash_model::{
-    DeformationConfig, DeformationField, DynamicPart, DynamicScene, Gaps, GaussianRows, Gaussians,
-    HashEncoderConfig, Heads, OffsetPlacement, Representation, SceneSettings, SpaceBox,
+    Clipping, DeformationConfig, DeformationField, DynamicPart, DynamicScene, Gaps, GaussianRows,
+    Gaussians, HashEncoderConfig, Heads, OffsetPlacement, Representation, SceneSettings, SpaceBox,
     TrajectoryBasis, write_splat_ply,
 };
 use dash_train::cameras::{CameraEntry, write_cameras};
@@ -193,7 +193,7 @@ fn rows(n: usize, trajectory_width: usize) -> GaussianRows {
 
 fn splat_ply() -> Vec<Vec<u8>> {
     let binary = written("splat.ply", |path| {
-        write_splat_ply(path, &rows(2, 0)).expect("writes");
+        write_splat_ply(path, &rows(2, 0), &Clipping::default()).expect("writes");
     });
     let columns = [
         "x", "y", "z", "f_dc_0", "f_dc_1", "f_dc_2", "opacity", "scale_0", "scale_1", "scale_2",

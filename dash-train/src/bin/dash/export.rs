@@ -12,7 +12,13 @@ use crate::values;
 
 /// Write the scene at one instant as a standard 3DGS PLY file
 #[derive(Args)]
-#[command(after_help = "Example:\n  dash export runs/room --time 0.5 --out room_at_half.ply")]
+#[command(after_help = "Example:
+  dash export runs/room --time 0.5 --out room_at_half.ply
+
+A 3DGS PLY can't say which Gaussians a run leaves out of its pictures: those nearer to a camera than anything
+that was seen, and those far outside of the picture. The file names these limits in comments, which dash render
+FILE.ply heeds. Other viewers don't: what hangs before the training cameras may show there. There are as many
+f_rest_* columns as the scene's degree of colours needs (0, 9, 24 or 45).")]
 pub struct ExportArgs {
     /// A run's folder
     run: PathBuf,
@@ -38,7 +44,7 @@ pub fn run(args: &ExportArgs, shared: &Shared) -> Result<String, Failure> {
     let device = shared.device.unwrap_or_default().device()?;
     let scene = RunFolder::open(&args.run)?.scene(&device)?;
     let rows = scene.at(args.time)?;
-    write_splat_ply(&args.out, &rows)?;
+    write_splat_ply(&args.out, &rows, &scene.settings.clipping())?;
     let (n_static, n_dynamic) = scene.counts();
     Ok(format!(
         "{}: {} Gaussians ({n_static} static, {n_dynamic} dynamic) at time {}",

@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 
 use burn::tensor::Device;
 use clap::Args;
-use dash_model::{GaussianRows, read_splat_ply};
+use dash_model::{Clipping, GaussianRows, read_splat_ply};
 use dash_train::dataset::{Dataset, FrameRange, Layout, LoadOptions, Split, load};
 use dash_train::evaluate::{read_results, storage_bytes};
 use dash_train::ply::{PointCloud, read_points};
@@ -240,7 +240,7 @@ fn ply(path: &Path) -> Result<Table, Failure> {
     let mut table = Table::default();
     table.row("file", path.display());
     match read_splat_ply(path) {
-        Ok(rows) => splats(&mut table, &rows),
+        Ok((rows, clipping)) => splats(&mut table, &rows, &clipping),
         // A file without the columns of Gaussians may hold plain points.
         Err(not_splats) => match read_points(path) {
             Ok(points) => cloud(&mut table, &points),
@@ -250,9 +250,16 @@ fn ply(path: &Path) -> Result<Table, Failure> {
     Ok(table)
 }
 
-fn splats(table: &mut Table, rows: &GaussianRows) {
+fn splats(table: &mut Table, rows: &GaussianRows, clipping: &Clipping) {
     let degree = ((rows.sh_rest_width / 3 + 1) as f64).sqrt() as usize - 1;
     table.row("Gaussians", rows.len()).row("SH degree", degree);
+    if *clipping != Clipping::default() {
+        table.row("near plane", clipping.near_plane);
+        let limit = clipping
+            .ndc_limit
+            .map_or("none".into(), |limit| limit.to_string());
+        table.row("ndc limit", limit);
+    }
     add_box(table, &rows.means);
 }
 

@@ -4,7 +4,6 @@ use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 
 use clap::Args;
-use dash_kernels::splats::NEAR_PLANE;
 use dash_model::{
     DynamicScene, Gaps, Gaussians, OffsetPlacement, SceneSettings, TrajectoryBasis, read_splat_ply,
 };
@@ -33,7 +32,8 @@ const SPIRAL_CAMERAS: usize = 60;
 
 Pictures are OUT/LAYER/NNNN_CAMERA.png. PNG: values clamped to [0, 1]; depth is scaled per picture,
 the nearest surface white, the farthest black, black where there is none. EXR: values as rendered,
-depth in world units. --cameras F.json is the cameras.json of 3DGS, with optional cx, cy and time.")]
+depth in world units: the mean of the Gaussians' along the camera's axis, weighted as they are blended, 0 where
+there is nearly nothing. --cameras F.json is the cameras.json of 3DGS, with optional cx, cy and time.")]
 pub struct RenderArgs {
     /// A run's folder, or a 3DGS PLY file
     #[arg(value_name = "RUN|FILE.ply")]
@@ -132,13 +132,13 @@ pub fn run(args: &RenderArgs, shared: &Shared) -> Result<String, Failure> {
 
 /// The Gaussians of a PLY file as a scene in which nothing moves.
 fn ply_scene(path: &Path, device: &burn::tensor::Device) -> Result<DynamicScene, Failure> {
-    let rows = read_splat_ply(path)?;
+    let (rows, clipping) = read_splat_ply(path)?;
     let static_set = Gaussians::from_rows(&rows, device);
     let settings = SceneSettings {
         background: [0.0; 3],
         sh_degree: static_set.sh_degree(),
-        near_plane: NEAR_PLANE,
-        ndc_limit: None,
+        near_plane: clipping.near_plane,
+        ndc_limit: clipping.ndc_limit,
         // Nothing moves, so that these two change nothing.
         trajectory_basis: TrajectoryBasis::polyline(4),
         offsets: OffsetPlacement::BeforeActivation,
