@@ -303,7 +303,8 @@ pub(crate) fn resize_rule(downscale: f64) -> String {
         return "none: the images' own size".into();
     }
     format!(
-        "images made smaller by {downscale} on loading, averaging over the area of each new pixel"
+        "images made smaller by {downscale} on loading, averaging over the area of each new pixel (weighted by alpha where \
+         there is any) and rounding to 8 bits"
     )
 }
 

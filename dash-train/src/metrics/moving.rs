@@ -13,6 +13,9 @@ const BAND_BYTES: usize = 128 << 20;
 /// A blurred value this far from its median over time has moved. Sensor noise of standard
 /// deviation 0.03 is 0.01 after the blur: a tenth of it.
 pub const MOVING_THRESHOLD: f32 = 0.1;
+/// Values of 8-bit pictures can be exactly the threshold from their median, and are then not beyond it: rounding in
+/// single precision is less than this, the next value that they can have further away than that.
+const ROUNDING: f32 = 1e-6;
 /// How the moving pixels are found, for `metric_settings`.
 pub const MOVING_PIXELS_RULE: &str = "per camera, one mask for its whole video: after a 3x3 box blur (over the pixels that exist), a \
      pixel moves when in some frame some sRGB channel is more than 0.1 from its median over the \
@@ -108,7 +111,7 @@ fn departs(over_time: &[f32], sorted: &mut [f32]) -> bool {
     let median = *sorted.select_nth_unstable_by(middle, f32::total_cmp).1;
     over_time
         .iter()
-        .any(|v| (v - median).abs() > MOVING_THRESHOLD)
+        .any(|v| (v - median).abs() > MOVING_THRESHOLD + ROUNDING)
 }
 
 /// Calls `out(x * 3 + channel, mean)` for row `y` of a frame of which the rows `seen` are given: means
@@ -185,6 +188,21 @@ mod tests {
         // 0.41 / 4 > 0.1 at the corner; 0.41 / 6 beside it.
         assert_eq!(mask.iter().filter(|m| **m).count(), 1);
         assert!(mask[0]);
+    }
+
+    #[test]
+    fn what_is_exactly_the_threshold_away_does_not_move() {
+        // At the corner 102 steps of 255, over four pixels, are a tenth; single precision has it a little more or less.
+        for low in 0..=153 {
+            let level = |steps: usize| steps as f32 / 255.0;
+            let mut video = vec![gray(4, 4, level(low)); 3];
+            video[2][0] = level(low + 102);
+            assert!(!moving(&video, 4, 4).contains(&true), "{low}");
+            if low < 153 {
+                video[2][0] = level(low + 103);
+                assert!(moving(&video, 4, 4)[0], "{low}");
+            }
+        }
     }
 
     #[test]

@@ -22,7 +22,7 @@ pub const SSIM_RULE: &str = "11x11 Gaussian window of sigma 1.5 px, zero padding
      pixels and channels (as the 3DGS evaluation)";
 /// How MS-SSIM is taken, for `metric_settings`.
 pub const MS_SSIM_RULE: &str = "5 scales with the weights of Wang et al. 2003, 11x11 Gaussian window of sigma 1.5 px at the \
-     positions where it fits, 2x2 means between scales, negative terms count as 0, mean over \
+     positions where it fits, 2x2 means between scales (at odd edges of the pixels that exist), negative terms count as 0, mean over \
      channels; images with a side below 161 px use as many scales as the window fits, weights \
      renormalised, and below 11 px the zero-padded window";
 

@@ -66,7 +66,7 @@ fn shared_name(runs: &[RunRecord]) -> String {
         .last()
         .unwrap_or(0);
     // What is left of `seed0` and `seed1`, or `s0` and `s1`.
-    let separators = ['-', '_', '.', ' '];
+    let separators = ['-', '_', '.', ' ', '/'];
     let name = first.name[..shared].trim_end_matches(separators);
     let stem = ["seed", "s"].into_iter().find_map(|word| {
         name.strip_suffix(word)

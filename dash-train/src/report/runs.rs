@@ -64,6 +64,21 @@ impl RunRecord {
     }
 }
 
+/// The folder's name; with its parent's where it says no more than the seed, as those of a comparison do.
+fn name_of(folder: &Path) -> String {
+    let name = |path: &Path| {
+        let name = path.file_name().unwrap_or_default();
+        name.to_string_lossy().into_owned()
+    };
+    let (own, parent) = (name(folder), folder.parent().map(name).unwrap_or_default());
+    match own.strip_prefix("seed-") {
+        Some(seed) if !parent.is_empty() && seed.parse::<u64>().is_ok() => {
+            format!("{parent}/{own}")
+        }
+        _ => own,
+    }
+}
+
 /// A run at its end.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct End {
@@ -92,9 +107,8 @@ pub fn read_run(folder: &Path) -> Result<RunRecord, TrainError> {
     let canonical = folder
         .canonicalize()
         .map_err(|e| TrainError::io(folder, "open", e))?;
-    let name = canonical.file_name().unwrap_or_default();
     let record = RunRecord {
-        name: name.to_string_lossy().into_owned(),
+        name: name_of(&canonical),
         config: run.config()?,
         log: run.log()?,
         curve: run.curve()?,

@@ -127,6 +127,23 @@ fn runs_that_differ_in_the_seed_alone_are_one_group() {
 }
 
 #[test]
+fn runs_of_a_comparison_are_named_after_their_methods() {
+    let folder = tempfile::tempdir().expect("a scratch folder");
+    let method = |name: &str| folder.path().join(name);
+    let runs = [("dash", 0, 20), ("dash", 1, 20), ("grid4d+dec", 0, 30)].map(|(name, seed, n)| {
+        let path = method(name).join(format!("seed-{seed}"));
+        let run = RunFolder::create(&path, &config(seed, n)).expect("made");
+        let line = serde_json::to_string(&log_line(10)).expect("JSON");
+        fs::write(run.log_path(), line).expect("written");
+        read_run(&path).expect("a run")
+    });
+    assert_eq!(runs[1].name, "dash/seed-1");
+    let groups = group_by_seed(runs.into());
+    let labels: Vec<&str> = groups.iter().map(|group| group.label.as_str()).collect();
+    assert_eq!(labels, ["dash", "grid4d+dec/seed-0"]);
+}
+
+#[test]
 fn groups_of_one_name_are_told_apart() {
     let folder = tempfile::tempdir().expect("a scratch folder");
     let mut runs = Vec::new();
