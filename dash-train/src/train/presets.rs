@@ -43,7 +43,7 @@ impl TrainConfig {
             gap_steps: Some(GAP_STEPS),
             max_initial_points: 100_000,
             min_initial_points: 20_000,
-            missing_share: 0.1,
+            missing_share: 0.0,
             checkpoint_interval: 1_000,
             validation_interval: 500,
             keep: Keep::Needed,
@@ -197,7 +197,6 @@ impl TrainConfig {
 
     fn as_in_the_paper(&mut self) {
         self.keep = Keep::All;
-        self.missing_share = 0.0;
         self.ndc_limit = None;
         self.gap_steps = None;
         self.loss.field_motion = 0.0;
@@ -258,7 +257,6 @@ impl TrainConfig {
 
     fn as_released(&mut self) {
         self.keep = Keep::All;
-        self.missing_share = 0.0;
         self.near_plane = Some(NEAR_PLANE);
         self.ndc_limit = None;
         self.gap_steps = None;
