@@ -22,7 +22,15 @@ pub(super) fn cameras(path: &Path, bytes: &[u8]) -> Result<Vec<ModelCamera>, Dat
         let model = reader.u32("camera model")?;
         let (width, height) = (reader.u64("width")?, reader.u64("height")?);
         let Some((model, names)) = parameter_names(model) else {
-            return Err(reader.malformed(format!("unknown camera model {model}")));
+            return Err(DatasetError::invalid(
+                path,
+                "a camera model among SIMPLE_PINHOLE, PINHOLE, SIMPLE_RADIAL, RADIAL, OPENCV and \
+                 FULL_OPENCV",
+                format!(
+                    "a lens model that is not supported, camera model {model}, for camera {id}"
+                ),
+                "undistort the images with COLMAP (`colmap image_undistorter`)",
+            ));
         };
         let mut parameters = Vec::with_capacity(names);
         for _ in 0..names {

@@ -42,7 +42,18 @@ pub(super) fn images(path: &Path, text: &str) -> Result<Vec<ModelImage>, Dataset
             name,
         });
         // The line after an image lists its observations and is empty when there are none.
-        lines.next();
+        if let Some((number, line)) = lines.next()
+            && is_content(line)
+            && !is_observations(line)
+        {
+            let name = images.last().map_or("", |image| image.name.as_str());
+            return Err(DatasetError::invalid(
+                path,
+                format!("the observations of image `{name}` or an empty line"),
+                format!("another image in line {}", number + 1),
+                "leave an empty line after each image",
+            ));
+        }
     }
     Ok(images)
 }
@@ -70,6 +81,12 @@ pub(super) fn content(text: &str) -> impl Iterator<Item = (usize, &str)> {
 
 fn is_content(line: &str) -> bool {
     !line.trim().is_empty() && !line.trim_start().starts_with('#')
+}
+
+/// Whether a line has only numbers, three for each observation.
+fn is_observations(line: &str) -> bool {
+    let mut fields = line.split_ascii_whitespace();
+    fields.clone().count().is_multiple_of(3) && fields.all(|field| field.parse::<f64>().is_ok())
 }
 
 /// The fields of one line.

@@ -21,7 +21,7 @@ const TURN: [f64; 4] = [2.0, 2.0, 0.0, 0.0];
 const TRANSLATION: [f64; 3] = [0.5, -1.0, 4.0];
 
 /// The camera of [`TURN`]: world y is the camera's z, world z its -y.
-fn expected_camera() -> Camera {
+pub(super) fn expected_camera() -> Camera {
     Camera {
         rotation: [[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]],
         translation: TRANSLATION,
@@ -29,7 +29,7 @@ fn expected_camera() -> Camera {
     }
 }
 
-fn cameras_bin(model: u32, parameters: &[f64]) -> Vec<u8> {
+pub(super) fn cameras_bin(model: u32, parameters: &[f64]) -> Vec<u8> {
     let mut bytes = 1u64.to_le_bytes().to_vec();
     bytes.extend(5u32.to_le_bytes());
     bytes.extend(model.to_le_bytes());
@@ -72,7 +72,7 @@ fn points_bin(positions: &[[f64; 3]]) -> Vec<u8> {
     bytes
 }
 
-fn capture(folder: &str) -> Fixture {
+pub(super) fn capture(folder: &str) -> Fixture {
     let fixture = Fixture::new();
     fixture.write(
         &format!("{folder}/cameras.bin"),
@@ -158,6 +158,13 @@ fn all_pinhole_models_with_undone_lenses() {
     ]);
     fixture.write("sparse/0/cameras.bin", cameras_bin(99, &[]));
     fixture.refuses(&["cameras.bin", "model 99"]);
+    fixture.write("sparse/0/cameras.bin", cameras_bin(11, &[1.0; 16]));
+    fixture.refuses(&[
+        "not supported",
+        "model 11",
+        "camera 5",
+        "colmap image_undistorter",
+    ]);
 }
 
 #[test]
@@ -182,6 +189,17 @@ fn text_models_equal_binary_ones() {
         assert_eq!((&a.name, a.split), (&b.name, b.split));
         assert_cameras_equal(&a.camera, &b.camera);
     }
+    let spaces = images.replace("png\n\n", "png\n \t\n");
+    fixture.write("sparse/0/images.txt", spaces);
+    assert_eq!(fixture.load().expect("loads").views.len(), 2);
+    // A writer that left out the empty lines: every second image would be lost.
+    fixture.write("sparse/0/images.txt", images.replace("\n\n", "\n"));
+    fixture.refuses(&[
+        "images.txt",
+        "observations of image `b.png`",
+        "another image in line 3",
+        "leave an empty line after each image",
+    ]);
     fixture.write("sparse/0/images.txt", images.replace(" 4 5 a.png", ""));
     fixture.refuses(&["images.txt", "line 4"]);
     fixture.write("sparse/0/images.txt", images.replace("-1 4 5 b", "x 4 5 b"));
