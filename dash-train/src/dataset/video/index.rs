@@ -8,7 +8,7 @@ use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 
 use super::super::DatasetError;
-use super::{Part, failed, frame_size};
+use super::{Part, failed, frame_size, without_addresses};
 use crate::video::ffprobe_program;
 
 /// Frames of one file are refused beyond this: 46 hours at 60 frames a second.
@@ -162,8 +162,7 @@ fn probe(path: &Path) -> Result<String, DatasetError> {
             _ => failed(path, e.to_string()),
         })?;
     if !output.status.success() {
-        let complaint = String::from_utf8_lossy(&output.stderr);
-        let complaint: String = complaint.trim().chars().take(1000).collect();
+        let complaint = complaint(&output.stderr);
         return Err(failed(
             path,
             if complaint.is_empty() {
@@ -174,6 +173,12 @@ fn probe(path: &Path) -> Result<String, DatasetError> {
         ));
     }
     Ok(String::from_utf8_lossy(&output.stdout).into_owned())
+}
+
+/// What `ffprobe` said, at most a paragraph of it.
+fn complaint(stderr: &[u8]) -> String {
+    let said = without_addresses(String::from_utf8_lossy(stderr).trim());
+    said.chars().take(1000).collect()
 }
 
 /// Lines such as `packet,0.033333,K__` in the order of the file, and `format,0.000000`.
@@ -249,6 +254,12 @@ mod tests {
         let index = index("packet,-0.1,KD_\npacket,0.0,___\npacket,0.1,K__\n");
         assert_eq!(index.n_frames(), 2);
         assert_eq!(index.group_of(0), 0..1);
+    }
+
+    #[test]
+    fn complaints_have_no_addresses() {
+        let said = b"[mov,mp4,m4a @ 0x5581b2c0] moov atom not found\n";
+        assert_eq!(complaint(said), "[mov,mp4,m4a] moov atom not found");
     }
 
     #[test]
