@@ -103,6 +103,11 @@ impl LoadOptions {
     /// For each camera whether it is held out: those asked for, else those the layout suggests.
     pub(super) fn held_out(&self, suggested: Vec<bool>) -> Result<Vec<bool>, DatasetError> {
         let Some(test_cameras) = &self.test_cameras else {
+            // As of single pictures, of a single camera nothing can be held out.
+            if suggested == [true] {
+                tracing::warn!("one camera only: it is trained on, and nothing is held out");
+                return Ok(vec![false]);
+            }
             return Ok(suggested);
         };
         let mut held_out = vec![false; suggested.len()];
