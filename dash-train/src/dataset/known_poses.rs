@@ -178,9 +178,10 @@ fn one_each(
     poses: Vec<(usize, KnownCamera)>,
 ) -> Result<Vec<KnownCamera>, DatasetError> {
     let mut found: Vec<Option<KnownCamera>> = vec![None; names.len()];
+    let extent = pose::extent(poses.iter().map(|(_, known)| &known.camera));
     for (index, known) in poses {
         match &found[index] {
-            Some(first) if !pose::same_pose(&first.camera, &known.camera) => {
+            Some(first) if !pose::same_pose(&first.camera, &known.camera, extent) => {
                 return Err(DatasetError::invalid(
                     path,
                     "one pose for each camera, which stands still",

@@ -4,8 +4,10 @@ use dash_kernels::Camera;
 
 /// How far from perpendicular two axes may be (cosine).
 const SKEW_TOLERANCE: f64 = 1e-3;
-/// Poses this close are one camera's.
+/// Poses this close are one camera's,
 const SAME_POSE: f64 = 1e-6;
+/// and so are positions within this share of the largest distance between cameras along an axis.
+const SAME_POSITION: f64 = 1e-5;
 
 /// Places the intrinsics at `position` with the camera's `right`, `down` and `forward` axes in the
 /// world; axes of any length are normalised.
@@ -92,11 +94,15 @@ pub(super) fn place_by_quaternion(
 }
 
 /// For each camera the index of its pose among the distinct ones, and their number.
-pub(super) fn distinct_poses<'a>(cameras: impl Iterator<Item = &'a Camera>) -> (Vec<usize>, usize) {
+pub(super) fn distinct_poses<'a>(
+    cameras: impl Iterator<Item = &'a Camera> + Clone,
+) -> (Vec<usize>, usize) {
     let mut distinct: Vec<&Camera> = Vec::new();
+    let extent = extent(cameras.clone());
     let indices = cameras
         .map(|camera| {
-            let known = distinct.iter().position(|seen| same_pose(seen, camera));
+            let is_same = |seen: &&Camera| same_pose(seen, camera, extent);
+            let known = distinct.iter().position(is_same);
             known.unwrap_or_else(|| {
                 distinct.push(camera);
                 distinct.len() - 1
@@ -106,15 +112,26 @@ pub(super) fn distinct_poses<'a>(cameras: impl Iterator<Item = &'a Camera>) -> (
     (indices, distinct.len())
 }
 
-/// Whether two cameras stand at the same place and look the same way.
-pub(super) fn same_pose(a: &Camera, b: &Camera) -> bool {
-    let close = |(x, y): (&f64, &f64)| (x - y).abs() <= SAME_POSE;
-    a.translation.iter().zip(&b.translation).all(close)
-        && a.rotation
-            .iter()
-            .flatten()
-            .zip(b.rotation.iter().flatten())
-            .all(close)
+/// The largest distance between cameras along an axis of the world.
+pub(super) fn extent<'a>(cameras: impl Iterator<Item = &'a Camera>) -> f64 {
+    let mut bounds = [[f64::INFINITY, f64::NEG_INFINITY]; 3];
+    for camera in cameras {
+        for (value, [low, high]) in camera.position().into_iter().zip(&mut bounds) {
+            *low = low.min(value);
+            *high = high.max(value);
+        }
+    }
+    let sides = bounds.map(|[low, high]| high - low);
+    sides.into_iter().fold(0.0, f64::max)
+}
+
+/// Whether two of the cameras of a rig of this `extent` stand at the same place and look the same way.
+pub(super) fn same_pose(a: &Camera, b: &Camera, extent: f64) -> bool {
+    let close = |tolerance: f64| move |(x, y): (&f64, &f64)| (x - y).abs() <= tolerance;
+    let rotations = a.rotation.iter().flatten().zip(b.rotation.iter().flatten());
+    let mut translations = a.translation.iter().zip(&b.translation);
+    translations.all(close(SAME_POSE.max(SAME_POSITION * extent)))
+        && rotations.into_iter().all(close(SAME_POSE))
 }
 
 fn dot(a: [f64; 3], b: [f64; 3]) -> f64 {
@@ -142,6 +159,23 @@ mod tests {
         ] {
             let error = place(camera(), axes, position).expect_err(word);
             assert!(error.contains(word), "{error}");
+        }
+    }
+
+    #[test]
+    fn poses_are_told_apart_in_the_rigs_own_unit() {
+        let at = |x: f64| Camera {
+            translation: [x, 0.0, 0.0],
+            ..Camera::new(1.0, 1.0, 0.5, 0.5, 1, 1)
+        };
+        for (positions, expected) in [
+            // Millimetres, with a hundredth of one between two readings.
+            ([0.0, 0.01, 4000.0, 4000.01], vec![0, 0, 1, 1]),
+            ([0.0, 1.0, 4000.0, 4001.0], vec![0, 1, 2, 3]),
+            ([0.0, 5e-7, 1e-5, 1e-4], vec![0, 0, 1, 2]),
+        ] {
+            let cameras = positions.map(at);
+            assert_eq!(distinct_poses(cameras.iter()).0, expected, "{positions:?}");
         }
     }
 }
