@@ -33,6 +33,21 @@ pub(super) fn header(path: &Path) -> Result<(usize, usize, bool), DatasetError> 
     Ok((width as usize, height as usize, has_alpha))
 }
 
+/// What to add to an error about an image of the wrong shape where it is to be turned by a right angle on display;
+/// else nothing.
+pub(super) fn turned(path: &Path) -> String {
+    let orientation = || {
+        let reader = ImageReader::open(path).and_then(ImageReader::with_guessed_format);
+        let mut decoder = reader.ok()?.into_decoder().ok()?;
+        let orientation = decoder.orientation().ok()?.to_exif();
+        // 5 to 8 exchange rows and columns.
+        (5..=8).contains(&orientation).then_some(orientation)
+    };
+    orientation().map_or_else(String::new, |n| {
+        format!(" (EXIF orientation {n}: rotate the file)")
+    })
+}
+
 fn limits() -> Limits {
     let mut limits = Limits::default();
     limits.max_image_width = Some(MAX_IMAGE_SIDE);

@@ -17,7 +17,7 @@ use std::sync::Arc;
 use dash_kernels::Camera;
 
 use super::DatasetError;
-use super::decode::{decode, decode_mask};
+use super::decode::{decode, decode_mask, turned};
 use super::distortion::undistort;
 use super::image::ImageData;
 use super::plan::Lens;
@@ -111,15 +111,7 @@ impl Recipe {
     /// Checks, undistorts and downscales a decoded image.
     pub(super) fn finish(&self, image: ImageData) -> Result<ImageData, DatasetError> {
         let full_size = (image.width, image.height);
-        let expected = (self.camera.width, self.camera.height);
-        if full_size != expected {
-            return Err(DatasetError::invalid(
-                self.source.path(),
-                format!("an image of {}x{} pixels", expected.0, expected.1),
-                format!("{}x{}", image.width, image.height),
-                "use the images the poses were made for (--downscale makes them smaller on loading)",
-            ));
-        }
+        check_size(self.source.path(), &self.camera, full_size)?;
         let flat = |image: ImageData| match &self.lens {
             None => image,
             Some(lens) => undistort(&image, &self.camera, &lens.distortion, &lens.pinhole),
@@ -136,6 +128,29 @@ impl Recipe {
         }
         Ok(image)
     }
+}
+
+/// Refuses an image of another size than the camera's.
+pub(super) fn check_size(
+    path: &Path,
+    camera: &Camera,
+    (width, height): (usize, usize),
+) -> Result<(), DatasetError> {
+    let expected = (camera.width, camera.height);
+    if expected == (width, height) {
+        return Ok(());
+    }
+    let turned = if expected == (height, width) {
+        turned(path)
+    } else {
+        String::new()
+    };
+    Err(DatasetError::invalid(
+        path,
+        format!("an image of {}x{} pixels", expected.0, expected.1),
+        format!("{width}x{height}{turned}"),
+        "use the images the poses were made for (--downscale makes them smaller on loading)",
+    ))
 }
 
 /// The pixels of a view.

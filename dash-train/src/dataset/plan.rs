@@ -10,8 +10,8 @@ use super::broken::keep_readable;
 use super::decode::header;
 use super::distortion::Distortion;
 use super::frames::{
-    CountedMask, FrameStore, Pixels, Recipe, Source, bytes_in_words, default_budget, make_all,
-    salvage,
+    CountedMask, FrameStore, Pixels, Recipe, Source, bytes_in_words, check_size, default_budget,
+    make_all, salvage,
 };
 use super::image::ImageData;
 use super::view::{MotionMask, Split, View};
@@ -167,7 +167,11 @@ impl<'a> Context<'a> {
 
     fn recipe(&self, view: &PlannedView) -> Result<Recipe, DatasetError> {
         let has_alpha = match &view.source {
-            Source::File(path) => header(path)?.2,
+            Source::File(path) => {
+                let (width, height, has_alpha) = header(path)?;
+                check_size(path, &view.camera, (width, height))?;
+                has_alpha
+            }
             Source::Video { .. } => false,
         };
         let counted = self.beside(COUNTED_FOLDER, view).map(|path| CountedMask {
