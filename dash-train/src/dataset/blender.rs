@@ -11,9 +11,10 @@ use super::distortion::Distortion;
 use super::frames::Source;
 use super::plan::{Context, Lens, PlannedView};
 use super::points::{Models, find_points};
+use super::sizes::Sizes;
 use super::transforms::{Transforms, find_image, parse};
 use super::view::Split;
-use super::{DatasetError, Parts, every_eighth, files, pose, times};
+use super::{DatasetError, Parts, every_eighth, files, pose, times, unposed};
 
 const SINGLE: &str = "transforms.json";
 const TRAIN: &str = "transforms_train.json";
@@ -43,21 +44,46 @@ pub(super) fn read(context: &Context) -> Result<Parts, DatasetError> {
         path(SINGLE)
     };
     let transforms = parse(&first)?;
-    collect(context, &first, &transforms, false, &mut entries)?;
+    let mut sizes = Sizes::default();
+    collect(
+        context,
+        &first,
+        &transforms,
+        false,
+        &mut sizes,
+        &mut entries,
+    )?;
     // Validation views serve only where there are no test views.
     let held_out = [TEST, VAL]
         .map(path)
         .into_iter()
         .find(|p| first != path(SINGLE) && p.is_file());
     match held_out {
-        Some(file) => collect(context, &file, &parse(&file)?, true, &mut entries)?,
+        Some(file) => collect(
+            context,
+            &file,
+            &parse(&file)?,
+            true,
+            &mut sizes,
+            &mut entries,
+        )?,
         None if !hold_out_listed(&transforms, &mut entries) => hold_out_every_eighth(&mut entries),
         None => {}
     }
     check_any(&first, !entries.is_empty())?;
     check_times(&entries)?;
+    sizes.warn(&first);
     let stated: Vec<f64> = entries.iter().map(|e| e.time.unwrap_or(0.0)).collect();
-    let (times, n_frames) = times::frames(context.options, &stated)?;
+    let same_time = times::same_time(&stated, &cameras(&entries).0);
+    let (times, n_frames) = times::frames_within(context.options, &stated, same_time)?;
+    if first == path(SINGLE) {
+        let listed = transforms.frames.iter();
+        let posed = listed
+            .filter_map(|frame| files::confined(context.root, &frame.file_path, &first).ok())
+            .filter_map(|file| find_image(file, &first).ok())
+            .collect();
+        unposed::warn_of_more(context, &first, &posed, n_frames == 1);
+    }
     let mut time_of = times.iter();
     entries.retain(|_| time_of.next().is_some_and(Option::is_some));
     let (camera_of, camera_names) = cameras(&entries);
@@ -106,6 +132,7 @@ fn collect(
     listed_in: &Path,
     transforms: &Transforms,
     held_out: bool,
+    sizes: &mut Sizes,
     entries: &mut Vec<Entry>,
 ) -> Result<(), DatasetError> {
     for frame in &transforms.frames {
@@ -127,6 +154,7 @@ fn collect(
                 "mend that frame's entry",
             ));
         }
+        let camera = sizes.fit(camera, &file);
         let inside = file.strip_prefix(context.root).unwrap_or(&file);
         entries.push(Entry {
             name: entry_name(inside),

@@ -2,17 +2,18 @@
 
 use std::collections::HashMap;
 
-use super::colmap_model::{MODEL_FOLDERS, Registered, model_folder, read_model};
+use super::colmap_model::{MODEL_FOLDERS, Registered, model_folder, read_model, warn_of_larger};
 use super::frames::Source;
 use super::plan::{Context, Lens, PlannedView};
 use super::points::{Models, find_points};
+use super::sizes::Sizes;
 use super::view::Split;
-use super::{DatasetError, Parts, every_eighth, files};
+use super::{DatasetError, Parts, every_eighth, files, unposed};
 
 const IMAGE_FOLDER: &str = "images";
 
 pub(super) fn read(context: &Context) -> Result<Parts, DatasetError> {
-    let Some(model) = model_folder(context.root, &MODEL_FOLDERS) else {
+    let Some(sparse) = model_folder(context.root, &MODEL_FOLDERS) else {
         return Err(DatasetError::invalid(
             context.root,
             "a sparse model (sparse/0/cameras.bin or .txt)",
@@ -22,14 +23,16 @@ pub(super) fn read(context: &Context) -> Result<Parts, DatasetError> {
     };
     // All images are of one time.
     context.options.wanted(&[0])?;
-    let mut model = read_model(&model)?;
+    let mut model = read_model(&sparse)?;
+    warn_of_larger(&sparse, &model);
     // Plain order of names, as 3DGS sorts before it holds out every eighth.
     model.images.sort_by(|a, b| a.name.cmp(&b.name));
     let n_cameras = model.images.len();
     let held_out = context.options.held_out(every_eighth(n_cameras))?;
     let folder = context.root.join(IMAGE_FOLDER);
     // Many images share a lens, and working out how to undo one takes a while.
-    let mut lenses: HashMap<u32, Option<Lens>> = HashMap::new();
+    let mut lenses: HashMap<(u32, usize, usize), Option<Lens>> = HashMap::new();
+    let mut sizes = Sizes::default();
     let mut planned = Vec::with_capacity(n_cameras);
     for (camera_index, image) in model.images.into_iter().enumerate() {
         let Registered {
@@ -47,11 +50,13 @@ pub(super) fn read(context: &Context) -> Result<Parts, DatasetError> {
                 "put the image there, or export the model again",
             ));
         }
-        let lens = match lenses.get(&camera_id) {
+        let camera = sizes.fit(camera, &file);
+        let lens_of = (camera_id, camera.width, camera.height);
+        let lens = match lenses.get(&lens_of) {
             Some(known) => known.clone(),
             None => {
                 let lens = Lens::new(distortion, &camera, &model.cameras_file)?;
-                lenses.insert(camera_id, lens.clone());
+                lenses.insert(lens_of, lens.clone());
                 lens
             }
         };
@@ -69,6 +74,9 @@ pub(super) fn read(context: &Context) -> Result<Parts, DatasetError> {
             lens,
         });
     }
+    sizes.warn(&model.cameras_file);
+    let posed = planned.iter().map(|view| view.source.path().to_path_buf());
+    unposed::warn_of_more(context, &model.images_file, &posed.collect(), true);
     let points = find_points(context.root, None, Models::Own)?;
     let views = context.load_views(planned)?;
     Ok(Parts {

@@ -8,7 +8,7 @@ use dash_kernels::Camera;
 
 use super::decode::MAX_IMAGE_SIDE;
 use super::distortion::Distortion;
-use super::{DatasetError, colmap_binary as binary, colmap_text as text, pose};
+use super::{DatasetError, colmap_binary as binary, colmap_text as text, files, pose};
 use crate::ply::PointCloud;
 
 /// Where COLMAP's own layout has its model.
@@ -78,6 +78,38 @@ pub(super) fn model_folder(root: &Path, folders: &[&str]) -> Option<PathBuf> {
             .any(|name| folder.join(name).is_file())
     };
     folders.iter().map(|name| root.join(name)).find(has_cameras)
+}
+
+/// Warns where COLMAP made several models (`sparse/0`, `sparse/1`, ..) and another has more images than the one that
+/// is read.
+pub(super) fn warn_of_larger(folder: &Path, model: &Model) {
+    let n = model.images.len();
+    if let Some((larger, more)) = larger_model(folder, n) {
+        tracing::warn!(
+            "{} has {n} image{}, but {} has {more}: COLMAP did not connect them all; to use the larger model, \
+             let the two folders change names",
+            folder.display(),
+            if n == 1 { "" } else { "s" },
+            larger.display()
+        );
+    }
+}
+
+/// The largest of the models beside this one of `n` images that has more, and its number of images.
+fn larger_model(folder: &Path, n: usize) -> Option<(PathBuf, usize)> {
+    let is_number = |name: &str| name.parse::<u32>().is_ok();
+    let own = folder.file_name()?.to_str()?;
+    let all = folder.parent().filter(|_| is_number(own))?;
+    let names = files::list(all).ok()?;
+    let others = names.iter().filter(|name| is_number(name) && *name != own);
+    let counted = others.filter_map(|name| {
+        let other = all.join(name);
+        let count = |path: &Path, bytes: &[u8]| binary::Reader::new(path, bytes).count(1, "images");
+        let listed = |path: &Path, content: &str| Ok(text::images(path, content)?.len());
+        let (_, images) = read_model_file(&other, "images", count, listed).ok()?;
+        (images > n).then_some((other, images))
+    });
+    counted.max_by_key(|&(_, images)| images)
 }
 
 /// The points of a sparse model, if it has the file.
@@ -233,4 +265,30 @@ pub(super) fn pinhole(
 /// The camera at an image's pose.
 pub(super) fn place(intrinsics: &Camera, image: &ModelImage) -> Result<Camera, String> {
     pose::place_by_quaternion(intrinsics.clone(), image.quaternion, image.translation)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_larger_model_beside_is_found() {
+        let root = tempfile::tempdir().expect("temporary folder");
+        let model = |name: &str| root.path().join(name);
+        let write = |name: &str, file: &str, bytes: &[u8]| {
+            fs::create_dir_all(model(name)).expect("folder");
+            fs::write(model(name).join(file), bytes).expect("writes");
+        };
+        let image = "1 1 0 0 0 0 0 0 1 a.png\n\n";
+        write("0", "images.txt", image.as_bytes());
+        write("1", "images.txt", image.repeat(3).as_bytes());
+        let mut binary = 5u64.to_le_bytes().to_vec();
+        binary.extend([0; 5]);
+        write("12", "images.bin", &binary);
+        write("13", "notes.txt", b"no model");
+        write("old", "images.txt", image.repeat(9).as_bytes());
+        assert_eq!(larger_model(&model("0"), 1), Some((model("12"), 5)));
+        assert_eq!(larger_model(&model("12"), 5), None);
+        assert_eq!(larger_model(&model("old"), 1), None);
+    }
 }

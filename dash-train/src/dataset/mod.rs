@@ -12,10 +12,10 @@
 //! | [`Layout::Technicolor`]: `technicolor.rs`, `technicolor_parameters.rs` | `cameras_parameters.txt`, or `images/camNN/` and COLMAP |
 //! | [`Layout::Nerfies`]: `nerfies.rs`, `nerfies_camera.rs` | `dataset.json`, `camera/`, `rgb/` |
 //! | [`Layout::Rig`]: `rig.rs` | `videos/` or `images/CAMERA/`, and poses by camera |
-//! | `sources.rs`, `recordings.rs`, `times.rs`, `points.rs`, `broken.rs` | frames and videos of synchronised cameras, times, initial points, what is damaged |
+//! | `sources.rs`, `recordings.rs`, `times.rs`, `points.rs`, `broken.rs`, `unposed.rs` | frames and videos of synchronised cameras, times, initial points, what is damaged, what has no pose |
 //! | `known_poses.rs`, `colmap_tracks.rs`, `shrink.rs` | what `prepare` makes a dataset from |
 //! | `layout.rs`, `options.rs`, `frame_range.rs`, `plan.rs` | which reader, what of it, and from its list to views |
-//! | `view.rs`, `image.rs`, `decode.rs`, `distortion.rs`, `pose.rs`, `files.rs`, `error.rs` | what they share |
+//! | `sizes.rs`, `view.rs`, `image.rs`, `decode.rs`, `distortion.rs`, `pose.rs`, `files.rs`, `error.rs` | what they share |
 //! | `frames.rs`, `frames/`, `video.rs` | images in memory or made on demand |
 //! | `poses.rs` | the cameras of a folder whose pictures can't be loaded |
 //! | `image_size.rs`, `fuzzing.rs` | what a header may claim; the parsers by name, for tests |
@@ -50,6 +50,7 @@ mod poses;
 mod recordings;
 mod rig;
 pub(crate) mod shrink;
+mod sizes;
 mod sources;
 mod technicolor;
 mod technicolor_parameters;
@@ -57,6 +58,7 @@ mod technicolor_parameters;
 mod tests;
 mod times;
 mod transforms;
+mod unposed;
 mod video;
 mod view;
 

@@ -4,9 +4,62 @@ use super::{DatasetError, LoadOptions};
 
 /// Times closer than this are one frame's.
 const SAME_TIME: f64 = 1e-6;
+/// So are times of different cameras within this share of the time between one camera's pictures, as clocks that
+/// are not quite the same give them,
+const JITTER: f64 = 0.02;
+/// where frames are as many times farther apart. Cameras that take turns have evenly spaced times instead.
+const APART: f64 = 10.0;
+
+/// The time in [0, 1] of each of the frames with these numbers, as far apart as the numbers; `None` where
+/// these don't rise.
+pub(super) fn of_numbers(numbers: &[u64]) -> Option<Vec<f32>> {
+    let (first, last) = (*numbers.first()?, *numbers.last()?);
+    if !numbers.is_sorted_by(|a, b| a < b) {
+        return None;
+    }
+    let span = (last - first).max(1) as f64;
+    let time = |number: &u64| ((number - first) as f64 / span) as f32;
+    Some(numbers.iter().map(time).collect())
+}
 
 /// For each picture its frame's index and its time in [0, 1]; `None` where the frame is not wanted.
 type Placed = Vec<Option<(usize, f32)>>;
+
+/// The time within which `stated` times, of the cameras with the indices `camera_of`, are one frame's.
+pub(super) fn same_time(stated: &[f64], camera_of: &[usize]) -> f64 {
+    let mut sorted: Vec<(usize, f64)> = camera_of
+        .iter()
+        .copied()
+        .zip(stated.iter().copied())
+        .collect();
+    sorted.sort_by(|a, b| a.0.cmp(&b.0).then(a.1.total_cmp(&b.1)));
+    let steps = sorted.windows(2).filter(|pair| pair[0].0 == pair[1].0);
+    let step = steps
+        .map(|pair| pair[1].1 - pair[0].1)
+        .filter(|&step| step >= SAME_TIME);
+    let jitter = JITTER * step.fold(f64::INFINITY, f64::min);
+    if !jitter.is_finite() {
+        return SAME_TIME;
+    }
+    let mut all: Vec<f64> = stated.to_vec();
+    all.sort_by(f64::total_cmp);
+    let frames = all.chunk_by(|a, b| b - a < jitter);
+    let ends: Vec<[f64; 2]> = frames
+        .map(|times| [times[0], times[times.len() - 1]])
+        .collect();
+    let longest = ends
+        .iter()
+        .map(|[first, last]| last - first)
+        .fold(0.0, f64::max);
+    let apart = ends
+        .windows(2)
+        .all(|pair| pair[1][0] - pair[0][1] >= APART * jitter);
+    if apart && (SAME_TIME..jitter).contains(&longest) {
+        jitter
+    } else {
+        SAME_TIME
+    }
+}
 
 /// The frame index and time in [0, 1] of each finite `stated` time, `None` where its frame is not
 /// wanted; and the number of distinct times that are. Times are kept where they lie in [0, 1]
@@ -18,9 +71,22 @@ pub(super) fn frames(
     options: &LoadOptions,
     stated: &[f64],
 ) -> Result<(Placed, usize), DatasetError> {
+    frames_within(options, stated, SAME_TIME)
+}
+
+/// [`frames`] with times that are one frame's where they differ by less than `same_time`; one frame's have the earliest of
+/// them where that is more than rounding.
+///
+/// # Errors
+/// When none of them is wanted.
+pub(super) fn frames_within(
+    options: &LoadOptions,
+    stated: &[f64],
+    same_time: f64,
+) -> Result<(Placed, usize), DatasetError> {
     let mut all: Vec<f64> = stated.to_vec();
     all.sort_by(f64::total_cmp);
-    all.dedup_by(|later, earlier| *later - *earlier < SAME_TIME);
+    all.dedup_by(|later, earlier| *later - *earlier < same_time);
     let index_of = |time: f64, all: &[f64]| all.partition_point(|&t| t <= time).saturating_sub(1);
     let numbers: Vec<u64> = (0..).take(all.len()).collect();
     let wanted = options.wanted(&numbers)?;
@@ -34,12 +100,82 @@ pub(super) fn frames(
         if wanted.binary_search(&index_of(time, &all)).is_err() {
             return None;
         }
+        let index = index_of(time, &kept);
+        let time = if same_time > SAME_TIME {
+            kept[index]
+        } else {
+            time
+        };
         let unit = match (n_frames, in_unit) {
             (1, _) => 0.0,
             (_, true) => time,
             (_, false) => (time - start) / (end - start),
         };
-        Some((index_of(time, &kept), unit.clamp(0.0, 1.0) as f32))
+        Some((index, unit.clamp(0.0, 1.0) as f32))
     };
     Ok((stated.iter().map(place).collect(), n_frames))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Bit for bit: what trained on these times before must train to the same.
+    #[test]
+    fn numbers_that_are_evenly_spaced_give_the_times_of_their_places() {
+        for n in [2, 3, 7, 50, 300, 1200] {
+            for (first, stride) in [(0, 1), (0, 2), (1, 1), (151, 1), (10, 7), (1, 1000)] {
+                let numbers: Vec<u64> = (0..n).map(|k| first + k * stride).collect();
+                let even: Vec<u32> = (0..n as usize)
+                    .map(|k| super::super::frame_time(k, n as usize).to_bits())
+                    .collect();
+                let times = of_numbers(&numbers).expect("rising");
+                let times: Vec<u32> = times.into_iter().map(f32::to_bits).collect();
+                assert_eq!(times, even, "{n} from {first} in steps of {stride}");
+            }
+        }
+        assert_eq!(of_numbers(&[0, 4, 5]), Some(vec![0.0, 0.8, 1.0]));
+        assert_eq!(of_numbers(&[7]), Some(vec![0.0]));
+        assert_eq!(of_numbers(&[1, 2, 1]), None);
+    }
+
+    fn frame_of(stated: &[f64], camera_of: &[usize]) -> (Vec<usize>, Vec<f32>) {
+        let same_time = same_time(stated, camera_of);
+        let placed = frames_within(&LoadOptions::default(), stated, same_time).expect("all");
+        placed.0.into_iter().flatten().unzip()
+    }
+
+    #[test]
+    fn cameras_whose_clocks_jitter_see_the_same_frames() {
+        let stated = [
+            0.0001, 0.5, 0.9999, 0.0, 0.5002, 1.0, 0.0002, 0.5001, 1.0001,
+        ];
+        let camera_of = [0, 0, 0, 1, 1, 1, 2, 2, 2];
+        let (frames, times) = frame_of(&stated, &camera_of);
+        assert_eq!(frames, [0, 1, 2, 0, 1, 2, 0, 1, 2]);
+        assert_eq!(times[..3], [0.0, 0.5, 0.9999]);
+        assert_eq!(times[..3], times[3..6]);
+    }
+
+    #[test]
+    fn cameras_that_take_turns_keep_their_times() {
+        // A hundred cameras, each with a hundredth of a step more than the one before.
+        let (stated, camera_of): (Vec<f64>, Vec<usize>) = (0..300)
+            .map(|picture| (f64::from(picture) / 299.0, picture as usize % 100))
+            .unzip();
+        let (frames, times) = frame_of(&stated, &camera_of);
+        assert!(frames.into_iter().eq(0..300));
+        assert!(times.iter().zip(&stated).all(|(&t, &s)| t == s as f32));
+        // Rounding leaves times as they are.
+        let rounded = [0.0, 1.0, 4e-7, 1.0 - 4e-7];
+        let (frames, times) = frame_of(&rounded, &[0, 0, 1, 1]);
+        assert_eq!(
+            (frames, times),
+            (vec![0, 1, 0, 1], rounded.map(|t| t as f32).into())
+        );
+        // One camera that is carried along: every picture has a pose of its own.
+        let carried: Vec<usize> = (0..4).collect();
+        let stated = [0.0, 0.0005, 0.5, 1.0];
+        assert_eq!(frame_of(&stated, &carried).0, [0, 1, 2, 3]);
+    }
 }

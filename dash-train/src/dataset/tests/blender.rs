@@ -21,7 +21,7 @@ pub(super) fn matrix(camera: &Camera) -> Value {
     json!(rows)
 }
 
-fn frame(path: &str, time: f64, camera_index: usize) -> Value {
+pub(super) fn frame(path: &str, time: f64, camera_index: usize) -> Value {
     json!({"file_path": path, "time": time, "transform_matrix": matrix(&camera(camera_index))})
 }
 
@@ -54,7 +54,7 @@ fn dnerf() -> Fixture {
 }
 
 /// One `transforms.json` over `n` RGB images.
-fn single(n: usize, shared: Value) -> Fixture {
+pub(super) fn single(n: usize, shared: Value) -> Fixture {
     let fixture = Fixture::new();
     let frames: Vec<Value> = (0..n)
         .map(|i| json!({"file_path": format!("images/{i}.png"), "transform_matrix": matrix(&camera(i))}))
@@ -66,7 +66,7 @@ fn single(n: usize, shared: Value) -> Fixture {
     fixture
 }
 
-fn write_single(fixture: &Fixture, mut top: Value, frames: &[Value]) {
+pub(super) fn write_single(fixture: &Fixture, mut top: Value, frames: &[Value]) {
     top["frames"] = json!(frames);
     fixture.write("transforms.json", top.to_string());
 }
@@ -353,7 +353,7 @@ fn malformed_entries_name_the_file_and_the_frame() {
         (set("fl_y", json!(-2.0)), "-2"),
         (set("w", json!(7.5)), "7.5"),
         (set("w", json!(1e300)), "whole numbers"),
-        (set("w", json!(W + 1)), "9x6"),
+        (set("w", json!(2 * W)), "16x6"),
         (set("fl_x", json!("wide")), "invalid type"),
     ] {
         single(2, top).refuses(&[word]);

@@ -8,6 +8,7 @@ mod n3dv;
 mod nerfies;
 mod real;
 mod rig;
+mod sizes;
 mod technicolor;
 
 use std::fs;
