@@ -1,6 +1,7 @@
 //! Folder listings, file names and paths that stay inside a dataset.
 
 use std::cmp::Ordering;
+use std::collections::HashSet;
 use std::fs;
 use std::path::{Component, Path, PathBuf};
 
@@ -8,6 +9,10 @@ use super::DatasetError;
 
 /// Extensions of image files, in the order in which a name without extension is completed.
 pub(super) const IMAGE_EXTENSIONS: [&str; 3] = ["png", "jpg", "jpeg"];
+
+/// Extensions of image files that are not read.
+const OTHER_IMAGE_EXTENSIONS: [&str; 8] =
+    ["webp", "bmp", "tif", "tiff", "gif", "exr", "heic", "avif"];
 
 /// Compares names with runs of digits taken as numbers: `cam2` before `cam10`.
 pub(crate) fn natural_cmp(a: &str, b: &str) -> Ordering {
@@ -43,15 +48,42 @@ fn split_digits(text: &[u8]) -> (&[u8], &[u8]) {
     (&digits[zeros..], rest)
 }
 
-/// The last run of digits in a name without its leading zeros; empty for zero, `None` without one.
-pub(crate) fn frame_number(stem: &str) -> Option<&str> {
-    let end = stem.rfind(|c: char| c.is_ascii_digit())? + 1;
-    let start = stem[..end]
-        .rfind(|c: char| !c.is_ascii_digit())
-        .map_or(0, |at| {
-            at + stem[at..].chars().next().map_or(1, char::len_utf8)
-        });
-    Some(stem[start..end].trim_start_matches('0'))
+/// For each of a camera's names the digits that number its frame, without leading zeros; `None` for a name
+/// without any. They are the last run of digits, or where that is the same in two neighbours (`0000_cam00`,
+/// `0001_cam00`) the run that differs in most names, of equal ones the first.
+pub(crate) fn frame_numbers<S: AsRef<str>>(names: &[S]) -> Vec<Option<String>> {
+    let runs: Vec<Vec<&str>> = names.iter().map(|name| digit_runs(name.as_ref())).collect();
+    let last = |runs: &Vec<&str>| runs.last().map(|&run| run.to_string());
+    let numbers: Vec<Option<String>> = runs.iter().map(last).collect();
+    if !numbers
+        .windows(2)
+        .any(|pair| pair[0].is_some() && pair[0] == pair[1])
+    {
+        return numbers;
+    }
+    let n_different = |place: usize| {
+        let different: HashSet<&str> = runs.iter().map(|runs| runs[place]).collect();
+        different.len()
+    };
+    let fewest = runs.iter().map(Vec::len).min().unwrap_or(0);
+    match (0..fewest).rev().max_by_key(|&place| n_different(place)) {
+        Some(place) if n_different(place) > 1 => runs
+            .iter()
+            .map(|runs| Some(runs[place].to_string()))
+            .collect(),
+        _ => numbers,
+    }
+}
+
+/// The runs of digits in a name in order, without leading zeros; `0` for zero.
+fn digit_runs(name: &str) -> Vec<&str> {
+    let runs = name.split(|c: char| !c.is_ascii_digit());
+    runs.filter(|run| !run.is_empty())
+        .map(|run| match run.trim_start_matches('0') {
+            "" => "0",
+            digits => digits,
+        })
+        .collect()
 }
 
 /// The names in a folder, hidden ones left out, in natural order.
@@ -79,6 +111,20 @@ pub(crate) fn list_images(folder: &Path) -> Result<Vec<PathBuf>, DatasetError> {
         .map(|name| folder.join(name))
         .filter(|path| path.is_file())
         .collect())
+}
+
+/// What to add to an error about missing images: those of other formats that the folder or its `images/` has, if
+/// there are any.
+pub(super) fn unread_images(folder: &Path) -> String {
+    for folder in [folder.to_path_buf(), folder.join("images")] {
+        let names = list(&folder).unwrap_or_default();
+        let is_other = |name: &&String| has_extension(name, &OTHER_IMAGE_EXTENSIONS);
+        if let Some(name) = names.iter().find(is_other) {
+            let file = folder.join(name);
+            return format!(" (but {}: only PNG and JPEG are read)", file.display());
+        }
+    }
+    String::new()
 }
 
 /// Whether the name ends in one of the extensions, in either case.
@@ -155,15 +201,30 @@ mod tests {
     }
 
     #[test]
-    fn frame_numbers() {
-        for (stem, expected) in [
-            ("0000", Some("")),
-            ("cam01_0012", Some("12")),
-            ("frame-7b", Some("7")),
-            ("größe5", Some("5")),
-            ("left", None),
+    fn frames_are_numbered_by_the_digits_that_differ() {
+        let numbers = |names: &[&str]| -> Vec<String> {
+            let numbers = frame_numbers(names).into_iter();
+            numbers.map(|number| number.unwrap_or_default()).collect()
+        };
+        for (name, expected) in [
+            ("0000", "0"),
+            ("cam01_0012", "12"),
+            ("frame-7b", "7"),
+            ("größe5", "5"),
+            ("left", ""),
         ] {
-            assert_eq!(frame_number(stem), expected, "{stem}");
+            assert_eq!(numbers(&[name]), [expected], "{name}");
+        }
+        for (names, expected) in [
+            (["0000_cam00", "0001_cam00", "0007_cam00"], ["0", "1", "7"]),
+            (["0_rgb_v2", "1_rgb_v2", "2_rgb_v2"], ["0", "1", "2"]),
+            (["cam1_3_v2", "cam1_4_v2", "cam1_4_v2b"], ["3", "4", "4"]),
+            // The last ones where they tell neighbours apart.
+            (["1_1", "1_2", "2_1"], ["1", "2", "1"]),
+            (["a", "b", "c2"], ["", "", "2"]),
+            (["a2", "b2", "c"], ["2", "2", ""]),
+        ] {
+            assert_eq!(numbers(&names), expected, "{names:?}");
         }
     }
 

@@ -67,7 +67,7 @@ use std::sync::{Mutex, PoisonError};
 
 pub(crate) use colmap_tracks::{TrackedPoint, read_tracked_points};
 pub use error::DatasetError;
-pub(crate) use files::frame_number;
+pub(crate) use files::frame_numbers;
 pub use frame_range::FrameRange;
 pub use frames::FrameStatistics;
 pub(crate) use frames::{bytes_in_words, default_budget};

@@ -221,7 +221,10 @@ fn sources(root: &Path) -> Result<Vec<Source>, DatasetError> {
         }
         let found = match folders.len() {
             0 => "none of these".into(),
-            n => format!("{n} camera folders without images"),
+            n => {
+                let other = files::unread_images(&folders[0].path);
+                format!("{n} camera folders without images{other}")
+            }
         };
         return Err(DatasetError::invalid(
             root,

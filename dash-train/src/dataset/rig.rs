@@ -4,7 +4,7 @@
 use std::path::Path;
 
 use super::broken::first_size;
-use super::colmap_model::{Model, model_folder, read_model};
+use super::colmap_model::{Model, model_folder, read_model, warn_of_larger};
 use super::plan::Context;
 use super::points::{Models, find_points};
 use super::sources::{self, FrameFile, Frames, RigCamera, Source, VIDEO_EXTENSIONS};
@@ -42,7 +42,7 @@ pub(super) fn is_rig(root: &Path) -> bool {
     let Some(names) = names else { return false };
     let matches: Vec<usize> = cameras
         .iter()
-        .map(|camera| find(&camera.name, &names).len())
+        .map(|camera| find(camera, &names).len())
         .collect();
     matches.contains(&1) && matches.iter().all(|&n| n <= 1)
 }
@@ -63,8 +63,10 @@ pub(super) fn read(context: &Context) -> Result<Parts, DatasetError> {
             .map(|name| files::confined(root, name, &file))
             .transpose()?;
         pose_by_transforms(context, sources, &file, &transforms)?
-    } else if let Some(model) = model_folder(root, &MODEL_FOLDERS) {
-        pose_by_model(sources, read_model(&model)?)?
+    } else if let Some(sparse) = model_folder(root, &MODEL_FOLDERS) {
+        let model = read_model(&sparse)?;
+        warn_of_larger(&sparse, &model);
+        pose_by_model(sources, model)?
     } else {
         return Err(DatasetError::invalid(
             root,
@@ -112,7 +114,7 @@ fn cameras(root: &Path) -> Result<Vec<Source>, DatasetError> {
         return Err(DatasetError::invalid(
             root,
             "a video per camera (videos/left.mp4, ..) or a folder of frames (images/left/0000.png, ..)",
-            "none of these",
+            format!("none of these{}", unread_images(root)),
             "put them there, or choose another layout with --layout",
         ));
     }
@@ -151,10 +153,21 @@ pub(super) fn image_folders(root: &Path) -> Result<Vec<Source>, DatasetError> {
     Ok(sources)
 }
 
+/// What to add to an error about missing images: those of other formats in the first folder below `images/`.
+fn unread_images(root: &Path) -> String {
+    let folder = root.join(IMAGE_FOLDER);
+    let names = files::list(&folder).unwrap_or_default();
+    let mut paths = names.iter().map(|name| folder.join(name));
+    let first = paths.find(|path| path.is_dir());
+    first.map_or_else(String::new, |path| files::unread_images(&path))
+}
+
 /// The indices of the names that mean a camera: its own name, with any folder and extension
 /// (`left`, `left.png`, `videos/left.mp4`); or else an image in the camera's folder
-/// (`left/0000.png`).
-fn find(camera: &str, names: &[String]) -> Vec<usize> {
+/// (`left/0000.png`). Where cameras and frames are both numbers, `0.png` may be a frame of every camera:
+/// then the one image in the folder counts.
+fn find(source: &Source, names: &[String]) -> Vec<usize> {
+    let camera = source.name.as_str();
     let indices = |means: &dyn Fn(&Path) -> bool| -> Vec<usize> {
         let named = names.iter().enumerate();
         named
@@ -165,13 +178,20 @@ fn find(camera: &str, names: &[String]) -> Vec<usize> {
     let own = indices(&|path| {
         files::stem(path) == camera || path.file_name().is_some_and(|name| name == camera)
     });
-    if !own.is_empty() {
+    if own.len() == 1 {
         return own;
     }
-    indices(&|path| {
+    let in_folder = indices(&|path| {
         let folder = path.parent().and_then(Path::file_name);
         folder.is_some_and(|folder| folder == camera)
-    })
+    });
+    // Folders of one image each may be any other layout's.
+    let several_frames = matches!(&source.frames, Frames::Images(images) if images.len() > 1);
+    if own.is_empty() || (in_folder.len() == 1 && several_frames) {
+        in_folder
+    } else {
+        own
+    }
 }
 
 /// For each camera the index of its pose among `names`, which `listed_in` holds.
@@ -183,7 +203,7 @@ fn assign(
     let mut assigned = Vec::with_capacity(sources.len());
     let mut missing = Vec::new();
     for source in sources {
-        match find(&source.name, names).as_slice() {
+        match find(source, names).as_slice() {
             [] => missing.push(source.name.as_str()),
             [index] => assigned.push(*index),
             [first, second, ..] => {

@@ -1,14 +1,17 @@
 //! The cameras of a synchronised rig: where their frames are, and the step from them to views.
 
+use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
+use std::sync::PoisonError;
 
 use dash_kernels::Camera;
 
 use super::broken::first_size;
+use super::decode::turned;
 use super::distortion::Distortion;
 use super::plan::{Context, Lens, PlannedView};
 use super::view::{Split, View};
-use super::{DatasetError, files, frame_time, frames, recordings};
+use super::{DatasetError, files, frame_time, frames, recordings, times};
 
 /// Frames may differ from the poses' aspect ratio by this much and one pixel.
 const ASPECT_TOLERANCE: f64 = 0.01;
@@ -28,25 +31,45 @@ pub(super) enum Frames {
 pub(super) struct FrameFile {
     pub(super) file: PathBuf,
     pub(super) label: String,
+    /// The digits of the label that number the frame, without leading zeros.
+    digits: Option<String>,
 }
 
+/// A camera's images by frame; `None` where it lacks one.
+type Row<'a> = Vec<Option<&'a FrameFile>>;
+
 impl FrameFile {
-    /// Frames called by their files' stems.
+    /// A camera's frames, called by their files' stems.
     pub(super) fn by_stems(files: Vec<PathBuf>) -> Vec<Self> {
+        let labels = files.iter().map(|file| files::stem(file)).collect();
+        Self::labelled(files, labels)
+    }
+
+    /// A camera's frames with these labels.
+    pub(super) fn labelled(files: Vec<PathBuf>, labels: Vec<String>) -> Vec<Self> {
+        let numbers = files::frame_numbers(&labels);
         files
             .into_iter()
-            .map(|file| Self {
-                label: files::stem(&file),
+            .zip(labels)
+            .zip(numbers)
+            .map(|((file, label), digits)| Self {
                 file,
+                label,
+                digits,
             })
             .collect()
     }
 
     /// The frame's number, where its name has one.
     pub(super) fn number(&self) -> Option<u64> {
-        match files::frame_number(&self.label)? {
-            "" => Some(0),
-            digits => digits.parse().ok(),
+        self.digits.as_ref()?.parse().ok()
+    }
+
+    /// The label and which of its digits are taken for the frame's number, for errors.
+    fn described(&self) -> String {
+        match &self.digits {
+            Some(digits) => format!("{} (frame {digits})", self.label),
+            None => self.label.clone(),
         }
     }
 }
@@ -94,17 +117,74 @@ pub(super) fn load(
         let (planned, n_frames) = recordings::plan(context, cameras, held_out)?;
         return Ok((context.load_views(planned)?, n_frames));
     };
-    check_frames(cameras, &lists)?;
-    let numbers: Vec<u64> = lists.first().map_or_else(Vec::new, |list| {
-        (0..)
-            .zip(*list)
-            .map(|(place, frame)| frame.number().unwrap_or(place))
-            .collect()
-    });
-    let wanted = context.options.wanted(&numbers)?;
+    let rows = match check_frames(cameras, &lists) {
+        Ok(()) => lists.iter().map(|l| l.iter().map(Some).collect()).collect(),
+        Err(error) if !context.options.skip_broken => return Err(error),
+        Err(error) => {
+            let Some(rows) = by_numbers(&lists) else {
+                return Err(error);
+            };
+            warn_of_missing(cameras, &rows);
+            if let Some(broken) = &context.broken {
+                let mut broken = broken.lock().unwrap_or_else(PoisonError::into_inner);
+                broken.push(error);
+            }
+            rows
+        }
+    };
+    let frames = || {
+        let n_frames = rows.first().map_or(0, Vec::len);
+        (0..n_frames).map(|place| rows.iter().find_map(|row| row[place]))
+    };
+    let numbers: Vec<Option<u64>> = frames().map(|frame| frame?.number()).collect();
+    let or_places = (0..).zip(&numbers).map(|(place, n)| n.unwrap_or(place));
+    let wanted = context.options.wanted(&or_places.collect::<Vec<u64>>())?;
+    let stated: Option<Vec<u64>> = wanted.iter().map(|&place| numbers[place]).collect();
+    let times = stated.and_then(|numbers| times::of_numbers(&numbers));
     let n_frames = wanted.len();
-    let planned = plan(context, cameras, &lists, &wanted, held_out)?;
+    let times = times.unwrap_or_else(|| (0..n_frames).map(|k| frame_time(k, n_frames)).collect());
+    let wanted: Vec<(usize, f32)> = wanted.into_iter().zip(times).collect();
+    let planned = plan(context, cameras, &rows, &wanted, held_out)?;
     Ok((context.load_views(planned)?, n_frames))
+}
+
+/// The frames that any camera has, by their numbers; `None` where images have no numbers of their own, or a camera's
+/// are mostly other ones than all others'.
+fn by_numbers<'a>(lists: &[&'a [FrameFile]]) -> Option<Vec<Row<'a>>> {
+    let mut cameras: Vec<BTreeMap<u64, &FrameFile>> = Vec::with_capacity(lists.len());
+    let mut n_of: BTreeMap<u64, usize> = BTreeMap::new();
+    for list in lists {
+        let mut own = BTreeMap::new();
+        for frame in *list {
+            let number = frame.number()?;
+            if own.insert(number, frame).is_some() {
+                return None;
+            }
+            *n_of.entry(number).or_default() += 1;
+        }
+        cameras.push(own);
+    }
+    let is_shared = |number: &&u64| n_of[*number] > 1;
+    let fits = |own: &BTreeMap<u64, _>| 2 * own.keys().filter(is_shared).count() >= own.len();
+    cameras.iter().all(fits).then(|| {
+        let row = |own: &BTreeMap<u64, &'a FrameFile>| -> Row<'a> {
+            n_of.keys().map(|number| own.get(number).copied()).collect()
+        };
+        cameras.iter().map(row).collect()
+    })
+}
+
+fn warn_of_missing(cameras: &[RigCamera], rows: &[Row]) {
+    for (camera, row) in cameras.iter().zip(rows) {
+        let n_missing = row.iter().filter(|frame| frame.is_none()).count();
+        if n_missing > 0 {
+            tracing::warn!(
+                "{}: {n_missing} of {} frames are missing",
+                camera.source.path.display(),
+                row.len()
+            );
+        }
+    }
 }
 
 /// Every camera must have the same frames, or times would be mixed up between cameras.
@@ -114,11 +194,8 @@ fn check_frames(cameras: &[RigCamera], lists: &[&[FrameFile]]) -> Result<(), Dat
     };
     for (camera, list) in cameras.iter().zip(lists) {
         let source = &camera.source;
-        let number = |frame: &'_ FrameFile| files::frame_number(&frame.label).map(str::to_string);
-        let repeated = |pair: &[FrameFile]| {
-            let number = number(&pair[0]);
-            number.is_some() && number == files::frame_number(&pair[1].label).map(str::to_string)
-        };
+        let repeated =
+            |pair: &[FrameFile]| pair[0].digits.is_some() && pair[0].digits == pair[1].digits;
         if let Some(pair) = list.windows(2).find(|pair| repeated(pair)) {
             return Err(DatasetError::invalid(
                 &source.path,
@@ -126,22 +203,23 @@ fn check_frames(cameras: &[RigCamera], lists: &[&[FrameFile]]) -> Result<(), Dat
                 format!(
                     "{} twice (as {} too)",
                     pair[0].file.display(),
-                    pair[1].label
+                    pair[1].described()
                 ),
-                "remove the duplicate",
+                "remove the duplicate, or number the files so that each frame has digits of its own",
             ));
         }
         same_count(&first.source, expected.len(), source, list.len())?;
-        let differs = |(a, b): &(&FrameFile, &FrameFile)| number(a) != number(b);
+        let differs = |(a, b): &(&FrameFile, &FrameFile)| a.digits != b.digits;
         if let Some((wanted, found)) = expected.iter().zip(*list).find(differs) {
             return Err(DatasetError::invalid(
                 &source.path,
                 format!(
                     "the frames of {}, the next being {}",
-                    first.source.name, wanted.label
+                    first.source.name,
+                    wanted.described()
                 ),
-                found.label.clone(),
-                "give every camera the same frame numbers",
+                found.described(),
+                "give every camera the same frame numbers, or leave out what one lacks (--skip-broken)",
             ));
         }
     }
@@ -159,38 +237,45 @@ pub(super) fn same_count(
     }
     Err(DatasetError::invalid(
         &source.path,
-        format!("{expected} frames, as many as {} has", first.name),
-        found.to_string(),
-        "give every camera the same frames, or leave out what a damaged video lacks (--skip-broken)",
+        format!(
+            "{expected} frames, as many as {} has{}",
+            first.name,
+            files::unread_images(&first.path)
+        ),
+        format!("{found}{}", files::unread_images(&source.path)),
+        "give every camera the same frames, or leave out what one lacks (--skip-broken)",
     ))
 }
 
+/// The views of all cameras at the wanted frames, each a place in the rows and a time.
 fn plan(
     context: &Context,
     cameras: &[RigCamera],
-    lists: &[&[FrameFile]],
-    wanted: &[usize],
+    rows: &[Row],
+    wanted: &[(usize, f32)],
     held_out: &[bool],
 ) -> Result<Vec<PlannedView>, DatasetError> {
     let mut planned = Vec::new();
-    for (camera_index, (rig_camera, images)) in cameras.iter().zip(lists).enumerate() {
-        let kept: Vec<&FrameFile> = wanted.iter().map(|&place| &images[place]).collect();
-        let (Some(first), Some(size)) = (
-            kept.first(),
-            first_size(context, kept.iter().map(|frame| frame.file.as_path())),
-        ) else {
+    for (camera_index, (rig_camera, row)) in cameras.iter().zip(rows).enumerate() {
+        let files = wanted.iter().filter_map(|&(place, _)| row[place]);
+        let mut files = files.map(|frame| frame.file.as_path()).peekable();
+        let Some(&first) = files.peek() else {
             continue;
         };
-        let (camera, lens) = at_size(rig_camera, size?, &first.file)?;
+        let Some(size) = first_size(context, files) else {
+            continue;
+        };
+        let (camera, lens) = at_size(rig_camera, size?, first)?;
         let camera_name = &rig_camera.source.name;
-        for (frame, image) in kept.iter().enumerate() {
+        for (frame, &(place, time)) in wanted.iter().enumerate() {
+            let Some(image) = row[place] else { continue };
             planned.push(PlannedView {
                 source: frames::Source::File(image.file.clone()),
                 name: format!("{camera_name}/{}", image.label),
                 camera_name: camera_name.clone(),
                 camera_index,
                 frame,
-                time: frame_time(frame, kept.len()),
+                time,
                 split: Split::held_out(held_out[camera_index]),
                 camera: camera.clone(),
                 lens: lens.clone(),
@@ -229,6 +314,11 @@ pub(super) fn resized(
 ) -> Result<Camera, DatasetError> {
     if !has_shape_of(camera, (width, height)) {
         let posed_by = posed_by.file_name().unwrap_or(posed_by.as_os_str());
+        let turned = if has_shape_of(camera, (height, width)) {
+            turned(path)
+        } else {
+            String::new()
+        };
         return Err(DatasetError::invalid(
             path,
             format!(
@@ -237,7 +327,7 @@ pub(super) fn resized(
                 camera.height,
                 posed_by.to_string_lossy()
             ),
-            format!("{width}x{height}"),
+            format!("{width}x{height}{turned}"),
             "use uncropped frames, or correct height, width and focal length in the poses",
         ));
     }

@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 use std::fs;
 use std::ops::RangeInclusive;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use super::broken::first_size;
 use super::colmap_model::{model_folder, read_model};
@@ -140,7 +140,7 @@ fn read_raw(context: &Context, path: &Path) -> Result<Vec<RigCamera>, DatasetErr
 /// The scene's name and each camera's frames, from file names in the folder or its `images/`.
 fn raw_frames(root: &Path) -> Result<(String, BTreeMap<usize, Vec<FrameFile>>), DatasetError> {
     let mut found: Option<String> = None;
-    let mut cameras: BTreeMap<usize, Vec<FrameFile>> = BTreeMap::new();
+    let mut cameras: BTreeMap<usize, (Vec<PathBuf>, Vec<String>)> = BTreeMap::new();
     let inner = root.join(IMAGE_FOLDER);
     let mut images = files::list_images(root)?;
     if inner.is_dir() {
@@ -162,12 +162,14 @@ fn raw_frames(root: &Path) -> Result<(String, BTreeMap<usize, Vec<FrameFile>>), 
             }
             _ => found = Some(scene.to_string()),
         }
-        let label = frame.to_string();
-        cameras
-            .entry(camera)
-            .or_default()
-            .push(FrameFile { file, label });
+        let (files, labels) = cameras.entry(camera).or_default();
+        labels.push(frame.to_string());
+        files.push(file);
     }
+    let cameras = cameras
+        .into_iter()
+        .map(|(camera, (files, labels))| (camera, FrameFile::labelled(files, labels)))
+        .collect();
     match found {
         Some(scene) => Ok((scene, cameras)),
         None => Err(DatasetError::invalid(

@@ -4,7 +4,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
 
 use super::finding::{Finding, listed};
-use crate::dataset::{Dataset, Layout, Split, View, frame_number};
+use crate::dataset::{Dataset, Layout, Split, View, frame_numbers};
 
 /// Files by which layouts are known.
 const MARKS: [(Layout, &str); 13] = [
@@ -45,8 +45,7 @@ pub(super) fn layout(root: &Path, layout: Layout, forced: bool) -> Finding {
 /// Counts, sizes and times.
 pub(super) fn contents(dataset: &Dataset, complete: bool) -> Vec<Finding> {
     let mut findings = vec![counts(dataset), pictures(dataset)];
-    findings.extend(times(dataset));
-    findings.extend(numbers(dataset));
+    findings.extend(numbers(dataset).or_else(|| times(dataset)));
     if complete {
         findings.extend(lacking(dataset));
     }
@@ -149,18 +148,17 @@ fn times(dataset: &Dataset) -> Option<Finding> {
     Some(Finding::ok("times", range))
 }
 
-/// Numbers that are left out in the names of frames which have no times of their own.
+/// Numbers that are left out in the names of frames, whose times are as far apart as these.
 fn numbers(dataset: &Dataset) -> Option<Finding> {
     if dataset.layout == Layout::Blender || dataset.is_static() {
         return None;
     }
     let first = &dataset.views.first()?.camera_name;
     let views = dataset.views.iter().filter(|v| &v.camera_name == first);
-    let numbers: Vec<u64> = views
-        .filter_map(|view| match frame_number(&view.name)? {
-            "" => Some(0),
-            digits => digits.parse().ok(),
-        })
+    let names: Vec<&str> = views.map(|view| view.name.as_str()).collect();
+    let numbers: Vec<u64> = frame_numbers(&names)
+        .into_iter()
+        .filter_map(|digits| digits?.parse().ok())
         .collect();
     let steps: Vec<u64> = numbers
         .windows(2)
@@ -170,11 +168,11 @@ fn numbers(dataset: &Dataset) -> Option<Finding> {
     let at = steps.iter().position(|&step| step > usual)?;
     let missing: u64 = steps.iter().map(|step| step / usual - 1).sum();
     let text = format!(
-        "frame numbers leave out {missing}: after {} comes {}, but times are given as if frames were evenly spaced",
+        "frame numbers leave out {missing}: after {} comes {}",
         numbers[at],
         numbers[at + 1]
     );
-    let mend = "add the missing frames; motion over a gap is otherwise taken for a leap";
+    let mend = "add the missing frames: motion within the gap is guessed";
     Some(Finding::warning("times", text, mend))
 }
 

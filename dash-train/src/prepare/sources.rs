@@ -144,16 +144,10 @@ pub(super) fn image_times(cameras: &[&[PathBuf]], rate: f64) -> Vec<Vec<f64>> {
         return by_order();
     }
     let numbers = |images: &&[PathBuf]| {
-        let number = |path: &PathBuf| -> Option<u64> {
-            let stem = files::stem(path);
-            let digits = files::frame_number(&stem)?;
-            if digits.is_empty() {
-                Some(0)
-            } else {
-                digits.parse().ok()
-            }
-        };
-        let numbers = images.iter().map(number).collect::<Option<Vec<u64>>>()?;
+        let stems: Vec<String> = images.iter().map(|path| files::stem(path)).collect();
+        let numbers = files::frame_numbers(&stems).into_iter();
+        let numbers: Option<Vec<u64>> = numbers.map(|digits| digits?.parse().ok()).collect();
+        let numbers = numbers?;
         numbers.is_sorted_by(|a, b| a < b).then_some(numbers)
     };
     let Some(numbered) = cameras.iter().map(numbers).collect::<Option<Vec<_>>>() else {

@@ -3,6 +3,7 @@
 mod blender;
 mod colmap;
 mod damaged_videos;
+mod frame_numbers;
 mod llff;
 mod n3dv;
 mod nerfies;

@@ -239,6 +239,11 @@ fn camera_folders_without_images_are_an_error() {
     fixture.refuses(&["cam00.mp4", "none of these"]);
     fixture.write("cam00/images/readme.txt", "no image");
     fixture.refuses(&["1 camera folders without images"]);
+    fixture.write("cam00/images/0000.tif", "");
+    fixture.refuses(&["0000.tif", "only PNG and JPEG"]);
+    fixture.write("poses_bounds.npy", npy_f64(&rows(2)));
+    fixture.image("cam01/images/0000.png", W, H, [0; 3]);
+    fixture.refuses(&["cam00", "0000.tif", "only PNG and JPEG"]);
 }
 
 #[test]

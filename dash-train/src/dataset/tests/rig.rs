@@ -141,6 +141,21 @@ fn one_pose_per_image_is_another_layout() {
 }
 
 #[test]
+fn images_of_other_formats_are_named() {
+    let fixture = Fixture::new();
+    fixture.write("images/left/000.webp", "");
+    let forced = LoadOptions {
+        layout: Some(Layout::Rig),
+        ..LoadOptions::default()
+    };
+    let error = fixture.load_with(&forced).expect_err("none").to_string();
+    assert!(
+        error.contains("000.webp") && error.contains("only PNG and JPEG"),
+        "{error}"
+    );
+}
+
+#[test]
 fn cameras_without_a_pose_are_named_and_poses_without_a_camera_are_not_needed() {
     let fixture = folders();
     let path = |name: &str| format!("{name}.png");
