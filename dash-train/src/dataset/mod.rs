@@ -17,6 +17,7 @@
 //! | `layout.rs`, `options.rs`, `frame_range.rs`, `plan.rs` | which reader, what of it, and from its list to views |
 //! | `sizes.rs`, `view.rs`, `image.rs`, `decode.rs`, `distortion.rs`, `pose.rs`, `files.rs`, `error.rs` | what they share |
 //! | `frames.rs`, `frames/`, `video.rs` | images in memory or made on demand |
+//! | `origin.rs` | how far the world's origin is |
 //! | `poses.rs` | the cameras of a folder whose pictures can't be loaded |
 //! | `image_size.rs`, `fuzzing.rs` | what a header may claim; the parsers by name, for tests |
 
@@ -43,6 +44,7 @@ mod nerfies;
 mod nerfies_camera;
 mod npy;
 mod options;
+mod origin;
 mod plan;
 mod points;
 mod pose;
@@ -73,6 +75,7 @@ pub use frames::FrameStatistics;
 pub(crate) use frames::{bytes_in_words, default_budget};
 pub use layout::Layout;
 pub use options::LoadOptions;
+pub(crate) use origin::FarScene;
 pub(crate) use points::known_point_file;
 pub(crate) use poses::poses_alone;
 pub use view::{Split, View};
@@ -221,6 +224,12 @@ fn load_in(context: &Context) -> Result<Dataset, DatasetError> {
             ),
             "add cameras, or hold out others (or none) with --test-cameras",
         ));
+    }
+    // Those who note what is broken look at this, too.
+    if context.broken.is_none()
+        && let Some(far) = FarScene::of(&parts.views, parts.points.as_ref())
+    {
+        tracing::warn!("{}: {}; {}", path.display(), far.text(), far.mend());
     }
     let name = path.canonicalize().map_err(DatasetError::io(path))?;
     Ok(Dataset {

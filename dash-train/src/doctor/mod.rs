@@ -38,7 +38,7 @@ pub use finding::{Finding, Severity};
 pub use timing::TimedOn;
 
 use crate::dataset::{
-    Dataset, DatasetError, Layout, LoadOptions, Split, View, load_decodable, poses_alone,
+    Dataset, DatasetError, FarScene, Layout, LoadOptions, Split, View, load_decodable, poses_alone,
 };
 use crate::video::{VideoError, write_png};
 use cloud::Cloud;
@@ -189,6 +189,9 @@ fn all_checks(
         verdict.sound,
         verdict.explained,
     ));
+    if let Some(far) = FarScene::of(&dataset.views, dataset.points.as_ref()) {
+        findings.push(Finding::warning("origin", far.text(), &far.mend()));
+    }
     findings.extend(cloud::numbers(dataset, cloud.as_ref()));
     findings.extend(
         cloud

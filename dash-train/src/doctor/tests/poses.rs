@@ -199,3 +199,24 @@ fn doubtful_cameras_are_drawn_in_red() {
     assert!(red(&scene) > 50);
     finds(&scene.examine(), "colours", Fine, &["correlation"]);
 }
+
+#[test]
+fn a_scene_in_map_coordinates_is_told_with_what_to_subtract() {
+    let scene = Scene::bounce();
+    let east = 400_000.0;
+    scene.edit_poses(|rows| rows.iter_mut().for_each(|row| row[3] += east));
+    scene.edit_points(|points| {
+        for position in &mut points.positions {
+            position[0] += east as f32;
+        }
+    });
+    let diagnosis = scene.examine();
+    finds(
+        &diagnosis,
+        "origin",
+        Warning,
+        &["times its size from the origin"],
+    );
+    let mut mends = diagnosis.findings.iter().filter_map(|f| f.mend.as_deref());
+    assert!(mends.any(|mend| mend.starts_with("subtract (400000.")));
+}
