@@ -15,6 +15,8 @@ use dash_kernels::Camera;
 use glam::DMat3;
 use serde::{Deserialize, Serialize};
 
+use crate::dataset::first_bytes::parse_json;
+
 /// The largest image side that is accepted, so that a damaged file can't ask for all memory.
 pub const MAX_CAMERA_SIDE: usize = 16_384;
 /// The largest deviation of `R R^T` from the identity; files round to a few digits.
@@ -107,8 +109,8 @@ pub fn read_cameras(path: &Path) -> Result<Vec<CameraEntry>, CameraFileError> {
         path: path.to_path_buf(),
         found,
     };
-    let value: serde_json::Value = serde_json::from_slice(&text)
-        .map_err(|error| not_a_list(format!("text that is not JSON: {error}")))?;
+    let value: serde_json::Value =
+        parse_json(&text).map_err(|error| not_a_list(format!("text that is not JSON: {error}")))?;
     let serde_json::Value::Array(entries) = value else {
         return Err(not_a_list("another kind of JSON value".into()));
     };

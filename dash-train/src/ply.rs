@@ -8,6 +8,7 @@ use serde::{Deserialize, Serialize};
 use serde_ply::{ElementDef, PlyFormat, PlyReader, PropertyType, ScalarType, SerializeOptions};
 
 use crate::dataset::DatasetError;
+use crate::dataset::first_bytes::refuse_pointer;
 
 /// Colour of points whose file states none.
 const NEUTRAL_GRAY: u8 = 128;
@@ -157,6 +158,7 @@ pub(crate) fn parse(path: &Path, mut bytes: Vec<u8>) -> Result<(PointCloud, usiz
             "export the points again or remove the file",
         )
     };
+    refuse_pointer(path, &bytes, "a PLY point cloud")?;
     let n_bytes = bytes.len();
     let header = PlyReader::from_reader(&bytes[..]).map_err(|e| malformed(e.0.to_string()))?;
     let format = header.header().format;

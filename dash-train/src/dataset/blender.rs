@@ -5,14 +5,15 @@ use std::path::{Path, PathBuf};
 
 use dash_kernels::Camera;
 
-use super::broken::check_any;
+use super::broken::{check_any, readable};
 use super::decode::dimensions;
 use super::distortion::Distortion;
 use super::frames::Source;
+use super::image_files::find_image;
 use super::plan::{Context, Lens, PlannedView};
-use super::points::{Models, find_points};
+use super::points::{Models, find_named_points};
 use super::sizes::Sizes;
-use super::transforms::{Transforms, find_image, parse};
+use super::transforms::{Transforms, parse, parse_any};
 use super::view::Split;
 use super::{DatasetError, Parts, every_eighth, files, pose, times, unposed};
 
@@ -29,6 +30,7 @@ struct Entry {
     name: String,
     camera_name: Option<String>,
     time: Option<f64>,
+    timestep_index: Option<f64>,
     camera: Camera,
     distortion: Distortion,
     listed_in: PathBuf,
@@ -54,23 +56,22 @@ pub(super) fn read(context: &Context) -> Result<Parts, DatasetError> {
         &mut entries,
     )?;
     // Validation views serve only where there are no test views.
-    let held_out = [TEST, VAL]
-        .map(path)
-        .into_iter()
-        .find(|p| first != path(SINGLE) && p.is_file());
+    let mut held_out = None;
+    for file in [TEST, VAL].map(path) {
+        if held_out.is_none() && first != path(SINGLE) && file.is_file() {
+            let listed = parse_any(&file)?;
+            held_out = Some((file, listed)).filter(|(_, listed)| !listed.frames.is_empty());
+        }
+    }
     match held_out {
-        Some(file) => collect(
-            context,
-            &file,
-            &parse(&file)?,
-            true,
-            &mut sizes,
-            &mut entries,
-        )?,
-        None if !hold_out_listed(&transforms, &mut entries) => hold_out_every_eighth(&mut entries),
+        Some((file, listed)) => collect(context, &file, &listed, true, &mut sizes, &mut entries)?,
+        None if !hold_out_listed(context.root, &first, &transforms, &mut entries) => {
+            hold_out_every_eighth(&mut entries);
+        }
         None => {}
     }
     check_any(&first, !entries.is_empty())?;
+    number_times(&mut entries);
     check_times(&entries)?;
     sizes.warn(&first);
     let stated: Vec<f64> = entries.iter().map(|e| e.time.unwrap_or(0.0)).collect();
@@ -88,6 +89,10 @@ pub(super) fn read(context: &Context) -> Result<Parts, DatasetError> {
     entries.retain(|_| time_of.next().is_some_and(Option::is_some));
     let (camera_of, camera_names) = cameras(&entries);
     let n_cameras = camera_names.len();
+    let is_timed = entries.iter().any(|entry| entry.time.is_some());
+    if let Some(doubt) = at_one_instant(&camera_of, &camera_names).filter(|_| !is_timed) {
+        tracing::warn!("{}: {doubt}", first.display());
+    }
     if context.options.test_cameras.is_some() {
         let held_out = context.options.held_out(vec![false; n_cameras])?;
         for (entry, &camera) in entries.iter_mut().zip(&camera_of) {
@@ -112,12 +117,8 @@ pub(super) fn read(context: &Context) -> Result<Parts, DatasetError> {
             camera: entry.camera,
         });
     }
-    let named = transforms
-        .ply_file_path
-        .as_deref()
-        .map(|name| files::confined(context.root, name, &first))
-        .transpose()?;
-    let points = find_points(context.root, named.as_deref(), Models::Own)?;
+    let named = (transforms.ply_file_path.as_deref(), first.as_path());
+    let points = find_named_points(context.root, named, Models::Own)?;
     let views = context.load_views(planned)?;
     Ok(Parts {
         views,
@@ -137,13 +138,14 @@ fn collect(
 ) -> Result<(), DatasetError> {
     for frame in &transforms.frames {
         let file = files::confined(context.root, &frame.file_path, listed_in)?;
-        let file = find_image(file, listed_in)?;
-        if context.options.skip_broken
-            && let Err(error) = dimensions(&file)
-        {
-            tracing::warn!("left out the frame {}: {error}", frame.file_path);
-            continue;
+        let mut found = find_image(file, listed_in);
+        if context.options.skip_broken {
+            found = found.and_then(|file| dimensions(&file).map(|_| file));
         }
+        let name = format!("the frame {}", frame.file_path);
+        let Some(file) = readable(context, &name, found)? else {
+            continue;
+        };
         let (camera, distortion) = transforms.camera(listed_in, frame, || dimensions(&file))?;
         let finite = distortion.is_finite() && frame.time.is_none_or(f64::is_finite);
         if !finite {
@@ -161,6 +163,7 @@ fn collect(
             file,
             camera_name: frame.camera_name().map(str::to_string),
             time: frame.time,
+            timestep_index: frame.timestep_index(),
             camera,
             distortion,
             listed_in: listed_in.to_path_buf(),
@@ -171,7 +174,12 @@ fn collect(
 }
 
 /// Holds out the frames that nerfstudio's lists name; `false` when they name none of them.
-fn hold_out_listed(transforms: &Transforms, entries: &mut [Entry]) -> bool {
+fn hold_out_listed(
+    root: &Path,
+    listed_in: &Path,
+    transforms: &Transforms,
+    entries: &mut [Entry],
+) -> bool {
     let mut held_out = false;
     for list in [&transforms.test_filenames, &transforms.val_filenames] {
         if held_out {
@@ -179,8 +187,8 @@ fn hold_out_listed(transforms: &Transforms, entries: &mut [Entry]) -> bool {
         }
         let names: HashSet<String> = list
             .iter()
-            .filter_map(|name| files::confine(name))
-            .map(|path| entry_name(&path))
+            .filter_map(|name| files::confined(root, name, listed_in).ok())
+            .map(|path| entry_name(path.strip_prefix(root).unwrap_or(&path)))
             .collect();
         for entry in entries.iter_mut() {
             entry.held_out = names.contains(&entry.name);
@@ -203,6 +211,27 @@ fn hold_out_every_eighth(entries: &mut [Entry]) {
     for (index, held_out) in order.into_iter().zip(every_eighth(entries.len())) {
         entries[index].held_out = held_out;
     }
+}
+
+/// Takes the numbers of the times where no frame has a time and each has a number.
+fn number_times(entries: &mut [Entry]) {
+    let is_numbered = |entry: &Entry| entry.time.is_none() && entry.timestep_index.is_some();
+    if entries.iter().all(is_numbered) {
+        for entry in entries {
+            entry.time = entry.timestep_index;
+        }
+    }
+}
+
+/// What there is to say where no frame has a time, and a camera has several.
+fn at_one_instant(camera_of: &[usize], names: &[String]) -> Option<String> {
+    let count = |camera: usize| camera_of.iter().filter(|&&of| of == camera).count();
+    let (n, name) = (0..names.len())
+        .map(|camera| (count(camera), &names[camera]))
+        .find(|(n, _)| *n > 1)?;
+    Some(format!(
+        "no frame has a `time`, and {name} has {n} pictures: all are taken as one instant"
+    ))
 }
 
 /// Either every frame has a time or none has.
@@ -233,4 +262,17 @@ fn cameras(entries: &[Entry]) -> (Vec<usize>, Vec<String>) {
     let index = |name| names.binary_search_by(|other| files::natural_cmp(other, name));
     let indices = stated.iter().map(|name| index(name).unwrap_or_default());
     (indices.collect(), names)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn several_pictures_of_a_camera_without_times_are_told() {
+        let names = ["left".to_string(), "right".to_string()];
+        assert_eq!(at_one_instant(&[0, 1], &names), None);
+        let said = at_one_instant(&[0, 1, 1], &names).expect("two of one camera");
+        assert!(said.contains("right has 2 pictures"), "{said}");
+    }
 }

@@ -45,6 +45,31 @@ pub(super) fn keep_readable<T>(
     }
 }
 
+/// What could be read of what is named; `None` where it is left out, which is noted or said as in
+/// [`keep_readable`].
+///
+/// # Errors
+/// The reason, when it is not to be skipped.
+pub(super) fn readable<T>(
+    context: &Context,
+    name: &str,
+    result: Result<T, DatasetError>,
+) -> Result<Option<T>, DatasetError> {
+    match (result, &context.broken) {
+        (Ok(value), _) => Ok(Some(value)),
+        (Err(error), _) if !context.options.skip_broken => Err(error),
+        (Err(error), Some(broken)) => {
+            let mut broken = broken.lock().unwrap_or_else(PoisonError::into_inner);
+            broken.push(error);
+            Ok(None)
+        }
+        (Err(error), None) => {
+            tracing::warn!("left out {name}: {error}");
+            Ok(None)
+        }
+    }
+}
+
 /// Refuses a dataset of which nothing is left.
 pub(super) fn check_any(listed_in: &Path, any: bool) -> Result<(), DatasetError> {
     if any {

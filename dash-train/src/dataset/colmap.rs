@@ -2,8 +2,10 @@
 
 use std::collections::HashMap;
 
+use super::broken::{check_any, readable};
 use super::colmap_model::{MODEL_FOLDERS, Registered, model_folder, read_model, warn_of_larger};
 use super::frames::Source;
+use super::image_files::find_image;
 use super::plan::{Context, Lens, PlannedView};
 use super::points::{Models, find_points};
 use super::sizes::Sizes;
@@ -42,14 +44,10 @@ pub(super) fn read(context: &Context) -> Result<Parts, DatasetError> {
             distortion,
         } = image;
         let file = files::confined(&folder, &name, &model.images_file)?;
-        if !file.is_file() {
-            return Err(DatasetError::invalid(
-                &model.images_file,
-                format!("the image {}", file.display()),
-                format!("no such file for image `{name}`"),
-                "put the image there, or export the model again",
-            ));
-        }
+        let found = find_image(file, &model.images_file);
+        let Some(file) = readable(context, &format!("the image {name}"), found)? else {
+            continue;
+        };
         let camera = sizes.fit(camera, &file);
         let lens_of = (camera_id, camera.width, camera.height);
         let lens = match lenses.get(&lens_of) {
@@ -77,6 +75,7 @@ pub(super) fn read(context: &Context) -> Result<Parts, DatasetError> {
     sizes.warn(&model.cameras_file);
     let posed = planned.iter().map(|view| view.source.path().to_path_buf());
     unposed::warn_of_more(context, &model.images_file, &posed.collect(), true);
+    check_any(&model.images_file, !planned.is_empty())?;
     let points = find_points(context.root, None, Models::Own)?;
     let views = context.load_views(planned)?;
     Ok(Parts {

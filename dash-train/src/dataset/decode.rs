@@ -7,6 +7,7 @@ use std::path::Path;
 use image::{DynamicImage, ImageDecoder, ImageFormat, ImageReader, Limits};
 
 use super::DatasetError;
+use super::first_bytes::{refuse_pointer, refuse_pointer_file};
 use super::image::{ImageData, RGBA};
 use super::image_size::can_hold_its_pixels;
 
@@ -25,9 +26,10 @@ pub(super) fn header(path: &Path) -> Result<(usize, usize, bool), DatasetError> 
         .and_then(ImageReader::with_guessed_format)
         .map_err(DatasetError::io(path))?;
     reader.limits(limits());
-    let decoder = reader
-        .into_decoder()
-        .map_err(|e| DatasetError::image(path, e))?;
+    let decoder = reader.into_decoder().or_else(|e| {
+        refuse_pointer_file(path, "an image")?;
+        Err(DatasetError::image(path, e))
+    })?;
     let (width, height) = decoder.dimensions();
     let has_alpha = decoder.color_type().has_alpha();
     Ok((width as usize, height as usize, has_alpha))
@@ -93,6 +95,7 @@ pub(super) fn decode_mask(
 
 fn decode_any(path: &Path) -> Result<DynamicImage, DatasetError> {
     let bytes = fs::read(path).map_err(DatasetError::io(path))?;
+    refuse_pointer(path, &bytes, "an image")?;
     let mut reader = ImageReader::new(Cursor::new(&bytes))
         .with_guessed_format()
         .map_err(DatasetError::io(path))?;

@@ -157,9 +157,19 @@ pub(super) fn confine(name: &str) -> Option<PathBuf> {
     (!inside.as_os_str().is_empty() && !name.contains('\0')).then_some(inside)
 }
 
-/// [`confine`] with an error that names the file in which `name` was found.
+/// Where a file that is listed by this name lies below `root`: [`confine`], but backslashes may separate
+/// folders, and a path that is absolute or leaves the folder may lead back into it.
+///
+/// # Errors
+/// Names the file that lists it, when it lies outside.
 pub(super) fn confined(root: &Path, name: &str, listed_in: &Path) -> Result<PathBuf, DatasetError> {
-    let inside = confine(name).ok_or_else(|| {
+    // Elsewhere than on Windows a file may really be called so.
+    let written = match name.contains('\\') && !root.join(name).exists() {
+        true => name.replace('\\', "/"),
+        false => name.to_string(),
+    };
+    let inside = confine(&written).or_else(|| lead_back(root, &written));
+    let inside = inside.ok_or_else(|| {
         DatasetError::invalid(
             listed_in,
             "file names inside the dataset's folder",
@@ -168,6 +178,23 @@ pub(super) fn confined(root: &Path, name: &str, listed_in: &Path) -> Result<Path
         )
     })?;
     Ok(root.join(inside))
+}
+
+/// Where below `root` a path lies that is absolute or leaves the folder; `None` where that is outside,
+/// also by a link.
+fn lead_back(root: &Path, name: &str) -> Option<PathBuf> {
+    if name.is_empty() || name.contains('\0') {
+        return None;
+    }
+    let path = root.join(name);
+    let root = root.canonicalize().ok()?;
+    // The file itself may still lack its extension.
+    let path = path.parent()?.canonicalize().ok()?.join(path.file_name()?);
+    if path.exists() && !path.canonicalize().ok()?.starts_with(&root) {
+        return None;
+    }
+    let inside = path.strip_prefix(&root).ok()?;
+    (!inside.as_os_str().is_empty()).then(|| inside.to_path_buf())
 }
 
 #[cfg(test)]
@@ -245,6 +272,45 @@ mod tests {
             "x\0.png",
         ] {
             assert!(confine(bad).is_none(), "{bad:?}");
+        }
+    }
+
+    #[test]
+    fn paths_of_windows_and_paths_that_lead_back_are_found_inside() {
+        let folder = tempfile::tempdir().expect("temporary folder");
+        let root = folder.path().join("scene");
+        fs::create_dir_all(root.join("images")).expect("folders");
+        fs::create_dir_all(folder.path().join("other")).expect("folders");
+        let find = |name: &str| confined(&root, name, Path::new("transforms.json")).ok();
+        let absolute = root.join("images/a.png");
+        let absolute = absolute.to_str().expect("a name in UTF-8");
+        for name in [
+            "images\\a.png",
+            ".\\images\\a.png",
+            "../scene/images/a.png",
+            "images/../../scene/images/a.png",
+            absolute,
+        ] {
+            let expected = Some(root.join("images/a.png"));
+            assert_eq!(find(name), expected, "{name}");
+        }
+        let outside = folder.path().join("other/a.png");
+        fs::write(&outside, "").expect("writes");
+        for name in [
+            "../other/a.png",
+            "..\\other\\a.png",
+            outside.to_str().expect("a name in UTF-8"),
+            "../scene",
+            "nowhere/../../scene/a.png",
+        ] {
+            assert_eq!(find(name), None, "{name}");
+        }
+        #[cfg(unix)]
+        {
+            fs::write(root.join("b\\c.png"), "").expect("writes");
+            assert_eq!(find("b\\c.png"), Some(root.join("b\\c.png")));
+            std::os::unix::fs::symlink(&outside, root.join("link.png")).expect("a link");
+            assert_eq!(find("../scene/link.png"), None);
         }
     }
 }

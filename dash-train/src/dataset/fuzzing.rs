@@ -3,6 +3,7 @@
 use std::path::Path;
 
 use super::colmap_model::{ModelCamera, ModelImage, pinhole, place};
+use super::first_bytes::parse_json;
 use super::nerfies_camera::CameraFile;
 use super::plan::Lens;
 use super::{
@@ -33,7 +34,7 @@ pub fn technicolor(_: &Path, bytes: &[u8]) -> bool {
 /// A camera of a Nerfies capture, and its lens.
 pub fn nerfies_camera(_: &Path, bytes: &[u8]) -> bool {
     let path = Path::new("camera/000001.json");
-    serde_json::from_slice::<CameraFile>(bytes).is_ok_and(|file| {
+    parse_json::<CameraFile>(bytes).is_ok_and(|file| {
         file.camera(path, |position| position)
             .and_then(|(camera, distortion)| Lens::new(distortion, &camera, path))
             .is_ok()

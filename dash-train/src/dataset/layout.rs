@@ -92,8 +92,8 @@ impl Layout {
             Err(DatasetError::invalid(
                 root,
                 "poses_bounds.npy (n3dv), transforms_train.json or transforms.json (blender, rig), \
-                 sparse/0/cameras.bin (colmap, rig), dataset.json and camera/ (nerfies) or \
-                 cameras_parameters.txt (technicolor)",
+                 sparse/0/cameras.bin (colmap, rig), dataset.json, metadata.json and camera/ (nerfies) \
+                 or cameras_parameters.txt (technicolor)",
                 found,
                 "check the path, or choose the layout with --layout",
             ))

@@ -17,7 +17,7 @@
 //! | `layout.rs`, `options.rs`, `frame_range.rs`, `plan.rs` | which reader, what of it, and from its list to views |
 //! | `sizes.rs`, `view.rs`, `image.rs`, `decode.rs`, `distortion.rs`, `pose.rs`, `files.rs`, `error.rs` | what they share |
 //! | `frames.rs`, `frames/`, `video.rs` | images in memory or made on demand |
-//! | `origin.rs` | how far the world's origin is |
+//! | `image_files.rs`, `first_bytes.rs`, `origin.rs` | which files are meant, and what is odd about them or their world |
 //! | `poses.rs` | the cameras of a folder whose pictures can't be loaded |
 //! | `image_size.rs`, `fuzzing.rs` | what a header may claim; the parsers by name, for tests |
 
@@ -32,10 +32,12 @@ mod decode;
 pub(crate) mod distortion;
 mod error;
 pub(crate) mod files;
+pub(crate) mod first_bytes;
 mod frame_range;
 mod frames;
 pub(crate) mod fuzzing;
 mod image;
+mod image_files;
 mod image_size;
 pub(crate) mod known_poses;
 mod layout;

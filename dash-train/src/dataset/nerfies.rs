@@ -9,13 +9,14 @@ use dash_kernels::Camera;
 use serde::Deserialize;
 use serde::de::DeserializeOwned;
 
-use super::broken::check_any;
+use super::broken::{check_any, readable};
 use super::decode::dimensions;
+use super::first_bytes::parse_json;
+use super::image_files::{find_image, instead_of_images};
 use super::nerfies_camera::CameraFile;
 use super::npy::parse_points;
 use super::plan::{Context, Lens, PlannedView};
 use super::points::{Models, colored, find_points};
-use super::transforms::find_image;
 use super::view::Split;
 use super::{DatasetError, Parts, every_eighth, files, frames, pose, sources, times};
 
@@ -57,8 +58,8 @@ impl Id {
 /// An entry of `metadata.json`; `warp_id` is the time of captures without `time_id`.
 #[derive(Deserialize)]
 struct Metadata {
-    time_id: Option<u32>,
-    warp_id: Option<u32>,
+    time_id: Option<f64>,
+    warp_id: Option<f64>,
 }
 
 /// `scene.json`: world points `p` are used as `(p - center) * scale`.
@@ -141,7 +142,7 @@ pub(super) fn read(context: &Context) -> Result<Parts, DatasetError> {
 
 fn read_json<T: DeserializeOwned>(path: &Path, expected: &str) -> Result<T, DatasetError> {
     let bytes = fs::read(path).map_err(DatasetError::io(path))?;
-    serde_json::from_slice(&bytes).map_err(|e| {
+    parse_json(&bytes).map_err(|e| {
         DatasetError::invalid(
             path,
             expected,
@@ -212,9 +213,21 @@ fn read_times(path: &Path, ids: &[(String, bool)]) -> Result<Vec<f64>, DatasetEr
     let time = |(id, _): &(String, bool)| {
         let entry = metadata.get(id);
         let number = entry.and_then(|entry| entry.time_id.or(entry.warp_id));
-        number.map(f64::from).ok_or_else(|| {
-            DatasetError::invalid(path, expected, format!("none for `{id}`"), "add it")
-        })
+        match number {
+            Some(number) if number >= 0.0 && number.fract() == 0.0 => Ok(number),
+            Some(number) => Err(DatasetError::invalid(
+                path,
+                "whole numbers of times from 0 on",
+                format!("{number} for `{id}`"),
+                "number the times",
+            )),
+            None => Err(DatasetError::invalid(
+                path,
+                expected,
+                format!("none for `{id}`"),
+                "add it",
+            )),
+        }
     };
     ids.iter().map(time).collect()
 }
@@ -227,17 +240,21 @@ fn image_folder(root: &Path) -> Result<PathBuf, DatasetError> {
         .filter_map(|name| Some((name.strip_suffix('x')?.parse().ok()?, name)))
         .collect();
     scales.sort();
-    for (_, name) in scales {
+    for (_, name) in &scales {
         let scaled = folder.join(name);
         if scaled.is_dir() && !files::list_images(&scaled)?.is_empty() {
             return Ok(scaled);
         }
     }
+    let found = match scales.first() {
+        Some((_, name)) if folder.join(name).is_dir() => instead_of_images(&folder.join(name))?,
+        _ => "none".into(),
+    };
     Err(DatasetError::invalid(
         &folder,
         "images in 1x, 2x, 4x or so",
-        "none",
-        "put the images there",
+        found,
+        "put the images there, as PNG or JPEG",
     ))
 }
 
@@ -253,14 +270,9 @@ fn read_item(
     let camera_folder = context.root.join(CAMERA_FOLDER);
     let camera_file = files::confined(&camera_folder, &format!("{id}.json"), &listed_in)?;
     let file = files::confined(folder, &id, &listed_in)?;
-    let file = find_image(file, &listed_in)?;
-    let size = match dimensions(&file) {
-        Ok(size) => size,
-        Err(error) if context.options.skip_broken => {
-            tracing::warn!("left out the view {id}: {error}");
-            return Ok(None);
-        }
-        Err(error) => return Err(error),
+    let found = find_image(file, &listed_in).and_then(|file| Ok((dimensions(&file)?, file)));
+    let Some((size, file)) = readable(context, &format!("the view {id}"), found)? else {
+        return Ok(None);
     };
     let stated: CameraFile = read_json(&camera_file, "JSON of a Nerfies camera")?;
     let (camera, distortion) = stated.camera(&camera_file, |position| scene.place(position))?;
@@ -280,8 +292,7 @@ fn read_positions(root: &Path, scene: &Scene) -> Result<Option<Vec<[f64; 3]>>, D
         return Ok(None);
     }
     let bytes = fs::read(&path).map_err(DatasetError::io(&path))?;
-    let positions = parse_points(&path, &bytes)?;
-    Ok(Some(
-        positions.into_iter().map(|p| scene.place(p)).collect(),
-    ))
+    let positions = parse_points(&path, &bytes)?.into_iter();
+    let placed: Vec<[f64; 3]> = positions.map(|p| scene.place(p)).collect();
+    Ok(Some(placed).filter(|placed| !placed.is_empty()))
 }

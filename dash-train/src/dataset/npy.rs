@@ -5,6 +5,7 @@ use std::path::Path;
 use npyz::{DType, NpyFile, Order, TypeChar};
 
 use super::DatasetError;
+use super::first_bytes::refuse_pointer;
 
 /// Columns of a row of poses: a 3x5 pose and two depth bounds.
 pub(super) const POSE_COLUMNS: usize = 17;
@@ -21,14 +22,15 @@ pub(super) fn parse_poses(
     path: &Path,
     bytes: &[u8],
 ) -> Result<Vec<[f64; POSE_COLUMNS]>, DatasetError> {
-    parse_rows(
-        path,
-        bytes,
-        "[cameras, 17] of f32 or f64 (LLFF poses and bounds)",
-    )
+    let what = "[cameras, 17] of f32 or f64 (LLFF poses and bounds)";
+    let rows = parse_rows(path, bytes, what)?;
+    if rows.is_empty() {
+        return Err(malformed(path, what, "no rows".into()));
+    }
+    Ok(rows)
 }
 
-/// Parses positions of points.
+/// Parses positions of points, of which there may be none.
 pub(super) fn parse_points(path: &Path, bytes: &[u8]) -> Result<Vec<[f64; 3]>, DatasetError> {
     parse_rows(path, bytes, "[points, 3] of f32 or f64 (positions)")
 }
@@ -39,14 +41,8 @@ fn parse_rows<const COLUMNS: usize>(
     bytes: &[u8],
     what: &str,
 ) -> Result<Vec<[f64; COLUMNS]>, DatasetError> {
-    let malformed = |found: String| {
-        DatasetError::invalid(
-            path,
-            format!("a NumPy array {what}"),
-            found,
-            "write it again with `numpy.save`",
-        )
-    };
+    refuse_pointer(path, bytes, &format!("a NumPy array {what}"))?;
+    let malformed = |found: String| malformed(path, what, found);
     check_header(bytes).map_err(malformed)?;
     let mut rest = bytes;
     let npy = NpyFile::new(&mut rest).map_err(|e| malformed(e.to_string()))?;
@@ -65,9 +61,6 @@ fn parse_rows<const COLUMNS: usize>(
     };
     if columns != COLUMNS as u64 {
         return Err(malformed(format!("shape {shape:?}")));
-    }
-    if n == 0 {
-        return Err(malformed("no rows".into()));
     }
     let header = npy.header().clone();
     drop(npy);
@@ -94,6 +87,15 @@ fn parse_rows<const COLUMNS: usize>(
         })
     };
     Ok((0..n).map(row).collect())
+}
+
+fn malformed(path: &Path, what: &str, found: String) -> DatasetError {
+    DatasetError::invalid(
+        path,
+        format!("a NumPy array {what}"),
+        found,
+        "write it again with `numpy.save`",
+    )
 }
 
 /// Refuses headers that the parser behind `npyz` would allocate, recurse or panic on.

@@ -82,6 +82,31 @@ pub(super) fn find_points(
     }
 }
 
+/// [`find_points`] where poses may name the file of points; none where they name one that is not there,
+/// which is said in a warning.
+///
+/// # Errors
+/// As [`find_points`], and when the file lies outside the dataset's folder.
+pub(super) fn find_named_points(
+    root: &Path,
+    (name, listed_in): (Option<&str>, &Path),
+    models: Models,
+) -> Result<Option<PointCloud>, DatasetError> {
+    let Some(name) = name else {
+        return find_points(root, None, models);
+    };
+    let file = files::confined(root, name, listed_in)?;
+    if !file.is_file() {
+        tracing::warn!(
+            "{}: not there, although it is named by ply_file_path in {}: training starts without points",
+            file.display(),
+            listed_in.display()
+        );
+        return Ok(None);
+    }
+    find_points(root, Some(&file), models)
+}
+
 /// The first of the models that are made of one frame each.
 fn first_frames_model(root: &Path) -> Result<Option<PathBuf>, DatasetError> {
     let of_frame = |name: &String| {

@@ -7,6 +7,7 @@ use dash_kernels::Camera;
 
 use super::colmap_model::{MODEL_FOLDERS, model_folder, read_model};
 use super::decode::dimensions;
+use super::image_files::find_image;
 use super::{DatasetError, Layout, blender, n3dv, transforms};
 
 /// Taken where neither the poses nor a picture say how large pictures are.
@@ -52,7 +53,7 @@ fn of_transforms(root: &Path) -> Result<Vec<Camera>, DatasetError> {
         for frame in &listed.frames {
             let file = super::files::confined(root, &frame.file_path, &path)?;
             let size = || {
-                let found = transforms::find_image(file, &path).and_then(|file| dimensions(&file));
+                let found = find_image(file, &path).and_then(|file| dimensions(&file));
                 Ok(found.unwrap_or(UNKNOWN_SIZE))
             };
             cameras.push(listed.camera(&path, frame, size)?.0);

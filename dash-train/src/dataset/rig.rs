@@ -6,7 +6,7 @@ use std::path::Path;
 use super::broken::first_size;
 use super::colmap_model::{Model, model_folder, read_model, warn_of_larger};
 use super::plan::Context;
-use super::points::{Models, find_points};
+use super::points::{Models, find_named_points};
 use super::sources::{self, FrameFile, Frames, RigCamera, Source, VIDEO_EXTENSIONS};
 use super::transforms::{self, Transforms};
 use super::{DatasetError, Parts, files, video};
@@ -51,17 +51,13 @@ pub(super) fn read(context: &Context) -> Result<Parts, DatasetError> {
     let root = context.root;
     let sources = cameras(root)?;
     let file = root.join(TRANSFORMS_FILE);
-    let mut named = None;
+    let mut point_file = None;
     let mut models = Models::Rig;
     let cameras = if file.is_file() {
         // Tools that write this file may turn or scale COLMAP's world.
         models = Models::Own;
         let transforms = transforms::parse(&file)?;
-        named = transforms
-            .ply_file_path
-            .as_deref()
-            .map(|name| files::confined(root, name, &file))
-            .transpose()?;
+        point_file = transforms.ply_file_path.clone();
         pose_by_transforms(context, sources, &file, &transforms)?
     } else if let Some(sparse) = model_folder(root, &MODEL_FOLDERS) {
         let model = read_model(&sparse)?;
@@ -79,7 +75,7 @@ pub(super) fn read(context: &Context) -> Result<Parts, DatasetError> {
     let held_out = context
         .options
         .held_out((0..n_cameras).map(|index| index == 0).collect())?;
-    let points = find_points(root, named.as_deref(), models)?;
+    let points = find_named_points(root, (point_file.as_deref(), &file), models)?;
     let (views, n_frames) = sources::load(context, &cameras, &held_out)?;
     Ok(Parts {
         views,

@@ -1,13 +1,14 @@
 //! The `transforms*.json` files of NeRF, D-NeRF, instant-ngp and nerfstudio.
 
 use std::fs;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 use dash_kernels::Camera;
 use serde::Deserialize;
 
 use super::decode::MAX_IMAGE_SIDE;
 use super::distortion::Distortion;
+use super::first_bytes::parse_json;
 use super::{DatasetError, pose};
 
 /// One file.
@@ -31,6 +32,8 @@ pub(super) struct Transforms {
 pub(super) struct Frame {
     pub(super) file_path: String,
     pub(super) time: Option<f64>,
+    /// The number of the time, in captures without `time`.
+    timestep_index: Option<serde_json::Value>,
     /// The camera's name, where `dash prepare` wrote the file; what others may mean by it is skipped.
     camera_name: Option<serde_json::Value>,
     /// Camera to world, OpenGL axes, rows; 4x4 or 3x4.
@@ -65,18 +68,29 @@ impl Frame {
     pub(super) fn camera_name(&self) -> Option<&str> {
         self.camera_name.as_ref()?.as_str()
     }
+
+    /// The number of the time, where the file states one.
+    pub(super) fn timestep_index(&self) -> Option<f64> {
+        self.timestep_index.as_ref()?.as_f64()
+    }
 }
 
-pub(super) fn parse(path: &Path) -> Result<Transforms, DatasetError> {
+/// Reads a file, which may list no frames.
+pub(super) fn parse_any(path: &Path) -> Result<Transforms, DatasetError> {
     let bytes = fs::read(path).map_err(DatasetError::io(path))?;
-    let transforms: Transforms = serde_json::from_slice(&bytes).map_err(|e| {
+    parse_json(&bytes).map_err(|e| {
         DatasetError::invalid(
             path,
             "JSON with `frames`, each with `file_path` and `transform_matrix`",
             e.to_string(),
             "mend the file or write it again",
         )
-    })?;
+    })
+}
+
+/// Reads a file with at least one frame.
+pub(super) fn parse(path: &Path) -> Result<Transforms, DatasetError> {
+    let transforms = parse_any(path)?;
     if transforms.frames.is_empty() {
         return Err(DatasetError::invalid(
             path,
@@ -196,27 +210,4 @@ fn check_model(own: &Intrinsics, shared: &Intrinsics) -> Result<(), String> {
         }
         _ => Ok(()),
     }
-}
-
-/// The image a frame names, with or without extension.
-pub(super) fn find_image(file: PathBuf, listed_in: &Path) -> Result<PathBuf, DatasetError> {
-    if file.is_file() {
-        return Ok(file);
-    }
-    let completed = super::files::IMAGE_EXTENSIONS.iter().map(|extension| {
-        let mut name = file.clone().into_os_string();
-        name.push(format!(".{extension}"));
-        PathBuf::from(name)
-    });
-    completed
-        .into_iter()
-        .find(|path| path.is_file())
-        .ok_or_else(|| {
-            DatasetError::invalid(
-                listed_in,
-                format!("the image {} (or with .png, .jpg, .jpeg)", file.display()),
-                "no such file",
-                "put the image there or remove its frame",
-            )
-        })
 }

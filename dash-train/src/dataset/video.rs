@@ -13,6 +13,7 @@ use std::thread;
 
 use super::DatasetError;
 use super::decode::MAX_IMAGE_SIDE;
+use super::first_bytes::refuse_pointer_file;
 use super::image::ImageData;
 use crate::video::ffmpeg_program;
 
@@ -57,6 +58,9 @@ pub(super) fn decode_frames(
 /// Width and height of the video's frames, as they are shown; also of one whose first pictures are
 /// damaged, where that is to be skipped.
 pub(super) fn frame_size(path: &Path, skip_broken: bool) -> Result<(usize, usize), DatasetError> {
+    if !skip_broken {
+        refuse_pointer_file(path, "a video")?;
+    }
     let program = ffmpeg_program();
     let mut size = None;
     let first = Part {

@@ -116,7 +116,16 @@ fn pictures(dataset: &Dataset) -> Finding {
 fn times(dataset: &Dataset) -> Option<Finding> {
     if dataset.is_static() {
         let text = "one time only: the scene is taken as static";
-        return Some(Finding::note("times", text));
+        let mut seen = BTreeSet::new();
+        let again = dataset.views.iter().find(|v| !seen.insert(v.camera_index));
+        return Some(match again {
+            None => Finding::note("times", text),
+            Some(view) => Finding::warning(
+                "times",
+                format!("{text}, although {} has several pictures", view.camera_name),
+                "unless nothing moves, give every frame a `time`",
+            ),
+        });
     }
     let mut times: Vec<f64> = dataset.views.iter().map(|v| f64::from(v.time)).collect();
     times.sort_by(f64::total_cmp);

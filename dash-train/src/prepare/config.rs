@@ -8,6 +8,7 @@ use clap::ValueEnum;
 
 use super::PrepareError;
 use super::frames::FrameSize;
+use crate::dataset::first_bytes::parse_json;
 
 /// COLMAP's camera models that datasets are read with.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, ValueEnum)]
@@ -194,7 +195,7 @@ pub(super) fn read_offsets(path: &Path, names: &[String]) -> Result<Vec<f64>, Pr
         )
     };
     let offsets: BTreeMap<String, f64> =
-        serde_json::from_slice(&bytes).map_err(|e| malformed(e.to_string()))?;
+        parse_json(&bytes).map_err(|e| malformed(e.to_string()))?;
     if let Some(unknown) = offsets.keys().find(|name| !names.contains(name)) {
         return Err(malformed(format!(
             "`{unknown}`, which is no camera of the input"

@@ -25,13 +25,13 @@ pub(super) fn frame(path: &str, time: f64, camera_index: usize) -> Value {
     json!({"file_path": path, "time": time, "transform_matrix": matrix(&camera(camera_index))})
 }
 
-fn file(frames: &[Value]) -> Value {
+pub(super) fn file(frames: &[Value]) -> Value {
     // The fixture's cameras have fx = 9 at W = 8.
     json!({"camera_angle_x": 2.0 * (4.0f64 / 9.0).atan(), "frames": frames})
 }
 
 /// D-NeRF: RGBA images without extension in the JSON, cameras 0, 1, 0 | 2.
-fn dnerf() -> Fixture {
+pub(super) fn dnerf() -> Fixture {
     let fixture = Fixture::new();
     let train = [
         frame("./train/r_0", 0.0, 0),

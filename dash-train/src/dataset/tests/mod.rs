@@ -4,6 +4,7 @@ mod blender;
 mod colmap;
 mod damaged_videos;
 mod frame_numbers;
+mod listed;
 mod llff;
 mod n3dv;
 mod nerfies;

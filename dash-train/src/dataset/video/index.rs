@@ -8,6 +8,7 @@ use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 
 use super::super::DatasetError;
+use super::super::first_bytes::refuse_pointer_file;
 use super::{Part, failed, frame_size, without_addresses};
 use crate::video::ffprobe_program;
 
@@ -46,6 +47,7 @@ impl VideoIndex {
     /// # Errors
     /// When `ffprobe` or `ffmpeg` is missing, or the file is no video.
     pub(in super::super) fn read(path: &Path, skip_broken: bool) -> Result<Self, DatasetError> {
+        refuse_pointer_file(path, "a video")?;
         let listing = probe(path)?;
         let (packets, start) = parse(&listing).map_err(|what| failed(path, what))?;
         let size = frame_size(path, skip_broken)?;

@@ -215,7 +215,7 @@ fn what_cannot_be_loaded_is_a_finding_and_poses_are_checked_all_the_same() {
     let blender = Scene::new(SceneKind::Bounce, SynthLayout::Blender);
     fs::remove_file(blender.root().join("train/r_0003.png")).expect("removed");
     let diagnosis = blender.examine();
-    finds(&diagnosis, "load", Severity::Error, &["r_0003"]);
+    finds(&diagnosis, "frames", Severity::Error, &["r_0003"]);
     finds(&diagnosis, "poses", Severity::Ok, &["axes meet"]);
 
     let nowhere = examine(&scene.root().join("nowhere"), &LoadOptions::default(), None);
@@ -236,6 +236,18 @@ fn undecodable_pictures_are_all_named_and_the_rest_is_examined() {
     }
     else_clean(&diagnosis, &["frames"]);
     finds(&diagnosis, "colours", Severity::Ok, &[]);
+}
+
+#[test]
+fn pictures_of_one_camera_without_times_are_told() {
+    let scene = Scene::new(SceneKind::Bounce, SynthLayout::Blender);
+    for name in ["transforms_train.json", "transforms_test.json"] {
+        let path = scene.root().join(name);
+        let text = fs::read_to_string(&path).expect("transforms");
+        fs::write(&path, text.replace("\"time\"", "\"hour\"")).expect("writes");
+    }
+    let words = ["taken as static, although", "has several pictures"];
+    finds(&scene.examine(), "times", Severity::Warning, &words);
 }
 
 #[test]
