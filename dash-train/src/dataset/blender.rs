@@ -13,7 +13,7 @@ use super::image_files::find_image;
 use super::plan::{Context, Lens, PlannedView};
 use super::points::{Models, find_named_points};
 use super::sizes::Sizes;
-use super::transforms::{Transforms, parse, parse_any};
+use super::transforms::{Frame, Transforms, parse, parse_any};
 use super::view::Split;
 use super::{DatasetError, Parts, every_eighth, files, pose, times, unposed};
 
@@ -27,6 +27,7 @@ pub(super) const FILES: [&str; 2] = [TRAIN, SINGLE];
 /// A frame of any of the files.
 struct Entry {
     file: PathBuf,
+    mask: Option<PathBuf>,
     name: String,
     camera_name: Option<String>,
     time: Option<f64>,
@@ -108,6 +109,7 @@ pub(super) fn read(context: &Context) -> Result<Parts, DatasetError> {
         planned.push(PlannedView {
             lens: Lens::new(entry.distortion, &entry.camera, &entry.listed_in)?,
             source: Source::File(entry.file),
+            mask: entry.mask,
             name: entry.name,
             camera_name: camera_names[camera_index].clone(),
             camera_index,
@@ -136,6 +138,7 @@ fn collect(
     sizes: &mut Sizes,
     entries: &mut Vec<Entry>,
 ) -> Result<(), DatasetError> {
+    let mut lacking_masks = 0;
     for frame in &transforms.frames {
         let file = files::confined(context.root, &frame.file_path, listed_in)?;
         let mut found = find_image(file, listed_in);
@@ -157,9 +160,12 @@ fn collect(
             ));
         }
         let camera = sizes.fit(camera, &file);
+        let mask = named_mask(context.root, frame, listed_in);
+        lacking_masks += usize::from(mask.is_none() && frame.mask_path().is_some());
         let inside = file.strip_prefix(context.root).unwrap_or(&file);
         entries.push(Entry {
             name: entry_name(inside),
+            mask,
             file,
             camera_name: frame.camera_name().map(str::to_string),
             time: frame.time,
@@ -170,7 +176,19 @@ fn collect(
             held_out,
         });
     }
+    if lacking_masks > 0 {
+        tracing::warn!(
+            "{}: {lacking_masks} masks named by mask_path are not there; masks/NAME.png is looked for instead",
+            listed_in.display()
+        );
+    }
     Ok(())
+}
+
+/// The mask that a frame names, where it is there.
+fn named_mask(root: &Path, frame: &Frame, listed_in: &Path) -> Option<PathBuf> {
+    let mask = files::confined(root, frame.mask_path()?, listed_in).ok()?;
+    mask.is_file().then_some(mask)
 }
 
 /// Holds out the frames that nerfstudio's lists name; `false` when they name none of them.

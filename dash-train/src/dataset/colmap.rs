@@ -70,6 +70,7 @@ pub(super) fn read(context: &Context) -> Result<Parts, DatasetError> {
             split: Split::held_out(held_out[camera_index]),
             camera,
             lens,
+            mask: None,
         });
     }
     sizes.warn(&model.cameras_file);

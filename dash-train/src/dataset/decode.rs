@@ -14,6 +14,9 @@ use super::image_size::can_hold_its_pixels;
 /// Largest side of an image that is read.
 pub(super) const MAX_IMAGE_SIDE: u32 = 16_384;
 
+/// Brightest value of a mask whose pixels are numbers, 0 for no and 1 for yes, and not shades.
+const YES: u8 = 1;
+
 /// An image's width and height from its header.
 pub(crate) fn dimensions(path: &Path) -> Result<(usize, usize), DatasetError> {
     let (width, height, _) = header(path)?;
@@ -88,6 +91,14 @@ pub(super) fn decode_mask(
             format!("a mask of the image's size {}x{}", full_size.0, full_size.1),
             format!("{}x{}", found.0, found.1),
             "write the mask again or remove it",
+        ));
+    }
+    if decoded.iter().max() == Some(&YES) {
+        return Err(DatasetError::invalid(
+            path,
+            "a mask in black and white (0 and 255)",
+            format!("values up to {YES}, which are all black"),
+            "multiply by 255",
         ));
     }
     Ok(ImageData::from_rgb(found.0, found.1, decoded.into_raw()))
@@ -216,5 +227,27 @@ mod tests {
         assert_eq!(mask(2, 1, false), [255, 255]);
         assert_eq!(mask(1, 1, false), [255]);
         assert!(decode_mask(&path, (8, 4)).is_err());
+    }
+
+    #[test]
+    fn masks_of_zeros_and_ones_are_refused_and_black_ones_are_not() {
+        let folder = tempfile::tempdir().expect("temporary folder");
+        let path = folder.path().join("m.png");
+        let write = |one: u8| {
+            let mask = image::GrayImage::from_fn(4, 2, |x, _| image::Luma([one * (x % 2) as u8]));
+            mask.save(&path).expect("writes");
+        };
+        write(1);
+        let error = decode_mask(&path, (4, 2)).expect_err("labels").to_string();
+        for words in [
+            "m.png",
+            "(0 and 255), found values up to 1",
+            "multiply by 255",
+        ] {
+            assert!(error.contains(words), "{error}");
+        }
+        write(0);
+        let black = decode_mask(&path, (4, 2)).expect("reads");
+        assert_eq!(black.thresholded(false), [0; 8]);
     }
 }

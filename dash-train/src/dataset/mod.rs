@@ -17,7 +17,7 @@
 //! | `layout.rs`, `options.rs`, `frame_range.rs`, `plan.rs` | which reader, what of it, and from its list to views |
 //! | `sizes.rs`, `view.rs`, `image.rs`, `decode.rs`, `distortion.rs`, `pose.rs`, `files.rs`, `error.rs` | what they share |
 //! | `frames.rs`, `frames/`, `video.rs` | images in memory or made on demand |
-//! | `image_files.rs`, `first_bytes.rs`, `origin.rs` | which files are meant, and what is odd about them or their world |
+//! | `image_files.rs`, `masks.rs`, `first_bytes.rs`, `origin.rs` | which files are meant, and what is odd about them or their world |
 //! | `poses.rs` | the cameras of a folder whose pictures can't be loaded |
 //! | `image_size.rs`, `fuzzing.rs` | what a header may claim; the parsers by name, for tests |
 
@@ -41,6 +41,7 @@ mod image_files;
 mod image_size;
 pub(crate) mod known_poses;
 mod layout;
+pub(crate) mod masks;
 mod n3dv;
 mod nerfies;
 mod nerfies_camera;

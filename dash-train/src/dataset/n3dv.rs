@@ -115,6 +115,7 @@ fn read_llff(
             time: 0.0,
             split: Split::held_out(held_out[camera_index]),
             lens: None,
+            mask: None,
         });
     }
     let points = find_points(context.root, None, Models::Rig)?;

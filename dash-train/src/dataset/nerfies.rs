@@ -126,6 +126,7 @@ pub(super) fn read(context: &Context) -> Result<Parts, DatasetError> {
         split: Split::held_out(item.held_out),
         camera: item.camera,
         lens: item.lens,
+        mask: None,
     });
     let views = context.load_views(planned.collect())?;
     let points = match read_positions(root, &scene)? {

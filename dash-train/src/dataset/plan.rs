@@ -14,13 +14,12 @@ use super::frames::{
     make_all, salvage,
 };
 use super::image::ImageData;
+use super::masks::{self, MASK_FOLDER};
 use super::view::{MotionMask, Split, View};
 use super::{DatasetError, LoadOptions};
 
 /// Folder with masks of what truly moves, which synthetic scenes carry.
 const MOTION_FOLDER: &str = "motion_masks";
-/// Folder with masks of the pixels that count.
-const COUNTED_FOLDER: &str = "masks";
 /// Most threads that make frames ahead of time.
 const MAX_FRAME_THREADS: usize = 4;
 
@@ -36,6 +35,8 @@ pub(super) struct PlannedView {
     /// The camera at the size that the image must have.
     pub(super) camera: Camera,
     pub(super) lens: Option<Lens>,
+    /// The mask of the pixels that count that the poses name, which comes before one in the folder of masks.
+    pub(super) mask: Option<PathBuf>,
 }
 
 /// How to undo a lens's distortion.
@@ -95,6 +96,12 @@ impl<'a> Context<'a> {
             .zip(recipes)
             .filter_map(|(view, recipe)| Some((view, recipe?)))
             .collect();
+        // Those who note what is broken look at the masks of every image.
+        if self.broken.is_none()
+            && let Some(doubt) = self.doubt_masks(&plan)?
+        {
+            tracing::warn!("{}: {doubt}", self.root.display());
+        }
         let total: u64 = plan.iter().map(|(_, recipe)| recipe.bytes()).sum();
         let budget = self.options.memory.unwrap_or_else(default_budget);
         if !self.options.on_demand && total <= budget {
@@ -128,6 +135,23 @@ impl<'a> Context<'a> {
                 self.view(view, &recipe, Pixels::Stored { store, index }, true)
             })
             .collect()
+    }
+
+    /// What there is to say of the masks of a plan.
+    fn doubt_masks(&self, plan: &[(PlannedView, Recipe)]) -> Result<Option<String>, DatasetError> {
+        let size = |recipe: &Recipe| (recipe.camera.width, recipe.camera.height);
+        let masks: Vec<_> = plan
+            .iter()
+            .map(|(_, recipe)| recipe.counted.as_ref().map(|mask| (mask, size(recipe))))
+            .collect();
+        match (masks::doubt(&masks), plan.first()) {
+            (Ok(None), Some((first, _))) if masks.iter().all(Option::is_none) => {
+                Ok(masks::unused_folder(self.root, &first.name))
+            }
+            // Left out below, with its view.
+            (Err(_), _) if self.options.skip_broken => Ok(None),
+            (doubt, _) => doubt,
+        }
     }
 
     /// Makes all images of a plan and keeps of each what `keep` does; with `skip_broken`, of those that
@@ -174,7 +198,9 @@ impl<'a> Context<'a> {
             }
             Source::Video { .. } => false,
         };
-        let counted = self.beside(COUNTED_FOLDER, view).map(|path| CountedMask {
+        let mask = view.mask.clone();
+        let mask = mask.or_else(|| masks::beside(self.root, MASK_FOLDER, view));
+        let counted = mask.map(|path| CountedMask {
             path,
             inverted: self.options.invert_masks,
         });
@@ -189,12 +215,6 @@ impl<'a> Context<'a> {
         })
     }
 
-    /// The picture of the view's name in a folder of masks.
-    fn beside(&self, folder: &str, view: &PlannedView) -> Option<PathBuf> {
-        let file = self.root.join(folder).join(format!("{}.png", view.name));
-        file.is_file().then_some(file)
-    }
-
     fn view(
         &self,
         view: PlannedView,
@@ -204,7 +224,7 @@ impl<'a> Context<'a> {
     ) -> Result<View, DatasetError> {
         let full_size = (view.camera.width, view.camera.height);
         let motion = match view.split {
-            Split::Test => self.beside(MOTION_FOLDER, &view),
+            Split::Test => masks::beside(self.root, MOTION_FOLDER, &view),
             Split::Train => None,
         };
         let motion_mask = motion.map(|path| MotionMask::File(path, full_size));

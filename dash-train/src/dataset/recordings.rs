@@ -66,6 +66,7 @@ pub(super) fn plan(
                 split: Split::held_out(held_out[camera_index]),
                 camera: camera.clone(),
                 lens: lens.clone(),
+                mask: None,
             });
         }
     }

@@ -279,6 +279,7 @@ fn plan(
                 split: Split::held_out(held_out[camera_index]),
                 camera: camera.clone(),
                 lens: lens.clone(),
+                mask: None,
             });
         }
     }

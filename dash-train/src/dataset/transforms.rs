@@ -34,6 +34,8 @@ pub(super) struct Frame {
     pub(super) time: Option<f64>,
     /// The number of the time, in captures without `time`.
     timestep_index: Option<serde_json::Value>,
+    /// The picture of the pixels that count (nerfstudio): white where they do.
+    mask_path: Option<serde_json::Value>,
     /// The camera's name, where `dash prepare` wrote the file; what others may mean by it is skipped.
     camera_name: Option<serde_json::Value>,
     /// Camera to world, OpenGL axes, rows; 4x4 or 3x4.
@@ -72,6 +74,11 @@ impl Frame {
     /// The number of the time, where the file states one.
     pub(super) fn timestep_index(&self) -> Option<f64> {
         self.timestep_index.as_ref()?.as_f64()
+    }
+
+    /// The path of the mask, where the file states one.
+    pub(super) fn mask_path(&self) -> Option<&str> {
+        self.mask_path.as_ref()?.as_str()
     }
 }
 

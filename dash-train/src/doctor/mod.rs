@@ -4,7 +4,7 @@
 //! and gives [`Finding`]s. All checks are deterministic, and look at samples where there is much.
 //!
 //! # Map
-//! - `finding`: a finding; `contents`: layout, counts, sizes, times; `memory`, `timing`.
+//! - `finding`: a finding; `contents`: layout, counts, sizes, times; `masks`, `memory`, `timing`.
 //! - `cloud`: the points and the training box; `agreement`: points against the pictures' colours.
 //! - `poses`: poses by colours and by axes; `conventions`, `misplaced`: mistakes that would explain them.
 //! - `tracks`: one pass over all pictures, for `brightness`, `sync` and `motion`.
@@ -16,6 +16,7 @@ mod cloud;
 mod contents;
 mod conventions;
 mod finding;
+mod masks;
 mod memory;
 mod misplaced;
 mod motion;
@@ -163,6 +164,7 @@ fn all_checks(
     }
     let whole = broken.is_empty() && looked.broken.is_empty();
     findings.extend(contents::contents(dataset, whole));
+    findings.extend(masks::check(dataset, &looked));
     if looked.left_out > 0 {
         let text = format!(
             "the last {} frames of each camera were not looked at",

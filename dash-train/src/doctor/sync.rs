@@ -165,6 +165,7 @@ mod tests {
                     frame,
                     mean: 0.5,
                     brightest: 1.0,
+                    counted: None,
                 })
                 .collect(),
             steps: (1..30).map(step).collect(),

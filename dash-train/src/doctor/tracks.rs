@@ -37,6 +37,8 @@ pub(super) struct Look {
     pub(super) mean: f64,
     /// Brightest pixel of the small picture.
     pub(super) brightest: f32,
+    /// Share of the pixels that count, where there is a mask.
+    pub(super) counted: Option<f64>,
 }
 
 /// What changes between two successive pictures of a track.
@@ -143,8 +145,8 @@ fn follow(
             true => "the carried camera".into(),
             false => view.camera_name.clone(),
         };
-        let rgb = match view.rgb(background) {
-            Ok(rgb) => rgb,
+        let (rgb, counted) = match view.rgb_and_counted(background) {
+            Ok(picture) => picture,
             Err(error) => {
                 broken.push(error);
                 continue;
@@ -155,6 +157,9 @@ fn follow(
             frame: view.frame,
             mean: small.luma.iter().map(|&v| f64::from(v)).sum::<f64>() / small.luma.len() as f64,
             brightest: small.luma.iter().copied().fold(0.0, f32::max),
+            counted: counted.map(|counted| {
+                counted.iter().map(|&c| f64::from(c)).sum::<f64>() / counted.len() as f64
+            }),
         });
         if let Some(before) = &before {
             track.steps.push(before.step_to(&small));

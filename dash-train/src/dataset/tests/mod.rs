@@ -6,6 +6,7 @@ mod damaged_videos;
 mod frame_numbers;
 mod listed;
 mod llff;
+mod masks;
 mod n3dv;
 mod nerfies;
 mod real;

@@ -1,5 +1,6 @@
 //! A clean scene, and the same with one thing damaged, which must be found and named.
 
+mod masks;
 mod pictures;
 mod poses;
 
