@@ -29,8 +29,7 @@ pub(super) fn keep_readable<T>(
             Err(error) if !skip_broken => return Err(error),
             Err(error) => {
                 if let Some(broken) = broken {
-                    let mut broken = broken.lock().unwrap_or_else(PoisonError::into_inner);
-                    broken.push(error);
+                    note(broken, error);
                 } else {
                     tracing::warn!("left out {name}: {error}");
                     first_error.get_or_insert(error);
@@ -59,8 +58,7 @@ pub(super) fn readable<T>(
         (Ok(value), _) => Ok(Some(value)),
         (Err(error), _) if !context.options.skip_broken => Err(error),
         (Err(error), Some(broken)) => {
-            let mut broken = broken.lock().unwrap_or_else(PoisonError::into_inner);
-            broken.push(error);
+            note(broken, error);
             Ok(None)
         }
         (Err(error), None) => {
@@ -68,6 +66,12 @@ pub(super) fn readable<T>(
             Ok(None)
         }
     }
+}
+
+/// Adds to what is broken.
+pub(super) fn note(broken: &Mutex<Vec<DatasetError>>, error: DatasetError) {
+    let mut broken = broken.lock().unwrap_or_else(PoisonError::into_inner);
+    broken.push(error);
 }
 
 /// Refuses a dataset of which nothing is left.

@@ -10,8 +10,8 @@ use super::DatasetError;
 /// Extensions of image files, in the order in which a name without extension is completed.
 pub(super) const IMAGE_EXTENSIONS: [&str; 3] = ["png", "jpg", "jpeg"];
 
-/// Extensions of image files that are not read.
-const OTHER_IMAGE_EXTENSIONS: [&str; 8] =
+/// Extensions of image files that are common and not read.
+pub(super) const UNREAD_EXTENSIONS: [&str; 8] =
     ["webp", "bmp", "tif", "tiff", "gif", "exr", "heic", "avif"];
 
 /// Compares names with runs of digits taken as numbers: `cam2` before `cam10`.
@@ -118,8 +118,8 @@ pub(crate) fn list_images(folder: &Path) -> Result<Vec<PathBuf>, DatasetError> {
 pub(super) fn unread_images(folder: &Path) -> String {
     for folder in [folder.to_path_buf(), folder.join("images")] {
         let names = list(&folder).unwrap_or_default();
-        let is_other = |name: &&String| has_extension(name, &OTHER_IMAGE_EXTENSIONS);
-        if let Some(name) = names.iter().find(is_other) {
+        let is_unread = |name: &&String| has_extension(name, &UNREAD_EXTENSIONS);
+        if let Some(name) = names.iter().find(is_unread) {
             let file = folder.join(name);
             return format!(" (but {}: only PNG and JPEG are read)", file.display());
         }

@@ -3,10 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use super::DatasetError;
-use super::files::{self, IMAGE_EXTENSIONS};
-
-/// Extensions of pictures that are common and not read.
-const UNREAD_EXTENSIONS: [&str; 8] = ["webp", "bmp", "tif", "tiff", "exr", "heic", "avif", "gif"];
+use super::files::{self, IMAGE_EXTENSIONS, UNREAD_EXTENSIONS};
 
 /// The image that a file lists: as it is named, else with an extension added, else with another one
 /// in place of its own.
@@ -37,7 +34,7 @@ pub(super) fn find_image(file: PathBuf, listed_in: &Path) -> Result<PathBuf, Dat
         Some(unread) => DatasetError::invalid(
             listed_in,
             expected,
-            unread_files(&unread),
+            format!("{}: only PNG and JPEG are read", unread.display()),
             "convert the images, or leave it out with --skip-broken",
         ),
         None => DatasetError::invalid(
@@ -47,20 +44,6 @@ pub(super) fn find_image(file: PathBuf, listed_in: &Path) -> Result<PathBuf, Dat
             "put the image there, remove its entry, or leave it out with --skip-broken",
         ),
     })
-}
-
-/// What a folder without images has instead: pictures that are not read, or none.
-pub(super) fn instead_of_images(folder: &Path) -> Result<String, DatasetError> {
-    let names = files::list(folder)?;
-    let unread = names
-        .iter()
-        .find(|name| files::has_extension(name, &UNREAD_EXTENSIONS));
-    Ok(unread.map_or_else(|| "none".into(), |name| unread_files(Path::new(name))))
-}
-
-fn unread_files(example: &Path) -> String {
-    let extension = example.extension().unwrap_or_default().to_string_lossy();
-    format!(".{extension} files; only PNG and JPEG are read")
 }
 
 fn has_image_extension(file: &Path) -> bool {
@@ -135,8 +118,8 @@ mod tests {
             ),
             // `.v3` is no extension of pictures: nothing stands in its place.
             ("c.v3", ".jpeg added, in either case), found no such file"),
-            ("d.png", "found .webp files; only PNG and JPEG are read"),
-            ("d", "found .webp files; only PNG and JPEG are read"),
+            ("d.png", "d.webp: only PNG and JPEG are read"),
+            ("d", "d.webp: only PNG and JPEG are read"),
         ] {
             let message = find(listed).expect_err(listed).to_string();
             assert!(message.contains(words), "{message}");
@@ -145,8 +128,5 @@ mod tests {
                 "{message}"
             );
         }
-        std::fs::remove_file(path("a.jpg")).expect("written above");
-        let found = instead_of_images(folder.path()).expect("listed");
-        assert_eq!(found, ".webp files; only PNG and JPEG are read");
     }
 }

@@ -12,7 +12,7 @@ use serde::de::DeserializeOwned;
 use super::broken::{check_any, readable};
 use super::decode::dimensions;
 use super::first_bytes::parse_json;
-use super::image_files::{find_image, instead_of_images};
+use super::image_files::find_image;
 use super::nerfies_camera::CameraFile;
 use super::npy::parse_points;
 use super::plan::{Context, Lens, PlannedView};
@@ -247,14 +247,12 @@ fn image_folder(root: &Path) -> Result<PathBuf, DatasetError> {
             return Ok(scaled);
         }
     }
-    let found = match scales.first() {
-        Some((_, name)) if folder.join(name).is_dir() => instead_of_images(&folder.join(name))?,
-        _ => "none".into(),
-    };
+    let first = scales.first().map(|(_, name)| folder.join(name));
+    let unread = first.map_or_else(String::new, |first| files::unread_images(&first));
     Err(DatasetError::invalid(
         &folder,
         "images in 1x, 2x, 4x or so",
-        found,
+        format!("none{unread}"),
         "put the images there, as PNG or JPEG",
     ))
 }

@@ -2,11 +2,10 @@
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
-use std::sync::PoisonError;
 
 use dash_kernels::Camera;
 
-use super::broken::first_size;
+use super::broken::{first_size, note};
 use super::decode::turned;
 use super::distortion::Distortion;
 use super::plan::{Context, Lens, PlannedView};
@@ -126,8 +125,7 @@ pub(super) fn load(
             };
             warn_of_missing(cameras, &rows);
             if let Some(broken) = &context.broken {
-                let mut broken = broken.lock().unwrap_or_else(PoisonError::into_inner);
-                broken.push(error);
+                note(broken, error);
             }
             rows
         }
