@@ -70,8 +70,6 @@ pub(crate) struct SmallView {
     pub(crate) rgb: Vec<f32>,
     /// `[H * W]` in [0, 1].
     pub(crate) alpha: Option<Vec<f32>>,
-    /// `[H * W]`, 0 where a pixel does not count; `None` where all do.
-    pub(crate) counted: Option<Vec<u8>>,
 }
 
 /// A mask of what truly moves.
@@ -153,20 +151,11 @@ impl View {
                 camera: self.camera.clone(),
                 rgb: image.rgb(background),
                 alpha: image.alpha(),
-                counted: image.counted.clone(),
             });
         }
         let shrink = |side: usize| (side * max_side / longer).max(1);
         let small = ImageData::clone(&image).resized(shrink(width), shrink(height));
-        let counted = image.counted.as_ref().map(|counted| {
-            let nearest = |k: usize| {
-                let (x, y) = (k % small.width, k / small.width);
-                counted[y * height / small.height * width + x * width / small.width]
-            };
-            (0..small.width * small.height).map(nearest).collect()
-        });
         Ok(SmallView {
-            counted,
             camera: self.camera.resized(small.width, small.height),
             rgb: small.rgb(background),
             alpha: small.alpha(),

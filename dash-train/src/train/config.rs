@@ -53,10 +53,6 @@ pub struct TrainConfig {
     pub max_initial_points: usize,
     /// Where the dataset brings fewer points, others are added at which several views agree.
     pub min_initial_points: usize,
-    /// Share of the most static Gaussians that each of two rounds of the warm-up adds at most, where several views show
-    /// what no Gaussian does; 0: none.
-    #[serde(default)]
-    pub missing_share: f32,
     /// Steps between checkpoints.
     pub checkpoint_interval: usize,
     /// Steps between measurements on the validation view (never a test camera).

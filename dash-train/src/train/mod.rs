@@ -6,7 +6,6 @@ pub(crate) mod coarse;
 pub mod config;
 mod cover;
 mod density;
-mod fill;
 mod forward;
 mod guard;
 pub(crate) mod initial;

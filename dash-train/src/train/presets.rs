@@ -43,7 +43,6 @@ impl TrainConfig {
             gap_steps: Some(GAP_STEPS),
             max_initial_points: 100_000,
             min_initial_points: 20_000,
-            missing_share: 0.0,
             checkpoint_interval: 1_000,
             validation_interval: 500,
             keep: Keep::Needed,

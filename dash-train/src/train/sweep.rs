@@ -1,15 +1,12 @@
 //! Points where the dataset brings too few: along the rays of pixels, at the depth where other views
 //! show the same colour (a plane sweep, one ray at a time).
 
-mod missing;
-
 use dash_kernels::Camera;
 use rand::Rng;
 use rand::seq::SliceRandom;
 use rand_pcg::Pcg64;
 use rayon::prelude::*;
 
-pub(crate) use self::missing::missing_points;
 use super::initial::InitialPoints;
 use crate::cameras::focus_point;
 use crate::dataset::{DatasetError, View};

@@ -23,7 +23,7 @@ use super::moved::Moved;
 use super::optimizer::{Optimizer, to_host};
 use super::regularity::Times;
 use super::sampler::ViewSampler;
-use super::{coarse, fill, matching, promote, review, statistics, update, validation};
+use super::{coarse, matching, promote, review, statistics, update, validation};
 use crate::TrainError;
 use crate::dataset::{Dataset, Split, View};
 
@@ -258,7 +258,6 @@ impl Trainer {
         }
         coarse::enter_stage(self)?;
         matching::meet_new_frames(self)?;
-        fill::fill(self)?;
         let sh_interval = self.config.step_at(self.config.sh_interval).max(1);
         self.scene.settings.sh_degree = (self.step / sh_interval).min(self.config.sh_degree);
 

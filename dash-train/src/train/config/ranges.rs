@@ -31,14 +31,12 @@ impl TrainConfig {
             self.loss.dssim,
             self.loss.moved_share,
             self.decomposition.quantile,
-            self.missing_share,
         ];
         check(self.iterations > 0, "iterations must be at least 1")?;
         check(self.sh_degree <= 3, "sh_degree must be 0 to 3")?;
         check(
             shares.iter().all(|s| (0.0..=1.0).contains(s)),
-            "sh_interval, stages.*, loss.dssim, loss.moved_share, decomposition.quantile and missing_share must be in \
-             [0, 1]",
+            "sh_interval, stages.*, loss.dssim, loss.moved_share and decomposition.quantile must be in [0, 1]",
         )?;
         check(
             self.stages.warmup <= self.stages.decomposition,
