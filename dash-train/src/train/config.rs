@@ -3,6 +3,7 @@
 use dash_model::{DeformationConfig, HashEncoderConfig, OffsetPlacement, TrajectoryBasis};
 use serde::{Deserialize, Serialize};
 
+pub use density::{DensityConfig, Oversized};
 pub use stages::{StageConfig, TimeWindow};
 
 use crate::TrainError;
@@ -290,41 +291,6 @@ pub struct FieldConfig {
     pub cells_with_gaps: f32,
 }
 
-/// Adaptive density control of one set (Kerbl et al. 2023, section 5).
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct DensityConfig {
-    /// Share of the run at which it starts.
-    pub from: f32,
-    /// Share of the run at which it ends.
-    pub until: f32,
-    /// Steps between rounds (3DGS: 100).
-    pub interval: usize,
-    /// Mean screen-space gradient above which a Gaussian is cloned or split, in units of half the
-    /// image (3DGS: 2e-4).
-    pub gradient_threshold: f32,
-    /// Number of Gaussians in this set above which the threshold rises in proportion to their number, so
-    /// that each of many has to pay for more; 0: it never does.
-    #[serde(default)]
-    pub crowd: usize,
-    /// Share of the Gaussians that the split makes dynamic which is no crowd yet, if it is more than that number;
-    /// only where every time by itself shows the scene's shape, as a rig's do.
-    #[serde(default)]
-    pub crowd_of_split: f32,
-    /// Largest scale that is cloned rather than split, in units of the extent (3DGS: 0.01).
-    pub clone_scale: f32,
-    /// Opacity below which a Gaussian is removed (3DGS: 0.005).
-    pub min_opacity: f32,
-    /// Scale above which a Gaussian is removed once opacities were reset, in units of the extent
-    /// (3DGS: 0.1).
-    pub max_scale: f32,
-    /// Steps between opacity resets (3DGS: 3,000); 0 for none.
-    pub opacity_reset_interval: usize,
-    /// Most Gaussians of this set. Dynamic ones may also have what static ones leave of theirs; static ones, in a run in
-    /// which nothing may move, those of the dynamic ones.
-    pub max_gaussians: usize,
-}
-
 impl TrainConfig {
     /// Sets one value by its dotted path, such as `loss.dssim=0.1`.
     ///
@@ -386,6 +352,7 @@ impl TrainConfig {
 }
 
 mod counts;
+mod density;
 mod following;
 mod frames;
 mod ranges;

@@ -3,7 +3,7 @@
 use dash_model::GaussianRows;
 use rand::Rng;
 
-use super::config::DensityConfig;
+use super::config::{DensityConfig, Oversized};
 
 /// A split Gaussian's children are smaller by this factor (3DGS).
 const SPLIT_SHRINK: f32 = 1.6;
@@ -103,7 +103,7 @@ pub(crate) struct Round {
 }
 
 /// One round: clones small and splits large Gaussians of high gradient, removes the transparent,
-/// the oversized (once `prune_large`) and the non-finite.
+/// the oversized (once `prune_large`, where they are to be removed) and the non-finite.
 pub(crate) fn control_density(
     rows: &GaussianRows,
     statistics: &DensityStatistics,
@@ -151,8 +151,9 @@ pub(crate) fn control_density(
             .chain(&rows.log_scales[row])
             .all(|v| v.is_finite())
             && rows.opacity_logits[row].is_finite();
-        let oversized =
-            prune_large && largest(row) > config.max_scale * measure.at(rows.means[row]);
+        let oversized = prune_large
+            && config.oversized == Oversized::Removed
+            && largest(row) > config.max_scale * measure.at(rows.means[row]);
         finite && !oversized && rows.opacity_logits[row] >= min_logit
     };
 
@@ -300,12 +301,18 @@ mod tests {
     }
 
     #[test]
-    fn oversized_and_broken_are_pruned() {
-        let config = TrainConfig::preset(Preset::Default).density_static;
-        let mut broken = rows();
-        broken.means[0][1] = f32::NAN;
-        let mut rng = Pcg64::seed_from_u64(1);
-        let round = control_density(&broken, &statistics(&[]), &config, UNIT, true, &mut rng);
-        assert_eq!(round.sources, [2]);
+    fn broken_are_pruned_and_oversized_unless_they_are_shrunk() {
+        let left = |oversized: Oversized| {
+            let config = DensityConfig {
+                oversized,
+                ..TrainConfig::preset(Preset::Default).density_static
+            };
+            let mut broken = rows();
+            broken.means[0][1] = f32::NAN;
+            let mut rng = Pcg64::seed_from_u64(1);
+            control_density(&broken, &statistics(&[]), &config, UNIT, true, &mut rng).sources
+        };
+        assert_eq!(left(Oversized::Removed), [2]);
+        assert_eq!(left(Oversized::Shrunk), [1, 2]);
     }
 }

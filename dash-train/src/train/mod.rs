@@ -15,6 +15,7 @@ mod loss;
 mod matching;
 mod moved;
 mod optimizer;
+mod oversized;
 mod presets;
 mod promote;
 mod regularity;

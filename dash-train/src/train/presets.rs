@@ -7,7 +7,7 @@ use dash_model::{
 
 use super::config::{
     DecompositionConfig, DensityConfig, FieldConfig, Keep, LearningRates, LossConfig,
-    MotionMeasure, Preset, Selection, SpaceRule, StageConfig, TimeWindow, TrainConfig,
+    MotionMeasure, Oversized, Preset, Selection, SpaceRule, StageConfig, TimeWindow, TrainConfig,
 };
 
 /// Between one step and two of these.
@@ -145,6 +145,7 @@ impl TrainConfig {
                 clone_scale: 0.01,
                 min_opacity: 0.005,
                 max_scale: 0.1,
+                oversized: Oversized::Shrunk,
                 opacity_reset_interval: 3_000,
                 max_gaussians: 300_000,
             },
@@ -158,6 +159,7 @@ impl TrainConfig {
                 clone_scale: 0.01,
                 min_opacity: 0.005,
                 max_scale: 0.1,
+                oversized: Oversized::Shrunk,
                 opacity_reset_interval: 3_000,
                 max_gaussians: 100_000,
             },
@@ -252,6 +254,8 @@ impl TrainConfig {
             layers: 2,
         };
         self.field.offsets = OffsetPlacement::BeforeActivation;
+        self.density_static.oversized = Oversized::Removed;
+        self.density_dynamic.oversized = Oversized::Removed;
     }
 
     fn as_released(&mut self) {
@@ -352,6 +356,7 @@ impl TrainConfig {
             from: 600.0 / 50_000.0,
             until: 6_800.0 / 50_000.0,
             interval: 200,
+            oversized: Oversized::Removed,
             ..self.density_static.clone()
         };
         self.density_dynamic = DensityConfig {

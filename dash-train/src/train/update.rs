@@ -7,6 +7,7 @@ use super::coarse::{Part, Stages, shown_at_once, teaches_gaussians};
 use super::config::{DensityConfig, LearningRates, TrainConfig};
 use super::density::{DensityStatistics, Measure, RESET_OPACITY, control_density};
 use super::optimizer::Pace;
+use super::oversized;
 use super::trainer::{DYNAMIC, STATIC, Trainer};
 
 /// Share of the static Gaussians that is not used before the split: without room, what the static set
@@ -86,7 +87,7 @@ pub(crate) fn motion_pace(rates: &LearningRates, left: f32, name: &str) -> Pace 
     }
 }
 
-/// Rounds of density control and opacity resets that are due at the trainer's step.
+/// What limits sizes, rounds of density control and opacity resets that are due at the trainer's step.
 pub(crate) fn densities(trainer: &mut Trainer) {
     let config = trainer.config.clone();
     let step = trainer.step;
@@ -96,6 +97,7 @@ pub(crate) fn densities(trainer: &mut Trainer) {
         centre: std::array::from_fn(|axis| 0.5 * (core.min[axis] + core.max[axis])),
         extent: trainer.extent,
     };
+    oversized::shrink(trainer, measure);
     let control = |rows: &_, statistics: &_, density: &DensityConfig, since, rng: &mut _| {
         let interval = density.opacity_reset_interval;
         let was_reset = interval > 0 && step > since + interval;
