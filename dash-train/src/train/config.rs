@@ -43,7 +43,7 @@ pub struct TrainConfig {
     /// distance at which the training cameras see something.
     pub near_plane: Option<f64>,
     /// Gaussians whose mean is farther out of the picture than this, in normalised device coordinates, are not
-    /// drawn, but in the steps of training, which lose by it. Absent: all are, as in 3DGS. Ours.
+    /// drawn, but in the steps of training. Absent: all are, as in 3DGS. Ours.
     #[serde(default)]
     pub ndc_limit: Option<f64>,
     /// Training times more than so many typical steps apart are ends of a gap, through which Gaussians go in straight

@@ -13,9 +13,6 @@ use super::config::{
 /// Between one step and two of these.
 const GAP_STEPS: f32 = 1.5;
 
-/// Four widths of the picture from its middle.
-const NDC_LIMIT: f64 = 8.0;
-
 impl TrainConfig {
     /// The values of a preset.
     pub fn preset(preset: Preset) -> Self {
@@ -39,7 +36,7 @@ impl TrainConfig {
             sh_interval: 1.0 / 15.0,
             background: None,
             near_plane: None,
-            ndc_limit: Some(NDC_LIMIT),
+            ndc_limit: None,
             gap_steps: Some(GAP_STEPS),
             max_initial_points: 100_000,
             min_initial_points: 20_000,
@@ -198,7 +195,6 @@ impl TrainConfig {
 
     fn as_in_the_paper(&mut self) {
         self.keep = Keep::All;
-        self.ndc_limit = None;
         self.gap_steps = None;
         self.loss.field_motion = 0.0;
         self.loss.visible_motion = 0.0;
@@ -261,7 +257,6 @@ impl TrainConfig {
     fn as_released(&mut self) {
         self.keep = Keep::All;
         self.near_plane = Some(NEAR_PLANE);
-        self.ndc_limit = None;
         self.gap_steps = None;
         self.iterations = 50_000;
         self.sh_interval = 1_000.0 / 50_000.0;
