@@ -213,6 +213,27 @@ impl GaussianRows {
         }
     }
 
+    /// The largest spherical-harmonics degree of the rows, 0 to 3.
+    pub fn sh_degree(&self) -> usize {
+        (1 + self.sh_rest_width / 3).isqrt() - 1
+    }
+
+    /// The same Gaussians with colour coefficients up to `degree`: those that are not there yet are zeros.
+    ///
+    /// # Panics
+    /// When `degree` is lower than that of the rows.
+    pub fn with_sh_degree(mut self, degree: usize) -> Self {
+        assert!(degree >= self.sh_degree(), "SH coefficients would be lost");
+        let width = ((degree + 1).pow(2) - 1) * 3;
+        let mut sh_rest = vec![0.0; self.len() * width];
+        for row in 0..self.len() {
+            let known = &self.sh_rest[row * self.sh_rest_width..][..self.sh_rest_width];
+            sh_rest[row * width..][..self.sh_rest_width].copy_from_slice(known);
+        }
+        (self.sh_rest, self.sh_rest_width) = (sh_rest, width);
+        self
+    }
+
     /// Appends the rows of `other`.
     ///
     /// # Panics

@@ -169,6 +169,27 @@ fn every_layer_is_rendered_and_an_exported_instant_looks_the_same() {
     );
     let about = bench.ok(&["info", "half.ply"]);
     assert!(about.contains("Gaussians"), "{about}");
+
+    let export = [
+        "export",
+        "run",
+        "--time",
+        "0.5",
+        "--out",
+        "wide.ply",
+        "--sh-degree",
+    ];
+    bench.ok(&[&export[..], &["3"]].concat());
+    bench.ok(&[&["render", "wide.ply", "--out", "from_wide"], &shot[..]].concat());
+    assert_eq!(open("from_wide/full/0000_front.png"), ply);
+    let header = |path: &str| {
+        let bytes = std::fs::read(bench.path(path)).expect("a file");
+        String::from_utf8_lossy(&bytes[..4_000.min(bytes.len())]).into_owned()
+    };
+    let is_wide = |path: &str| header(path).contains("f_rest_44");
+    assert!(is_wide("wide.ply") && !is_wide("half.ply"));
+    let said = bench.is_wrong_usage(&[&export[..], &["0"]].concat());
+    assert!(said.contains("expected 1 to 3"), "{said}");
 }
 
 /// One camera in front of the synthetic room, as 3DGS writes them.

@@ -15,7 +15,7 @@ use super::image_size::can_hold_its_pixels;
 pub(super) const MAX_IMAGE_SIDE: u32 = 16_384;
 
 /// Brightest value of a mask whose pixels are numbers, 0 for no and 1 for yes, and not shades.
-const YES: u8 = 1;
+const YES: u16 = 1;
 
 /// An image's width and height from its header.
 pub(crate) fn dimensions(path: &Path) -> Result<(usize, usize), DatasetError> {
@@ -83,7 +83,9 @@ pub(super) fn decode_mask(
     path: &Path,
     full_size: (usize, usize),
 ) -> Result<ImageData, DatasetError> {
-    let decoded = decode_any(path)?.into_rgb8();
+    let decoded = decode_any(path)?;
+    let (brightest, white) = brightest(&decoded);
+    let decoded = decoded.into_rgb8();
     let found = (decoded.width() as usize, decoded.height() as usize);
     if found != full_size {
         return Err(DatasetError::invalid(
@@ -93,15 +95,28 @@ pub(super) fn decode_mask(
             "write the mask again or remove it",
         ));
     }
-    if decoded.iter().max() == Some(&YES) {
+    if brightest == YES {
         return Err(DatasetError::invalid(
             path,
-            "a mask in black and white (0 and 255)",
+            format!("a mask in black and white (0 and {white})"),
             format!("values up to {YES}, which are all black"),
-            "multiply by 255",
+            format!("multiply by {white}"),
         ));
     }
     Ok(ImageData::from_rgb(found.0, found.1, decoded.into_raw()))
+}
+
+/// The brightest value of an image's colours, and what would be white, as the file has them.
+fn brightest(image: &DynamicImage) -> (u16, u16) {
+    if image.color().bytes_per_pixel() == 2 * image.color().channel_count() {
+        (
+            image.to_rgb16().iter().copied().max().unwrap_or(0),
+            u16::MAX,
+        )
+    } else {
+        let brightest = image.to_rgb8().iter().copied().max().unwrap_or(0);
+        (brightest.into(), u8::MAX.into())
+    }
 }
 
 fn decode_any(path: &Path) -> Result<DynamicImage, DatasetError> {
@@ -246,6 +261,14 @@ mod tests {
         ] {
             assert!(error.contains(words), "{error}");
         }
+        let wide = image::ImageBuffer::from_fn(4, 2, |x, _| image::Luma([(x % 2) as u16]));
+        wide.save(&path).expect("writes");
+        let error = decode_mask(&path, (4, 2)).expect_err("labels").to_string();
+        assert!(
+            error.contains("(0 and 65535), found values up to 1"),
+            "{error}"
+        );
+        assert!(error.contains("multiply by 65535"), "{error}");
         write(0);
         let black = decode_mask(&path, (4, 2)).expect("reads");
         assert_eq!(black.thresholded(false), [0; 8]);

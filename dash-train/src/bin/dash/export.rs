@@ -15,10 +15,10 @@ use crate::values;
 #[command(after_help = "Example:
   dash export runs/room --time 0.5 --out room_at_half.ply
 
-A 3DGS PLY can't say which Gaussians a run leaves out of its pictures: those nearer to a camera than anything
-that was seen, and those far outside of the picture. The file names these limits in comments, which dash render
-FILE.ply heeds. Other viewers don't: what hangs before the training cameras may show there. There are as many
-f_rest_* columns as the scene's degree of colours needs (0, 9, 24 or 45).")]
+A 3DGS PLY can't say that a run leaves out of its pictures what is nearer to a camera than anything that was
+seen. The file names this limit in a comment, which dash render FILE.ply heeds. Other viewers don't: what hangs
+before the training cameras may show there. There are as many f_rest_* columns as the scene's degree of colours
+needs (0, 9, 24 or 45); the viewers of the 3DGS authors read 45 only: --sh-degree 3.")]
 pub struct ExportArgs {
     /// A run's folder
     run: PathBuf,
@@ -28,6 +28,9 @@ pub struct ExportArgs {
     /// File to write; one that exists is replaced
     #[arg(long, value_name = "FILE.ply")]
     out: PathBuf,
+    /// Colour coefficients up to this degree, zeros where the scene has none [default: the scene's degree]
+    #[arg(long, value_name = "0..3", value_parser = clap::value_parser!(u8).range(0..=3))]
+    sh_degree: Option<u8>,
 }
 
 pub fn run(args: &ExportArgs, shared: &Shared) -> Result<String, Failure> {
@@ -43,7 +46,17 @@ pub fn run(args: &ExportArgs, shared: &Shared) -> Result<String, Failure> {
     }
     let device = shared.device.unwrap_or_default().device()?;
     let scene = RunFolder::open(&args.run)?.scene(&device)?;
-    let rows = scene.at(args.time)?;
+    let mut rows = scene.at(args.time)?;
+    if let Some(degree) = args.sh_degree.map(usize::from) {
+        let least = rows.sh_degree();
+        if degree < least {
+            return Err(Failure::usage(format!(
+                "--sh-degree {degree}: {} has colours of degree {least}; expected {least} to 3",
+                args.run.display()
+            )));
+        }
+        rows = rows.with_sh_degree(degree);
+    }
     write_splat_ply(&args.out, &rows, &scene.settings.clipping())?;
     let (n_static, n_dynamic) = scene.counts();
     Ok(format!(
