@@ -32,7 +32,7 @@ fn config(seed: u64) -> TrainConfig {
         "density_static.until=0.6",
         "density_static.interval=20",
         "density_static.opacity_reset_interval=120",
-        "density_static.max_gaussians=3000",
+        "density_static.max_gaussians=6000",
         "density_dynamic.from=0.37",
         "density_dynamic.until=0.7",
         "density_dynamic.interval=20",
