@@ -84,7 +84,8 @@ pub(super) fn decode_mask(
     full_size: (usize, usize),
 ) -> Result<ImageData, DatasetError> {
     let decoded = decode_any(path)?;
-    let (brightest, white) = brightest(&decoded);
+    let has_wide_values = decoded.color().bytes_per_pixel() == 2 * decoded.color().channel_count();
+    let wide = has_wide_values.then(|| decoded.to_rgb16());
     let decoded = decoded.into_rgb8();
     let found = (decoded.width() as usize, decoded.height() as usize);
     if found != full_size {
@@ -95,7 +96,11 @@ pub(super) fn decode_mask(
             "write the mask again or remove it",
         ));
     }
-    if brightest == YES {
+    let (brightest, white) = match wide {
+        Some(wide) => (wide.iter().copied().max(), u16::MAX),
+        None => (decoded.iter().copied().max().map(u16::from), u8::MAX.into()),
+    };
+    if brightest == Some(YES) {
         return Err(DatasetError::invalid(
             path,
             format!("a mask in black and white (0 and {white})"),
@@ -104,19 +109,6 @@ pub(super) fn decode_mask(
         ));
     }
     Ok(ImageData::from_rgb(found.0, found.1, decoded.into_raw()))
-}
-
-/// The brightest value of an image's colours, and what would be white, as the file has them.
-fn brightest(image: &DynamicImage) -> (u16, u16) {
-    if image.color().bytes_per_pixel() == 2 * image.color().channel_count() {
-        (
-            image.to_rgb16().iter().copied().max().unwrap_or(0),
-            u16::MAX,
-        )
-    } else {
-        let brightest = image.to_rgb8().iter().copied().max().unwrap_or(0);
-        (brightest.into(), u8::MAX.into())
-    }
 }
 
 fn decode_any(path: &Path) -> Result<DynamicImage, DatasetError> {

@@ -59,6 +59,12 @@ impl TrainConfig {
             "density_*.crowd_of_split must not be negative",
         )?;
         check(
+            [&self.density_static, &self.density_dynamic]
+                .iter()
+                .all(|d| d.max_scale > 0.0 && d.max_scale.is_finite()),
+            "density_*.max_scale must be above 0",
+        )?;
+        check(
             self.near_plane
                 .is_none_or(|near| near > 0.0 && near.is_finite()),
             "near_plane must be greater than 0",

@@ -70,6 +70,8 @@ fn set_changes_one_value_and_refuses_others() {
         "loss.smoothness_interval=0",
         "near_plane=0",
         "ndc_limit=0.9",
+        "density_static.max_scale=0",
+        "density_dynamic.max_scale=nan",
         "gap_steps=0.5",
         "decomposition.promote_floor=-0.1",
         "decomposition.matching_floor=-0.1",
