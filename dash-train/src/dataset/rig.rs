@@ -5,10 +5,11 @@ use std::path::Path;
 
 use super::broken::first_size;
 use super::colmap_model::{Model, model_folder, read_model, warn_of_larger};
+use super::masks::MASK_FOLDER;
 use super::plan::Context;
 use super::points::{Models, find_named_points};
 use super::sources::{self, FrameFile, Frames, RigCamera, Source, VIDEO_EXTENSIONS};
-use super::transforms::{self, Transforms};
+use super::transforms::{self, Frame, Transforms};
 use super::{DatasetError, Parts, files, video};
 
 const VIDEO_FOLDER: &str = "videos";
@@ -262,6 +263,9 @@ fn pose_by_transforms(
     let frames = &transforms.frames;
     let names: Vec<String> = frames.iter().map(|frame| frame.file_path.clone()).collect();
     let assigned = assign(&sources, &names, file)?;
+    if let Some(told) = unused_masks(transforms) {
+        tracing::warn!("{}: {told}", file.display());
+    }
     let mut cameras = Vec::with_capacity(sources.len());
     for (source, index) in sources.into_iter().zip(assigned) {
         let size = || match frame_size(context, &source) {
@@ -288,6 +292,18 @@ fn pose_by_transforms(
     Ok(cameras)
 }
 
+/// What there is to say where poses of cameras name masks, which are of one picture each.
+fn unused_masks(transforms: &Transforms) -> Option<String> {
+    let masks = transforms.frames.iter().filter_map(Frame::mask_path);
+    let n = masks.count();
+    (n > 0).then(|| {
+        format!(
+            "{n} masks named by mask_path are not used, since these poses are of cameras and not of single \
+             pictures; {MASK_FOLDER}/CAMERA/FRAME.png is looked for"
+        )
+    })
+}
+
 /// The size of a camera's frames: of an image by its header, of a video by its first frame.
 fn frame_size(context: &Context, source: &Source) -> Result<(usize, usize), DatasetError> {
     let size = match &source.frames {
@@ -303,4 +319,27 @@ fn frame_size(context: &Context, source: &Source) -> Result<(usize, usize), Data
     size.ok_or_else(|| {
         DatasetError::invalid(&source.path, "at least one frame", "none", "add frames")
     })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn masks_that_poses_of_cameras_name_are_told() {
+        let told = |masks: [&str; 2]| {
+            let frames = masks.map(|mask| {
+                format!(r#"{{"file_path": "left.png", "transform_matrix": []{mask}}}"#)
+            });
+            let text = format!(r#"{{"frames": [{}]}}"#, frames.join(","));
+            unused_masks(&serde_json::from_str(&text).expect("parses"))
+        };
+        assert_eq!(told(["", ""]), None);
+        let said = told(["", r#", "mask_path": "masks/left.png""#]).expect("one names a mask");
+        assert!(
+            said.starts_with("1 masks named by mask_path are not used"),
+            "{said}"
+        );
+        assert!(said.contains("masks/CAMERA/FRAME.png"), "{said}");
+    }
 }
