@@ -129,8 +129,8 @@ impl TrainConfig {
                 space: SpaceRule::Scene,
                 offsets: OffsetPlacement::BeforeActivation,
                 // How things go on into a gap is told from how they move beside it, and cells of one picture each
-                // tell that badly.
-                cells_with_gaps: 0.25,
+                // tell that badly: 4 a side are left.
+                cells_with_gaps: 1.0 / 16.0,
             },
             density_static: DensityConfig {
                 from: 500.0 / 15_000.0,
@@ -171,6 +171,7 @@ impl TrainConfig {
         self.stages.min_following = 800;
         // So many fine cells in space and time share entries that few steps do not tell them apart.
         self.field.deformation.encoder.finest_resolution = vec![16, 16, 16, 0];
+        self.field.cells_with_gaps = 0.25;
         // What moves as a whole moves as fast as its parts.
         self.field.deformation.encoder.base_resolution = vec![4, 4, 4, 0];
         self.sh_degree = 1;
