@@ -2,7 +2,7 @@
 //!
 //! Kernels are plain loops over lane arrays that LLVM vectorises; compiling each body once per
 //! instruction set lets one binary use AVX-512 where the machine has it. Products and sums are
-//! never fused, so every instruction set gives the same bits.
+//! fused where `mul_add` says so and nowhere else, so every instruction set gives the same bits.
 //!
 //! `pulp`'s own AVX-512 arm needs its `x86-v4` feature, which would rebuild Burn's matrix
 //! multiplication for every user; the two arms here cost a dozen lines.
@@ -30,8 +30,8 @@ pub(crate) fn dispatch<K: Kernel>(kernel: K) -> K::Output {
             // SAFETY: the features that `run_avx512` enables were just detected.
             return unsafe { run_avx512(kernel) };
         }
-        if is_x86_feature_detected!("avx2") {
-            // SAFETY: the feature that `run_avx2` enables was just detected.
+        if is_x86_feature_detected!("avx2") && is_x86_feature_detected!("fma") {
+            // SAFETY: the features that `run_avx2` enables were just detected.
             return unsafe { run_avx2(kernel) };
         }
     }
@@ -45,7 +45,7 @@ fn run_avx512<K: Kernel>(kernel: K) -> K::Output {
 }
 
 #[cfg(target_arch = "x86_64")]
-#[target_feature(enable = "avx2")]
+#[target_feature(enable = "avx2,fma")]
 fn run_avx2<K: Kernel>(kernel: K) -> K::Output {
     kernel.run()
 }

@@ -28,6 +28,7 @@ mod camera;
 #[cfg(feature = "cube")]
 mod cube;
 mod determinism;
+pub mod displacement;
 mod error;
 pub mod finite;
 pub mod hash_encode;

@@ -5,6 +5,7 @@ use burn::tensor::{Device, Tensor};
 
 use crate::Camera;
 use crate::adam::{AdamStep, adam_step};
+use crate::displacement::displacement;
 use crate::hash_encode::{HashGridConfig, HashGridLayout, Interpolation, LevelSizing, hash_encode};
 use crate::mlp::{MlpLayout, mlp};
 use crate::project::{ProjectOptions, project};
@@ -169,6 +170,28 @@ fn extents_of_trajectories() {
                     bad[input][slot] = value;
                     let coefficients = tracked(&bad[0], [n, 3 * n_spans], &device);
                     let out = squared_extent(coefficients.clone(), polyline).expect("fits");
+                    let name = format!("{device:?}, {value} in slot {slot} of input {input}");
+                    assert_sound(&name, out, &bad[1], |grads| {
+                        vec![values(coefficients.grad(grads).expect("tracked"))]
+                    });
+                }
+            }
+        }
+    }
+}
+
+#[test]
+fn displacements_along_trajectories() {
+    let (n, basis) = (3, [0.5, -1.0, 1.0, 0.0]);
+    let good = [random(16, n * 3 * basis.len()), random(17, 3 * n)];
+    for device in devices() {
+        for input in 0..good.len() {
+            for slot in 0..good[input].len() {
+                for value in poison() {
+                    let mut bad = good.clone();
+                    bad[input][slot] = value;
+                    let coefficients = tracked(&bad[0], [n, 3 * basis.len()], &device);
+                    let out = displacement(coefficients.clone(), &basis).expect("fits");
                     let name = format!("{device:?}, {value} in slot {slot} of input {input}");
                     assert_sound(&name, out, &bad[1], |grads| {
                         vec![values(coefficients.grad(grads).expect("tracked"))]

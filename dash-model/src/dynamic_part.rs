@@ -61,17 +61,20 @@ impl DynamicPart {
     ///
     /// # Shapes
     /// `-> [N, 3]`
-    pub fn coarse_means(&self, settings: &SceneSettings, time: f32) -> Tensor<2> {
+    ///
+    /// # Errors
+    /// When the trajectories do not fit their basis.
+    pub fn coarse_means(
+        &self,
+        settings: &SceneSettings,
+        time: f32,
+    ) -> Result<Tensor<2>, ModelError> {
         let means = self.gaussians.means.val();
-        match &self.gaussians.trajectories {
-            Some(coefficients) => {
-                means
-                    + settings
-                        .trajectory_basis
-                        .displacement(coefficients.val(), time)
-            }
-            None => means,
-        }
+        let Some(coefficients) = &self.gaussians.trajectories else {
+            return Ok(means);
+        };
+        let basis = settings.trajectory_basis;
+        Ok(means + basis.displacement(coefficients.val(), time)?)
     }
 
     /// The Gaussians at `time`. Through one of [`SceneSettings::gaps`] they go in straight lines from how they are
@@ -256,7 +259,7 @@ impl DynamicPart {
         }
         let offsets = self.field.decode(features)?;
         let canonical = &self.gaussians;
-        let means = self.coarse_means(settings, time) + offsets.means;
+        let means = self.coarse_means(settings, time)? + offsets.means;
         let opacity_logits = plus(canonical.opacity_logits.val(), offsets.opacity_logits);
         let sh_coeffs = canonical.sh_coeffs_with(plus(canonical.sh_dc.val(), offsets.sh_dc));
         Ok(match settings.offsets {

@@ -1,6 +1,7 @@
 //! The box of space that a field covers, and the coarse trajectories in it.
 
 use burn::tensor::{Tensor, TensorData};
+use dash_kernels::displacement::displacement;
 use dash_kernels::trajectory::{Polyline, squared_extent};
 use serde::{Deserialize, Serialize};
 
@@ -162,17 +163,11 @@ impl TrajectoryBasis {
     ///
     /// # Shapes
     /// `coefficients [N, B * 3] -> [N, 3]`, world units.
-    pub fn displacement(self, coefficients: Tensor<2>, time: f32) -> Tensor<2> {
-        let rows = coefficients.dims()[1];
-        let mut weights = vec![0.0f32; rows * 3];
-        for (k, value) in self.at(time).into_iter().enumerate() {
-            for axis in 0..3 {
-                weights[(3 * k + axis) * 3 + axis] = value;
-            }
-        }
-        let weights = TensorData::new(weights, [rows, 3]);
-        let weights = Tensor::from_data(weights, &coefficients.device());
-        coefficients.matmul(weights)
+    ///
+    /// # Errors
+    /// When the shape does not fit.
+    pub fn displacement(self, coefficients: Tensor<2>, time: f32) -> Result<Tensor<2>, ModelError> {
+        Ok(displacement(coefficients, &self.at(time))?)
     }
 
     /// How far each trajectory goes, `|dp|` of the paper: the square root of [`squared_extent`], the mean square
@@ -204,7 +199,10 @@ mod tests {
             [[1.0, 0.0, 0.0, 0.0, 2.0, 0.0, 0.0, 0.0, 3.0, 0.0, 0.0, 0.0]],
             &burn::tensor::Device::flex(),
         );
-        let at = |time| basis.displacement(coefficients.clone(), time).into_data();
+        let at = |time| {
+            let moved = basis.displacement(coefficients.clone(), time);
+            moved.expect("widths fit").into_data()
+        };
         assert_eq!(
             at(0.375).try_into_vec::<f32>().expect("f32"),
             [1.0, 1.0, 0.0]

@@ -11,7 +11,7 @@ use burn_cubecl::tensor::CubeTensor;
 use cubecl::prelude::*;
 
 use super::{PhotometricLoss, PhotometricVjp};
-use crate::cube::{arg, contiguous, is_finite, uninitialised, units};
+use crate::cube::{arg, contiguous, is_finite, uninitialised, units, zeros};
 use crate::host::dims;
 use crate::ssim::{Ssim, SsimVjp};
 
@@ -48,16 +48,14 @@ impl PhotometricVjp for CubeBackend {
         );
         let shape = dims::<3>(&target);
         let n = shape.iter().product::<usize>();
-        let full = |value: f32| {
-            let value = Scalar::from(value);
-            B::float_full(Shape::new(shape), value, &image.device(), FloatDType::F32)
-        };
-        let v_out = full(-dssim / n as f32);
-        let [v_similar, _] = match dssim > 0.0 {
-            true => B::ssim_vjp(image.clone(), target.clone(), v_out, [true, false]),
-            false => [None, None],
-        };
-        let v_similar = v_similar.unwrap_or_else(|| full(0.0));
+        let v_similar = (dssim > 0.0).then(|| {
+            let v_out = Scalar::from(-dssim / n as f32);
+            let shape = Shape::new(shape);
+            let v_out = B::float_full(shape, v_out, &image.device(), FloatDType::F32);
+            let [v_image, _] = B::ssim_vjp(image.clone(), target.clone(), v_out, [true, false]);
+            v_image.expect("asked for")
+        });
+        let v_similar = v_similar.unwrap_or_else(|| zeros(&target, shape));
         let v_image = uninitialised(&image, of_image);
         let n_wide = of_image.iter().product::<usize>();
         let (count, dim) = units(&image.client, n_wide);

@@ -3,6 +3,7 @@
 use burn::module::{Module, Param};
 use burn::tensor::activation::relu;
 use burn::tensor::{Device, Tensor, TensorData};
+use dash_kernels::mlp::{MlpLayout, mlp};
 use rand::Rng;
 
 use crate::{HashEncoderConfig, ModelError};
@@ -78,7 +79,12 @@ impl TimeEmbedding {
         let time = points.narrow(1, TIME, 1);
         let mut features = vec![embeddings];
         for table in &self.times {
-            features.push(hats(time.clone(), table.dims()[0]).matmul(table.val()));
+            // Not a matrix product: GPUs with tensor cores round what they multiply to ten bits.
+            let [n, width] = table.dims();
+            let no_bias = Tensor::zeros([width], &time.device());
+            let table = Tensor::cat(vec![table.val().flatten(0, 1), no_bias], 0);
+            let layout = MlpLayout::new(&[n, width])?;
+            features.push(mlp(hats(time.clone(), n), table, &layout)?);
         }
         Ok(Tensor::cat(features, 1))
     }

@@ -48,7 +48,7 @@ impl Trainer {
             Some(coefficients) => {
                 let basis = self.config.decomposition.basis;
                 let means = self.scene.static_set.means.val();
-                let moved = means + basis.displacement(coefficients.clone(), time);
+                let moved = means + basis.displacement(coefficients.clone(), time)?;
                 self.scene.static_splats_at(moved, camera)?
             }
         };

@@ -85,16 +85,17 @@ fn meet(trainer: &mut Trainer, new: f32, known: &[f32]) -> Result<(), TrainError
     let coefficients = coefficients.detach();
     let basis = trainer.config.decomposition.basis;
     let rows = trainer.scene.static_set.to_rows();
-    let places_at = |time: f32| -> Vec<Vec3> {
-        let moved = to_host(basis.displacement(coefficients.clone(), time));
+    let places_at = |time: f32| -> Result<Vec<Vec3>, TrainError> {
+        let moved = to_host(basis.displacement(coefficients.clone(), time)?);
         let moved = moved.chunks_exact(3).map(Vec3::from_slice);
         let places = rows.means.iter().zip(moved);
-        places
+        Ok(places
             .map(|(&mean, moved)| Vec3::from(mean) + moved)
-            .collect()
+            .collect())
     };
-    let expected = places_at(new);
-    let before: Vec<Vec<Vec3>> = known.iter().map(|&time| places_at(time)).collect();
+    let expected = places_at(new)?;
+    let before = known.iter().map(|&time| places_at(time));
+    let before = before.collect::<Result<Vec<_>, _>>()?;
     let [last, earlier, ..] = before.as_slice() else {
         return Ok(());
     };

@@ -143,13 +143,14 @@ pub(crate) fn regularity(
             .means;
         let own = gaussians.trajectories.as_ref();
         let own = own.map(|own| own.val().select(0, drawn));
-        let [now, before_now, after_now] = std::array::from_fn(|k| {
+        let at = |k: usize| {
             let offset = offsets.clone().narrow(0, k * n, n);
-            match own.clone() {
-                Some(own) => offset + settings.trajectory_basis.displacement(own, times[k]),
+            Ok::<_, ModelError>(match own.clone() {
+                Some(own) => offset + settings.trajectory_basis.displacement(own, times[k])?,
                 None => offset,
-            }
-        });
+            })
+        };
+        let (now, before_now, after_now) = (at(0)?, at(1)?, at(2)?);
         let share = (time - before) / (after - before);
         let straight = before_now * (1.0 - share) + after_now * share;
         let off = (now - straight) / measure.extent;

@@ -32,6 +32,8 @@ use std::process::ExitCode;
 use clap::{Args, Parser, Subcommand};
 use dash_train::device::DeviceChoice;
 use tracing::level_filters::LevelFilter;
+use tracing_subscriber::filter::Targets;
+use tracing_subscriber::prelude::*;
 
 use failure::Failure;
 
@@ -185,13 +187,22 @@ fn start_log(shared: &Shared) {
         (false, true) => LevelFilter::DEBUG,
         (false, false) => LevelFilter::INFO,
     };
-    tracing_subscriber::fmt()
-        .with_max_level(level)
+    let lines = tracing_subscriber::fmt::layer()
         .with_writer(std::io::stderr)
         .with_ansi(std::io::stderr().is_terminal())
         .without_time()
-        .with_target(false)
+        .with_target(false);
+    tracing_subscriber::registry()
+        .with(lines.with_filter(told(level)))
         .init();
+}
+
+/// What is told: our own words up to `level`, of what we build on warnings at most. Compilers of
+/// kernels tell every pass over every kernel, millions of lines.
+fn told(level: LevelFilter) -> Targets {
+    Targets::new()
+        .with_default(level.min(LevelFilter::WARN))
+        .with_target("dash", level)
 }
 
 /// A broken invariant is ours to mend: the user gets one line to report, not a backtrace.
@@ -213,8 +224,26 @@ fn report_faults_on_one_line() {
 #[cfg(test)]
 mod tests {
     use clap::CommandFactory;
+    use tracing::Level;
 
     use super::*;
+
+    #[test]
+    fn compilers_of_kernels_only_warn_however_much_dash_tells() {
+        for (level, ours) in [
+            (LevelFilter::ERROR, [true, false, false, false]),
+            (LevelFilter::INFO, [true, true, true, false]),
+            (LevelFilter::DEBUG, [true, true, true, true]),
+        ] {
+            let filter = told(level);
+            let tells = |target| {
+                [Level::ERROR, Level::WARN, Level::INFO, Level::DEBUG]
+                    .map(|level| filter.would_enable(target, &level))
+            };
+            assert_eq!(tells("dash_train::train"), ours);
+            assert_eq!(tells("cubecl_llvm::shared"), [true, ours[1], false, false]);
+        }
+    }
 
     #[test]
     fn the_arguments_are_consistent_and_every_command_shows_an_example() {

@@ -147,7 +147,8 @@ fn coefficients(trainer: &Trainer) -> Tensor<2> {
 /// The mean displacement of the body at a time.
 fn mean_at(trainer: &Trainer, time: f32) -> Vec3 {
     let basis = trainer.config.decomposition.basis;
-    let moved = to_host(basis.displacement(coefficients(trainer), time));
+    let moved = basis.displacement(coefficients(trainer), time);
+    let moved = to_host(moved.expect("valid"));
     moved.chunks_exact(3).map(Vec3::from_slice).sum::<Vec3>() / N as f32
 }
 
@@ -229,7 +230,8 @@ fn others_keep_their_trajectories() {
     let from = coefficients(&trainer);
     let off = |trainer: &Trainer| {
         let basis = trainer.config.decomposition.basis;
-        let now = to_host(basis.displacement(coefficients(trainer), 1.0));
+        let now = basis.displacement(coefficients(trainer), 1.0);
+        let now = to_host(now.expect("valid"));
         let off = |row: usize| Vec3::from_slice(&now[3 * row..]).distance(to);
         // Next to those that stay the field has to give in.
         (3 * N / 4..N).map(off).sum::<f32>() / (N / 4) as f32

@@ -1,0 +1,78 @@
+//! Displacements on CubeCL devices.
+//!
+//! Forward a unit owns an axis of a trajectory, backward a coefficient. No shared memory, no atomics; deterministic.
+
+use burn_cubecl::CubeBackend;
+use burn_cubecl::tensor::CubeTensor;
+use cubecl::prelude::*;
+
+use super::{AXES, Displacement, DisplacementVjp};
+use crate::cube::{Buffer, arg, contiguous, finite_or_zero, uninitialised, units};
+
+impl Displacement for CubeBackend {
+    fn displacement(coefficients: CubeTensor, basis: Vec<f32>) -> CubeTensor {
+        let coefficients = contiguous(coefficients);
+        let n = coefficients.meta.num_elements() / (AXES * basis.len());
+        let out = uninitialised(&coefficients, [n, AXES]);
+        let (count, dim) = units(&coefficients.client, n * AXES);
+        forward::launch(
+            &coefficients.client,
+            count,
+            dim,
+            arg(&coefficients),
+            values(&coefficients.client, &basis).arg(),
+            arg(&out),
+            basis.len() as u32,
+        );
+        out
+    }
+}
+
+impl DisplacementVjp for CubeBackend {
+    fn displacement_vjp(v_out: CubeTensor, basis: Vec<f32>) -> CubeTensor {
+        let v_out = contiguous(v_out);
+        let n = v_out.meta.num_elements() / AXES;
+        let gradient = uninitialised(&v_out, [n, AXES * basis.len()]);
+        let (count, dim) = units(&v_out.client, n * AXES * basis.len());
+        backward::launch(
+            &v_out.client,
+            count,
+            dim,
+            arg(&v_out),
+            values(&v_out.client, &basis).arg(),
+            arg(&gradient),
+            basis.len() as u32,
+        );
+        gradient
+    }
+}
+
+fn values(client: &Client, basis: &[f32]) -> Buffer {
+    Buffer::from_words(client, bytemuck::cast_slice(basis))
+}
+
+#[cube(launch)]
+fn forward(coefficients: &[f32], basis: &[f32], out: &mut [f32], n_functions: u32) {
+    if ABSOLUTE_POS >= out.len() {
+        terminate!();
+    }
+    let n_functions = n_functions as usize;
+    let first = ABSOLUTE_POS / AXES * n_functions * AXES + ABSOLUTE_POS % AXES;
+    let mut sum = 0.0f32;
+    for k in 0..n_functions {
+        let coefficient = finite_or_zero(coefficients[first + AXES * k]);
+        sum = f32::clamp(fma(coefficient, basis[k], sum), f32::MIN, f32::MAX);
+    }
+    out[ABSOLUTE_POS] = sum;
+}
+
+#[cube(launch)]
+fn backward(v_out: &[f32], basis: &[f32], gradient: &mut [f32], n_functions: u32) {
+    if ABSOLUTE_POS >= gradient.len() {
+        terminate!();
+    }
+    let width = n_functions as usize * AXES;
+    let v = v_out[ABSOLUTE_POS / width * AXES + ABSOLUTE_POS % AXES];
+    let value = finite_or_zero(v) * basis[ABSOLUTE_POS % width / AXES];
+    gradient[ABSOLUTE_POS] = f32::clamp(value, f32::MIN, f32::MAX);
+}

@@ -1,0 +1,89 @@
+//! Where trajectories are at a time.
+
+mod autodiff;
+pub mod cpu;
+#[cfg(feature = "cube")]
+mod cube;
+pub mod reference;
+#[cfg(test)]
+mod tests;
+
+use burn::backend::tensor::FloatTensor;
+use burn::backend::{Backend, Dispatch, backend_extension};
+use burn::tensor::Tensor;
+
+use crate::KernelError;
+use crate::host::{HostBackend, dims};
+
+/// Coordinates of a displacement.
+const AXES: usize = 3;
+
+/// Displacements from trajectories' coefficients and the values that their basis functions have at a time.
+///
+/// A matrix product would do, but GPUs with tensor cores round what they multiply to ten bits.
+///
+/// Coefficients that are not finite count as zero; what would be beyond the largest number is that number.
+///
+/// # Shapes
+/// `coefficients [N, B * 3] -> [N, 3]`, for the `B` values of `basis`.
+///
+/// # Gradient
+/// To the coefficients. A gradient of the output that is not finite counts as zero.
+///
+/// # Errors
+/// [`KernelError::Shape`] when there are not three coefficients for each basis function,
+/// [`KernelError::Config`] for a basis function whose value is not finite.
+pub fn displacement(coefficients: Tensor<2>, basis: &[f32]) -> Result<Tensor<2>, KernelError> {
+    let [n, width] = coefficients.dims();
+    if width != AXES * basis.len() {
+        return Err(KernelError::Shape {
+            op: "displacement",
+            tensor: "coefficients",
+            expected: format!("[N, {}]", AXES * basis.len()),
+            found: vec![n, width],
+        });
+    }
+    if let Some(value) = basis.iter().find(|value| !value.is_finite()) {
+        return Err(KernelError::Config {
+            op: "displacement",
+            what: format!("a basis function of {value}, expected a finite value"),
+        });
+    }
+    // No device binds an empty buffer.
+    if n == 0 || width == 0 {
+        return Ok(Tensor::zeros([n, AXES], &coefficients.device()));
+    }
+    Ok(Tensor::from_dispatch(Dispatch::displacement(
+        coefficients.into_dispatch(),
+        basis.to_vec(),
+    )))
+}
+
+/// Dispatch of [`displacement`] over the enabled backends.
+#[backend_extension(Autodiff, Flex: cfg(feature = "flex"), NdArray: cfg(feature = "ndarray"), Cube: cfg(feature = "cube"))]
+pub trait Displacement: Backend {
+    /// See [`displacement`]; shape and values have been checked.
+    fn displacement(coefficients: FloatTensor<Self>, basis: Vec<f32>) -> FloatTensor<Self>;
+}
+
+/// What a backend brings so that [`displacement`] can be differentiated on it.
+pub trait DisplacementVjp: Displacement {
+    /// Gradient of the coefficients from that of the output.
+    fn displacement_vjp(v_out: FloatTensor<Self>, basis: Vec<f32>) -> FloatTensor<Self>;
+}
+
+impl<B: HostBackend> Displacement for B {
+    fn displacement(coefficients: FloatTensor<B>, basis: Vec<f32>) -> FloatTensor<B> {
+        let [n, _] = dims::<2>(&coefficients);
+        let out = cpu::displacement(&B::values(&coefficients), &basis);
+        B::tensor(out, [n, AXES], &coefficients)
+    }
+}
+
+impl<B: HostBackend> DisplacementVjp for B {
+    fn displacement_vjp(v_out: FloatTensor<B>, basis: Vec<f32>) -> FloatTensor<B> {
+        let [n, _] = dims::<2>(&v_out);
+        let gradient = cpu::displacement_vjp(&B::values(&v_out), &basis);
+        B::tensor(gradient, [n, AXES * basis.len()], &v_out)
+    }
+}
