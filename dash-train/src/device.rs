@@ -4,14 +4,14 @@ use std::fmt;
 use std::str::FromStr;
 use std::sync::OnceLock;
 
-use burn::tensor::Device;
+use burn::tensor::{Device, Tensor};
 
 use crate::TrainError;
 
 /// A device as the user names it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum DeviceChoice {
-    /// A GPU where there is one, else the CPU; never a GPU that software plays.
+    /// A GPU that computes where there is one, else the CPU; never a GPU that software plays.
     #[default]
     Auto,
     /// The CPU through `burn-ndarray`.
@@ -30,7 +30,7 @@ impl DeviceChoice {
         static AUTO: OnceLock<DeviceChoice> = OnceLock::new();
         match self {
             Self::Auto => *AUTO.get_or_init(|| {
-                if !cuda_devices().is_empty() {
+                if first_cuda_works() {
                     Self::Cuda(0)
                 } else if wgpu_gpu().is_some() {
                     Self::Wgpu
@@ -65,11 +65,12 @@ impl DeviceChoice {
             }
             #[cfg(feature = "cuda")]
             Self::Cuda(index) => {
-                let mut devices = cuda_devices();
-                if index < devices.len() {
-                    return Ok(devices.swap_remove(index));
+                let devices = cuda_devices();
+                match devices.get(index).map(|device| (device, computes(device))) {
+                    Some((device, Ok(()))) => return Ok(device.clone()),
+                    Some((_, Err(cause))) => format!("a GPU that can't compute: {cause}"),
+                    None => format!("{} CUDA devices on this machine", devices.len()),
                 }
-                format!("{} CUDA devices on this machine", devices.len())
             }
             missing => format!("a build without the feature `{}`", missing.feature()),
         };
@@ -121,6 +122,36 @@ fn cuda_devices() -> Vec<Device> {
     return Device::enumerate(burn::tensor::DeviceType::Cuda).into_vec();
     #[cfg(not(feature = "cuda"))]
     Vec::new()
+}
+
+/// Whether there is a CUDA device and it computes; why one does not is told.
+fn first_cuda_works() -> bool {
+    let devices = cuda_devices();
+    let Some(first) = devices.first() else {
+        return false;
+    };
+    let works = computes(first);
+    if let Err(cause) = &works {
+        tracing::warn!("cuda:0 is left alone, it can't compute: {cause}");
+    }
+    works.is_ok()
+}
+
+/// Tries a kernel that needs a library of functions: CUDA compiles it with the toolkit's, and a driver may come
+/// without a toolkit.
+fn computes(device: &Device) -> Result<(), String> {
+    let tried = Tensor::<1>::ones([1], device).exp().try_into_data();
+    tried
+        .map(|_| ())
+        .map_err(|error| root_cause(&error.to_string()))
+}
+
+/// What a report of errors, each on the one before, ends with.
+fn root_cause(report: &str) -> String {
+    let last = report.rsplit("Caused by:").next().unwrap_or(report);
+    let own = last.split("Backtrace:").next().unwrap_or(last);
+    let line = own.split_whitespace().collect::<Vec<_>>().join(" ");
+    line.trim_end_matches('.').into()
 }
 
 #[cfg(feature = "ndarray")]
@@ -193,9 +224,30 @@ mod tests {
     }
 
     #[test]
+    fn every_device_here_computes() {
+        for choice in [
+            DeviceChoice::Flex,
+            DeviceChoice::NdArray,
+            DeviceChoice::Wgpu,
+        ] {
+            if let Ok(device) = choice.device() {
+                assert_eq!(computes(&device), Ok(()), "{choice}");
+            }
+        }
+    }
+
+    #[test]
+    fn of_a_chain_of_errors_the_first_is_told() {
+        let report = "A launch error happened\nCaused by:\n  Compiling failed\nCaused by:\n  no libdevice:\n  set \
+                      CUDA_PATH.\nBacktrace:\nnone\nAsked at:\nnowhere";
+        assert_eq!(root_cause(report), "no libdevice: set CUDA_PATH");
+        assert_eq!(root_cause("lost"), "lost");
+    }
+
+    #[test]
     fn auto_never_takes_software_for_a_gpu() {
         let auto = DeviceChoice::Auto.resolved();
-        let has_gpu = wgpu_gpu().is_some() || !cuda_devices().is_empty();
+        let has_gpu = wgpu_gpu().is_some() || first_cuda_works();
         assert_eq!(
             matches!(auto, DeviceChoice::Wgpu | DeviceChoice::Cuda(_)),
             has_gpu

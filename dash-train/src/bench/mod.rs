@@ -7,11 +7,12 @@
 //! # Map
 //! - this file: what is asked for and the loop over it; `file`: what is written.
 //! - `error`: errors of many values; `timing`: medians and quartiles.
-//! - `hash_encode`, `mlp`, `project`, `rasterize`, `ssim`, `photometric`, `adam`, `squared_extent`: one operation
-//!   each; `determinant`: two forms of one formula, on the host; `stiffness`: inputs made harder and harder.
+//! - `hash_encode`, `mlp`, `project`, `rasterize`, `ssim`, `photometric`, `adam`, `displacement`, `squared_extent`: one
+//!   operation each; `determinant`: two forms of one formula, on the host; `stiffness`: inputs made harder and harder.
 
 mod adam;
 mod determinant;
+mod displacement;
 mod error;
 mod file;
 mod hash_encode;
@@ -62,13 +63,15 @@ pub enum Op {
     Photometric,
     /// A step of Adam.
     Adam,
+    /// Where trajectories are.
+    Displacement,
     /// How far trajectories go.
     SquaredExtent,
 }
 
 impl Op {
     /// All of them.
-    pub const ALL: [Self; 8] = [
+    pub const ALL: [Self; 9] = [
         Self::HashEncode,
         Self::Mlp,
         Self::Project,
@@ -76,6 +79,7 @@ impl Op {
         Self::Ssim,
         Self::Photometric,
         Self::Adam,
+        Self::Displacement,
         Self::SquaredExtent,
     ];
 
@@ -89,6 +93,7 @@ impl Op {
             Self::Ssim => "ssim",
             Self::Photometric => "photometric",
             Self::Adam => "adam",
+            Self::Displacement => "displacement",
             Self::SquaredExtent => "squared_extent",
         }
     }
@@ -153,6 +158,7 @@ impl Bench<'_> {
                         Op::Ssim => ssim::measure(self, target, size),
                         Op::Photometric => photometric::measure(self, target, size),
                         Op::Adam => adam::measure(self, target, size),
+                        Op::Displacement => displacement::measure(self, target, size),
                         Op::SquaredExtent => squared_extent::measure(self, target, size),
                     };
                     self.unless_too_large(measured, &format!("{name}: {op}, {size}"))?;
