@@ -49,3 +49,13 @@ fn run_avx512<K: Kernel>(kernel: K) -> K::Output {
 fn run_avx2<K: Kernel>(kernel: K) -> K::Output {
     kernel.run()
 }
+
+/// The value, or zero where it is infinite or not a number.
+#[inline(always)]
+pub(crate) fn finite_or_zero(value: f32) -> f32 {
+    if value.abs() < f32::INFINITY {
+        value
+    } else {
+        0.0
+    }
+}

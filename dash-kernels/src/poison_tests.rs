@@ -157,19 +157,23 @@ fn similarity() {
     }
 }
 
-#[test]
-fn extents_of_trajectories() {
-    let (n, n_spans) = (3, 4);
-    let polyline = Polyline::new(n_spans, 0.4).expect("a time in [0, 1]");
-    let good = [random(12, n * 3 * n_spans), random(13, n)];
+/// Fails unless `op` on `good[0] [N, width]` is sound with each poison value in each slot of it and of `good[1]`, the
+/// output's gradient.
+#[track_caller]
+fn assert_sound_on_trajectories<const R: usize>(
+    good: [Vec<f32>; 2],
+    width: usize,
+    op: impl Fn(Tensor<2>) -> Tensor<R>,
+) {
+    let n = good[0].len() / width;
     for device in devices() {
         for input in 0..good.len() {
             for slot in 0..good[input].len() {
                 for value in poison() {
                     let mut bad = good.clone();
                     bad[input][slot] = value;
-                    let coefficients = tracked(&bad[0], [n, 3 * n_spans], &device);
-                    let out = squared_extent(coefficients.clone(), polyline).expect("fits");
+                    let coefficients = tracked(&bad[0], [n, width], &device);
+                    let out = op(coefficients.clone());
                     let name = format!("{device:?}, {value} in slot {slot} of input {input}");
                     assert_sound(&name, out, &bad[1], |grads| {
                         vec![values(coefficients.grad(grads).expect("tracked"))]
@@ -181,25 +185,22 @@ fn extents_of_trajectories() {
 }
 
 #[test]
+fn extents_of_trajectories() {
+    let (n, n_spans) = (3, 4);
+    let polyline = Polyline::new(n_spans, 0.4).expect("a time in [0, 1]");
+    let good = [random(12, n * 3 * n_spans), random(13, n)];
+    assert_sound_on_trajectories(good, 3 * n_spans, |coefficients| {
+        squared_extent(coefficients, polyline).expect("fits")
+    });
+}
+
+#[test]
 fn displacements_along_trajectories() {
     let (n, basis) = (3, [0.5, -1.0, 1.0, 0.0]);
     let good = [random(16, n * 3 * basis.len()), random(17, 3 * n)];
-    for device in devices() {
-        for input in 0..good.len() {
-            for slot in 0..good[input].len() {
-                for value in poison() {
-                    let mut bad = good.clone();
-                    bad[input][slot] = value;
-                    let coefficients = tracked(&bad[0], [n, 3 * basis.len()], &device);
-                    let out = displacement(coefficients.clone(), &basis).expect("fits");
-                    let name = format!("{device:?}, {value} in slot {slot} of input {input}");
-                    assert_sound(&name, out, &bad[1], |grads| {
-                        vec![values(coefficients.grad(grads).expect("tracked"))]
-                    });
-                }
-            }
-        }
-    }
+    assert_sound_on_trajectories(good, 3 * basis.len(), |coefficients| {
+        displacement(coefficients, &basis).expect("fits")
+    });
 }
 
 #[test]

@@ -3,7 +3,7 @@
 use rayon::prelude::*;
 
 use super::AXES;
-use crate::isa::{Kernel, dispatch};
+use crate::isa::{Kernel, dispatch, finite_or_zero};
 
 /// Trajectories of a parallel piece.
 const PIECE: usize = 256;
@@ -60,9 +60,4 @@ pub fn displacement_vjp(v_out: &[f32], basis: &[f32]) -> Vec<f32> {
             }
         });
     gradient
-}
-
-#[inline(always)]
-fn finite_or_zero(value: f32) -> f32 {
-    if value.is_finite() { value } else { 0.0 }
 }

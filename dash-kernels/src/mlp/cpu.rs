@@ -10,10 +10,10 @@ mod lanes;
 use rayon::prelude::*;
 
 use super::{MlpLayer, MlpLayout};
-use crate::isa::{Kernel, dispatch};
+use crate::isa::{Kernel, dispatch, finite_or_zero};
 use lanes::{
-    LANES, Lanes, ROWS, Rows, add_outer, finite, finite_or_zero, finite_where_positive, multiply,
-    pad, panels, plus, positive, unpad,
+    LANES, Lanes, ROWS, Rows, add_outer, finite, finite_where_positive, multiply, pad, panels,
+    plus, positive, unpad,
 };
 
 /// Rows that go through all layers together.

@@ -5,6 +5,7 @@
 use rayon::prelude::*;
 
 use super::{LARGEST, Polyline};
+use crate::isa::finite_or_zero;
 
 /// Trajectories of a parallel piece.
 const PIECE: usize = 256;
@@ -124,9 +125,4 @@ fn on(at: Addend, span: Addend, part: f32) -> Addend {
 #[inline(always)]
 fn plus(a: Addend, b: Addend) -> Addend {
     std::array::from_fn(|axis| a[axis] + b[axis])
-}
-
-#[inline(always)]
-fn finite_or_zero(value: f32) -> f32 {
-    if value.is_finite() { value } else { 0.0 }
 }

@@ -7,12 +7,11 @@
 //! # Map
 //! - this file: what is asked for and the loop over it; `file`: what is written.
 //! - `error`: errors of many values; `timing`: medians and quartiles.
-//! - `hash_encode`, `mlp`, `project`, `rasterize`, `ssim`, `photometric`, `adam`, `displacement`, `squared_extent`: one
-//!   operation each; `determinant`: two forms of one formula, on the host; `stiffness`: inputs made harder and harder.
+//! - `hash_encode`, `mlp`, `project`, `rasterize`, `ssim`, `photometric`, `adam`: one operation each;
+//!   `trajectories`: `displacement` and `squared_extent`; `determinant`: two forms of one formula, on the host; `stiffness`: inputs made harder and harder.
 
 mod adam;
 mod determinant;
-mod displacement;
 mod error;
 mod file;
 mod hash_encode;
@@ -20,12 +19,12 @@ mod mlp;
 mod photometric;
 mod project;
 mod rasterize;
-mod squared_extent;
 mod ssim;
 mod stiffness;
 #[cfg(test)]
 mod tests;
 mod timing;
+mod trajectories;
 
 use std::fmt;
 
@@ -158,8 +157,10 @@ impl Bench<'_> {
                         Op::Ssim => ssim::measure(self, target, size),
                         Op::Photometric => photometric::measure(self, target, size),
                         Op::Adam => adam::measure(self, target, size),
-                        Op::Displacement => displacement::measure(self, target, size),
-                        Op::SquaredExtent => squared_extent::measure(self, target, size),
+                        Op::Displacement => trajectories::measure_displacement(self, target, size),
+                        Op::SquaredExtent => {
+                            trajectories::measure_squared_extent(self, target, size)
+                        }
                     };
                     self.unless_too_large(measured, &format!("{name}: {op}, {size}"))?;
                 }

@@ -1,5 +1,7 @@
 //! Rows, padded to whole lanes, times weights, with what holds the sums in registers.
 
+use crate::isa::finite_or_zero;
+
 /// Values summed side by side.
 pub(super) const LANES: usize = 16;
 /// Rows (of parameters' gradients: inputs) whose sums are held at a time.
@@ -141,15 +143,6 @@ pub(super) fn plus(a: Lanes, b: Lanes) -> Lanes {
         out[l] += b[l];
     }
     out
-}
-
-#[inline(always)]
-pub(super) fn finite_or_zero(value: f32) -> f32 {
-    if value.abs() < f32::INFINITY {
-        value
-    } else {
-        0.0
-    }
 }
 
 // Loops over lanes become vector instructions, `map` of an array does not.
