@@ -30,7 +30,7 @@ const KILLS: usize = 20;
 /// How often the run's folder is looked at: well under the time that a checkpoint takes.
 const GLANCE: Duration = Duration::from_micros(50);
 
-/// [`TINY`], with density control and opacity resets of both sets.
+/// [`TINY`], with density control and opacity resets of both sets, and the mean of the last quarter.
 fn arguments(run: &str) -> Vec<&str> {
     let mut args = vec!["train", "room", "--out", run, "--preset", "quick"];
     args.extend(["--iterations", "300", "--seed", "7"]);
@@ -41,6 +41,7 @@ fn arguments(run: &str) -> Vec<&str> {
         "density_static.opacity_reset_interval=40",
         "density_dynamic.interval=10",
         "density_dynamic.opacity_reset_interval=40",
+        "stages.averaged=0.25",
     ] {
         args.extend(["--set", assignment]);
     }

@@ -14,6 +14,7 @@ use rand::SeedableRng;
 use rand_pcg::Pcg64;
 use serde::{Deserialize, Serialize};
 
+use super::average::Average;
 use super::config::TrainConfig;
 use super::density::DensityStatistics;
 use super::leave_out::Decision;
@@ -36,6 +37,9 @@ struct State {
     rng: Pcg64,
     sampler: ViewSampler,
     optimizer_steps: BTreeMap<String, u64>,
+    /// Steps that the mean of the parameters is of.
+    #[serde(default)]
+    averaged_steps: usize,
     motion_space: Option<SpaceBox>,
     held_still: Vec<bool>,
     #[serde(default)]
@@ -67,6 +71,10 @@ pub fn save_checkpoint(
     }
     let (moments, optimizer_steps) = trainer.optimizer.to_tensors();
     write_tensors(&scratch.join("optimizer.safetensors"), &moments)?;
+    let (averaged_steps, means) = trainer.average.to_tensors();
+    if averaged_steps > 0 {
+        write_tensors(&scratch.join("average.safetensors"), &means)?;
+    }
     write_tensors(
         &scratch.join("statistics.safetensors"),
         &statistics(trainer),
@@ -77,6 +85,7 @@ pub fn save_checkpoint(
         rng: trainer.rng.clone(),
         sampler: trainer.sampler.clone(),
         optimizer_steps,
+        averaged_steps,
         motion_space: trainer.motion_space,
         held_still: trainer.held_still.clone(),
         decisions: trainer.decisions.clone(),
@@ -166,6 +175,16 @@ pub fn load_checkpoint(
         Ok(optimizer)
     })
     .map_err(|found| damaged(&path, found))?;
+    if state.averaged_steps > 0 {
+        let path = checkpoint.join("average.safetensors");
+        trainer.average = Average::from_tensors(
+            state.averaged_steps,
+            read_tensors(&path)?,
+            &trainer.scene,
+            &trainer.device.clone().inner(),
+        )
+        .map_err(|found| damaged(&path, found))?;
+    }
     let path = checkpoint.join("statistics.safetensors");
     restore_statistics(&mut trainer, read_tensors(&path)?)
         .map_err(|found| damaged(&path, found))?;

@@ -18,6 +18,7 @@ use dash_model::parameters::Path;
 use serde::{Deserialize, Serialize};
 use watch::Watch;
 
+use super::average::Average;
 use super::optimizer::to_host;
 use super::split::keep_dynamic;
 use super::trainer::{DYNAMIC, STATIC, Trainer};
@@ -187,7 +188,11 @@ pub(crate) fn skip(
     let lost = too_much_lost(&faults);
     let remedies = match lost {
         true => Vec::new(),
-        false => mend(trainer, &faults),
+        false => {
+            // What it is of is not what it was.
+            trainer.average = Average::default();
+            mend(trainer, &faults)
+        }
     };
     let found = faults.into_iter().map(|fault| NonFinite {
         tensor: fault.tensor,

@@ -1,5 +1,6 @@
 //! Training: configuration, losses, density control, stages, checkpoints.
 
+mod average;
 mod blocks;
 mod checkpoint;
 pub(crate) mod coarse;

@@ -49,6 +49,7 @@ impl TrainConfig {
                 settle: 0.7,
                 window: TimeWindow::Growing,
                 min_following: 1_000,
+                averaged: 0.0,
             },
             loss: LossConfig {
                 dssim: 0.2,
@@ -215,6 +216,7 @@ impl TrainConfig {
             settle: 1.0,
             window: TimeWindow::All,
             min_following: 0,
+            averaged: 0.0,
         };
         self.decomposition.measure = MotionMeasure::World;
         self.decomposition.quantile = 0.8;
@@ -267,6 +269,7 @@ impl TrainConfig {
             settle: 1.0,
             window: TimeWindow::All,
             min_following: 0,
+            averaged: 0.0,
         };
         self.loss = LossConfig {
             dssim: 0.0,

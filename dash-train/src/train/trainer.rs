@@ -12,6 +12,7 @@ use dash_model::{
 use rand::SeedableRng;
 use rand_pcg::Pcg64;
 
+use super::average::{self, Average};
 use super::coarse::{Part, Stages};
 use super::config::TrainConfig;
 use super::density::DensityStatistics;
@@ -78,6 +79,8 @@ pub struct Trainer {
     /// Where what moves fast was found, while the coarse field looks for motion.
     pub(crate) found_places: Memory,
     pub(crate) optimizer: Optimizer,
+    /// The mean of the parameters, towards the end.
+    pub(crate) average: Average,
     pub(crate) rng: Pcg64,
     pub(crate) sampler: ViewSampler,
     /// Spent in steps on waiting for images.
@@ -183,6 +186,7 @@ impl Trainer {
             moved: None,
             found_places: Memory::default(),
             optimizer: Optimizer::default(),
+            average: Average::default(),
             rng,
             sampler: ViewSampler::default(),
             waited_secs: 0.0,
@@ -285,6 +289,7 @@ impl Trainer {
         self.step += 1;
         update::densities(self);
         self.review()?;
+        average::gather(self);
 
         let (n_static, n_dynamic) = self.scene.counts();
         Ok(StepReport {
@@ -352,7 +357,8 @@ impl Trainer {
     fn review(&mut self) -> Result<(), TrainError> {
         let interval = self.config.decomposition.review_interval;
         let start = Stages::of(self).end;
-        if interval > 0 && self.step > start && (self.step - start).is_multiple_of(interval) {
+        let due = interval > 0 && self.step > start && (self.step - start).is_multiple_of(interval);
+        if due && !average::is_taken(self) {
             review::review(self)?;
             if !review::is_grown(self) {
                 promote::promote(self)?;

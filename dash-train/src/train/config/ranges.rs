@@ -28,6 +28,7 @@ impl TrainConfig {
             self.stages.warmup,
             self.stages.decomposition,
             self.stages.settle,
+            self.stages.averaged,
             self.loss.dssim,
             self.loss.moved_share,
             self.decomposition.quantile,

@@ -22,6 +22,11 @@ pub struct StageConfig {
     /// say. Ours.
     #[serde(default)]
     pub min_following: usize,
+    /// Share of the run, at its end, over whose steps the mean of the parameters is taken, which is the scene then; not
+    /// before density control is over. In these steps no Gaussian comes, goes or changes sets. 0: the scene of the last
+    /// step, as in 3DGS. Ours.
+    #[serde(default)]
+    pub averaged: f32,
 }
 
 /// Which times the first two stages see.

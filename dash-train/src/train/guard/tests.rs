@@ -136,6 +136,30 @@ fn a_lost_mean_costs_its_gaussian_and_one_step() {
     }
 }
 
+#[test]
+fn the_mean_of_the_last_steps_starts_anew_without_what_was_lost() {
+    for device in devices() {
+        let mut config = config();
+        config.set("stages.averaged=0.5").expect("a known key");
+        let mut trainer = Trainer::new(config, dataset(), &device).expect("valid");
+        while trainer.steps_done() < 31 {
+            assert!(!trainer.step().expect("trains").skipped);
+        }
+        assert_eq!(trainer.average.to_tensors().0, 1);
+        let n = trainer.scene.static_set.len();
+        edit_static(&mut trainer, |rows| rows.means[0][0] = f32::NAN);
+        skipped_once(&mut trainer);
+        assert_eq!(trainer.average.to_tensors().0, 0);
+        while !trainer.is_finished() {
+            trainer.step().expect("trains");
+        }
+        let means = named_parameters(&trainer.scene).remove("static_set.means");
+        let means = means.expect("means").values;
+        assert_eq!(means.len(), 3 * (n - 1));
+        assert!(means.iter().all(|value| value.is_finite()));
+    }
+}
+
 /// A NaN opacity makes the regulariser and with it the loss NaN: the cause is named, not what follows.
 #[test]
 fn a_lost_loss_is_traced_to_its_gaussians() {
