@@ -2,15 +2,16 @@
 
 mod heads;
 
-use burn::module::{Module, Param};
+use burn::module::Module;
 use burn::nn::Linear;
-use burn::tensor::{Device, Tensor, TensorData};
+use burn::tensor::{Device, Tensor};
 use rand::Rng;
 use serde::{Deserialize, Serialize};
 
 use crate::encoders::{Representation, SpaceTimeEncoder, TimeEmbedding};
 use crate::gaussians::to_host;
 use crate::mlp::{self, Mlp, linear};
+use crate::parameters::parameter;
 use crate::{HashEncoderConfig, ModelError, SpaceBox};
 pub use heads::{Head, Heads};
 
@@ -327,11 +328,8 @@ impl DeformationField {
         }
         let mut field = self.clone();
         field.decoder.layers[0] = Linear {
-            weight: Param::from_data(
-                TensorData::new(kept, [reduced.n_output_features(), hidden]),
-                &device,
-            ),
-            bias: Some(Param::from_data(TensorData::new(bias, [hidden]), &device)),
+            weight: parameter(kept, [reduced.n_output_features(), hidden], &device),
+            bias: Some(parameter(bias, [hidden], &device)),
         };
         field.encoder = SpaceTimeEncoder::Hash(reduced);
         // The configuration counts all levels there ever were.

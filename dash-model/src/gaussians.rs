@@ -1,8 +1,10 @@
 //! A set of 3D Gaussians as a Burn module, and its rows in host memory.
 
 use burn::module::{Module, Param};
-use burn::tensor::{Device, Tensor, TensorData};
+use burn::tensor::{Device, Tensor};
 use kiddo::{ImmutableKdTree, SquaredEuclidean};
+
+use crate::parameters::parameter;
 
 /// Value of the constant spherical-harmonics basis function.
 pub const SH_C0: f32 = 0.282_094_8;
@@ -130,18 +132,17 @@ impl Gaussians {
     /// Moves rows to a device.
     pub fn from_rows(rows: &GaussianRows, device: &Device) -> Self {
         let n = rows.len();
-        let data =
-            |values: &[f32], shape: &[usize]| TensorData::new(values.to_vec(), shape.to_vec());
         let optional = |values: &[f32], width: usize| {
-            (width > 0).then(|| Param::from_data(data(values, &[n, width]), device))
+            (width > 0).then(|| parameter(values.to_vec(), [n, width], device))
         };
+        let rest = rows.sh_rest_width / 3;
         Self {
-            means: Param::from_data(data(rows.means.as_flattened(), &[n, 3]), device),
-            quats: Param::from_data(data(rows.quats.as_flattened(), &[n, 4]), device),
-            log_scales: Param::from_data(data(rows.log_scales.as_flattened(), &[n, 3]), device),
-            opacity_logits: Param::from_data(data(&rows.opacity_logits, &[n]), device),
-            sh_dc: Param::from_data(data(rows.sh_dc.as_flattened(), &[n, 1, 3]), device),
-            sh_rest: Param::from_data(data(&rows.sh_rest, &[n, rows.sh_rest_width / 3, 3]), device),
+            means: parameter(rows.means.as_flattened().to_vec(), [n, 3], device),
+            quats: parameter(rows.quats.as_flattened().to_vec(), [n, 4], device),
+            log_scales: parameter(rows.log_scales.as_flattened().to_vec(), [n, 3], device),
+            opacity_logits: parameter(rows.opacity_logits.clone(), [n], device),
+            sh_dc: parameter(rows.sh_dc.as_flattened().to_vec(), [n, 1, 3], device),
+            sh_rest: parameter(rows.sh_rest.clone(), [n, rest, 3], device),
             trajectories: optional(&rows.trajectories, rows.trajectory_width),
             embeddings: optional(&rows.embeddings, rows.embedding_width),
         }

@@ -3,7 +3,7 @@
 mod unread;
 
 use burn::module::{Module, Param};
-use burn::tensor::{Device, Tensor, TensorData};
+use burn::tensor::{Device, Tensor};
 use dash_kernels::hash_encode::{
     HashGridConfig, HashGridLayout, Interpolation, LevelSizing, hash_encode,
 };
@@ -13,6 +13,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::ModelError;
 use crate::gaussians::to_host;
+use crate::parameters::parameter;
 
 /// Half-width of the uniform distribution that tables start from (instant-ngp).
 const INITIAL_FEATURE: f32 = 1e-4;
@@ -114,8 +115,7 @@ impl HashEncoderConfig {
             let values: Vec<f32> = (0..shape[0] * shape[1])
                 .map(|_| rng.random_range(range.clone()))
                 .collect();
-            let table = Param::from_data(TensorData::new(values, shape), device);
-            Ok::<_, ModelError>(table)
+            Ok::<_, ModelError>(parameter(values, shape, device))
         };
         // A layout has at least one level.
         let table = init(&parts[0])?;
@@ -187,8 +187,7 @@ impl HashEncoder {
         let mut tables = parts.iter().map(|part| {
             let levels = kept.by_ref().take(part.n_levels());
             let values: Vec<f32> = levels.flat_map(|l| tables_of_levels[l].clone()).collect();
-            let data = TensorData::new(values, [part.n_entries(), width]);
-            Param::from_data(data, &device)
+            parameter(values, [part.n_entries(), width], &device)
         });
         // A layout has at least one level.
         let table = tables.next().expect("a layout has at least one part");
@@ -227,6 +226,7 @@ impl HashEncoder {
 
 #[cfg(test)]
 mod tests {
+    use burn::tensor::TensorData;
     use dash_kernels::hash_encode::reference;
     use rand::SeedableRng;
     use rand_pcg::Pcg64;

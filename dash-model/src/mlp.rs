@@ -1,11 +1,13 @@
 //! Small fully connected networks with a reproducible start.
 
-use burn::module::{Module, Param};
+use burn::module::Module;
 use burn::nn::Linear;
-use burn::tensor::{Device, Tensor, TensorData};
+use burn::tensor::{Device, Tensor};
 use dash_kernels::KernelError;
 use dash_kernels::mlp::{MlpLayout, mlp};
 use rand::Rng;
+
+use crate::parameters::parameter;
 
 /// Fully connected layers with ReLU between them (none after the last).
 #[derive(Module, Debug)]
@@ -82,10 +84,7 @@ pub fn linear(
         .map(|_| (rng.random::<f32>() * 2.0 - 1.0) * bound)
         .collect();
     Linear {
-        weight: Param::from_data(TensorData::new(weights, [d_input, d_output]), device),
-        bias: Some(Param::from_data(
-            TensorData::new(vec![0.0f32; d_output], [d_output]),
-            device,
-        )),
+        weight: parameter(weights, [d_input, d_output], device),
+        bias: Some(parameter(vec![0.0; d_output], [d_output], device)),
     }
 }

@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 
 use burn::module::{Module, ModuleMapper, ModuleVisitor, Param};
-use burn::tensor::{Tensor, TensorData};
+use burn::tensor::{Device, Tensor, TensorData};
 
 /// Row-major values and their shape.
 #[derive(Debug, Clone, PartialEq)]
@@ -44,6 +44,21 @@ pub fn with_parameters<M: Module>(
             None => Ok(module),
         },
     }
+}
+
+/// A parameter with these values in row-major order. CUDA pads the rows of what it is sent in more than one dimension, and
+/// kernels, which read rows without gaps, would copy it whenever it is used; this is sent in one.
+pub(crate) fn parameter<const D: usize>(
+    values: Vec<f32>,
+    shape: [usize; D],
+    device: &Device,
+) -> Param<Tensor<D>> {
+    if values.is_empty() {
+        return Param::from_data(TensorData::new(values, shape), device);
+    }
+    let n = values.len();
+    let flat = Tensor::<1>::from_data(TensorData::new(values, [n]), device);
+    Param::from_tensor(flat.reshape(shape))
 }
 
 /// The path of the module being visited.
@@ -125,7 +140,7 @@ impl ModuleMapper for Loader {
             ));
             return param;
         }
-        let device = param.val().device();
-        Param::from_data(TensorData::new(stored.values, stored.shape), &device)
+        let shape = std::array::from_fn(|axis| stored.shape[axis]);
+        parameter(stored.values, shape, &param.val().device())
     }
 }

@@ -82,6 +82,9 @@ fn sorting_is_stable_and_stops_at_the_count() {
         (1000, 1000, 32),
         (5000, 4321, 9),
         (70_000, 70_000, 13),
+        // On both sides of where cubes sum counts themselves.
+        (131_072, 131_072, 7),
+        (131_073, 131_000, 7),
         (3000, 9999, 4),
     ] {
         let mask = u32::MAX >> (32 - bits);

@@ -6,6 +6,7 @@ use burn::tensor::{Device, Tensor, TensorData};
 use dash_kernels::mlp::{MlpLayout, mlp};
 use rand::Rng;
 
+use crate::parameters::parameter;
 use crate::{HashEncoderConfig, ModelError};
 
 const TIME: usize = 3;
@@ -55,7 +56,7 @@ impl TimeEmbedding {
             let values: Vec<f32> = (0..shape[0] * shape[1])
                 .map(|_| rng.random_range(-INITIAL..INITIAL))
                 .collect();
-            Param::from_data(TensorData::new(values, shape), device)
+            parameter(values, shape, device)
         });
         Ok(Self {
             times: times.into(),

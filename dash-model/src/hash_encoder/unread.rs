@@ -2,12 +2,11 @@
 
 use std::collections::HashSet;
 
-use burn::module::Param;
-use burn::tensor::TensorData;
 use dash_kernels::hash_encode::HashGridLevel;
 
 use super::HashEncoder;
 use crate::gaussians::to_host;
+use crate::parameters::parameter;
 
 /// How far a coordinate of the unit cube may be from where another device computes it.
 const ROUNDING: f64 = 1e-6;
@@ -45,7 +44,7 @@ impl HashEncoder {
                     entry.fill(0.0);
                 }
             }
-            Param::from_data(TensorData::new(values, shape), &device)
+            parameter(values, shape, &device)
         });
         let table = tables.next().expect("an encoder has a table");
         let further_tables = tables.collect();
@@ -90,7 +89,7 @@ fn vertices(places: &[f32], axes: usize, level: &HashGridLevel) -> HashSet<[u64;
 
 #[cfg(test)]
 mod tests {
-    use burn::tensor::{Device, Tensor};
+    use burn::tensor::{Device, Tensor, TensorData};
     use dash_kernels::hash_encode::reference;
     use rand::{Rng, SeedableRng};
     use rand_pcg::Pcg64;

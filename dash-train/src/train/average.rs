@@ -65,7 +65,7 @@ impl Average {
         device: &Device,
     ) -> Result<Self, String> {
         let sizes = |tensors: &BTreeMap<String, HostTensor>| -> Vec<(String, usize)> {
-            let sizes = tensors.iter();
+            let sizes = tensors.iter().filter(|(_, t)| !t.values.is_empty());
             sizes
                 .map(|(name, t)| (name.clone(), t.values.len()))
                 .collect()
@@ -131,8 +131,10 @@ impl ModuleVisitor for Adder<'_> {
 
     fn visit_float<const D: usize>(&mut self, param: &Param<Tensor<D>>) {
         let values = param.val().inner();
-        let n: usize = values.dims().iter().product();
-        let values = values.reshape([n]);
+        if values.dims().contains(&0) {
+            return;
+        }
+        let values = values.flatten(0, D - 1);
         let name = self.path.name();
         let mean = match self.average.means.remove(&name) {
             None => values,
