@@ -1,6 +1,6 @@
-//! The look through a tensor on CubeCL devices.
+//! The look through tensors on CubeCL devices.
 //!
-//! A unit owns every `stride`-th value and raises the flag if one of them is not finite; units that
+//! A launch looks through six tensors. A unit owns every `stride`-th value of each and raises a tensor's flag if one of them is not finite; units that
 //! raise the same flag write the same word. No shared memory, no atomics; deterministic.
 
 use burn_cubecl::CubeBackend;
@@ -9,15 +9,26 @@ use cubecl::prelude::*;
 
 use crate::cube::{arg, contiguous, is_finite, own_memory, units};
 
-use super::{RAISED, RaiseFlag};
+use super::{RAISED, RaiseFlags};
 
-/// Values that a unit looks at.
+/// Values that a unit looks at, of the longest tensor.
 const VALUES_PER_UNIT: usize = 16;
 
-impl RaiseFlag for CubeBackend {
-    fn raise_flag(values: CubeTensor, flags: CubeTensor, slot: usize) -> CubeTensor {
-        let values = contiguous(values);
-        let n = values.meta.num_elements();
+impl RaiseFlags for CubeBackend {
+    fn raise_flags(
+        a: CubeTensor,
+        b: CubeTensor,
+        c: CubeTensor,
+        d: CubeTensor,
+        e: CubeTensor,
+        f: CubeTensor,
+        flags: CubeTensor,
+        first: usize,
+        last: usize,
+    ) -> CubeTensor {
+        let tensors = [a, b, c, d, e, f].map(contiguous);
+        let lengths = tensors.each_ref().map(|tensor| tensor.meta.num_elements());
+        let n = lengths.into_iter().fold(0, usize::max);
         if n == 0 {
             return flags;
         }
@@ -25,32 +36,60 @@ impl RaiseFlag for CubeBackend {
         let client = flags.client.clone();
         let stride = n.div_ceil(VALUES_PER_UNIT);
         let (count, dim) = units(&client, stride);
+        let [a, b, c, d, e, f] = tensors.each_ref().map(arg);
         raise_kernel::launch(
             &client,
             count,
             dim,
-            arg(&values),
+            a,
+            b,
+            c,
+            d,
+            e,
+            f,
             arg(&flags),
-            slot as u32,
-            n as u32,
+            first as u32,
+            last as u32,
             stride as u32,
         );
         flags
     }
 }
 
-#[cube(launch)]
-fn raise_kernel(values: &[f32], flags: &mut [f32], slot: u32, n: u32, stride: u32) {
-    if ABSOLUTE_POS >= stride as usize {
-        terminate!();
-    }
+/// Raises the flag of `slot` if one of this unit's values is not finite.
+#[cube]
+fn look(values: &[f32], flags: &mut [f32], slot: u32, stride: u32) {
     let mut sound = true;
     let mut i = ABSOLUTE_POS;
-    while i < n as usize {
+    while i < values.len() {
         sound = sound && is_finite(values[i]);
         i += stride as usize;
     }
     if !sound {
         flags[slot as usize] = RAISED;
     }
+}
+
+#[cube(launch)]
+fn raise_kernel(
+    a: &[f32],
+    b: &[f32],
+    c: &[f32],
+    d: &[f32],
+    e: &[f32],
+    f: &[f32],
+    flags: &mut [f32],
+    first: u32,
+    last: u32,
+    stride: u32,
+) {
+    if ABSOLUTE_POS >= stride as usize {
+        terminate!();
+    }
+    look(a, flags, first, stride);
+    look(b, flags, first + u32::min(1u32, last), stride);
+    look(c, flags, first + u32::min(2u32, last), stride);
+    look(d, flags, first + u32::min(3u32, last), stride);
+    look(e, flags, first + u32::min(4u32, last), stride);
+    look(f, flags, first + u32::min(5u32, last), stride);
 }

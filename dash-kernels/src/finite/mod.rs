@@ -8,87 +8,82 @@ mod tests;
 
 use burn::backend::tensor::FloatTensor;
 use burn::backend::{Backend, Dispatch, TensorMetadata, backend_extension};
-use burn::tensor::{Device, Tensor, TensorData, try_read_sync};
+use burn::tensor::{Tensor, TensorData, try_read_sync};
 
-use crate::KernelError;
 use crate::host::HostBackend;
 
 /// What a flag holds once something that is not finite was found.
 const RAISED: f32 = 1.0;
+/// Tensors that are looked through at once: WebGPU promises a kernel eight buffers, one holds the flags and one the
+/// launch's numbers.
+const AT_ONCE: usize = 6;
 
-/// One flag per watched tensor, on the tensors' device: many tensors are looked through for the
-/// price of reading a few bytes back.
+/// For each tensor whether all of it is finite. Many tensors are looked through for the price of reading a few bytes
+/// back; waits for the device. On an autodiff device pass `tensor.inner()`.
 ///
 /// The other operations of this crate give finite results whatever they are given, so what went
 /// wrong has to be looked for where values are kept.
-#[derive(Debug)]
-pub struct FiniteFlags {
-    flags: Tensor<1>,
-    n_used: usize,
+///
+/// # Panics
+/// On tensors of an autodiff device, or of different devices.
+pub fn all_finite(tensors: &[Tensor<1>]) -> Vec<bool> {
+    let is_empty = |tensor: &Tensor<1>| tensor.dims()[0] == 0;
+    let filled: Vec<_> = tensors.iter().filter(|tensor| !is_empty(tensor)).collect();
+    let Some(device) = filled.first().map(|tensor| tensor.device()) else {
+        return vec![true; tensors.len()];
+    };
+    let mut flags = Tensor::<1>::zeros([filled.len()], &device).into_dispatch();
+    for (k, group) in filled.chunks(AT_ONCE).enumerate() {
+        // Where there are fewer, the last is looked through again.
+        let last = group.len() - 1;
+        let tensor = |k: usize| group[k.min(last)].clone().into_dispatch();
+        let [a, b, c, d, e, f] = std::array::from_fn(tensor);
+        flags = Dispatch::raise_flags(a, b, c, d, e, f, flags, k * AT_ONCE, last);
+    }
+    let mut flags = Tensor::<1>::from_dispatch(flags)
+        .into_data()
+        .into_vec::<f32>()
+        .expect("the flags were made as f32")
+        .into_iter();
+    let sound = |tensor| is_empty(tensor) || flags.next() != Some(RAISED);
+    tensors.iter().map(sound).collect()
 }
 
-impl FiniteFlags {
-    /// Room for `n` tensors on `device`, none of them looked at.
-    pub fn new(n: usize, device: &Device) -> Self {
-        Self {
-            flags: Tensor::zeros([n.max(1)], &device.clone().inner()),
-            n_used: 0,
-        }
-    }
-
-    /// Looks through the next tensor. On an autodiff device pass `tensor.inner()`.
-    ///
-    /// # Errors
-    /// [`KernelError::Config`] when there is no room left.
-    ///
-    /// # Panics
-    /// On tensors of an autodiff device.
-    pub fn watch<const R: usize>(&mut self, tensor: Tensor<R>) -> Result<(), KernelError> {
-        let [room] = self.flags.dims();
-        if self.n_used == room {
-            return Err(KernelError::Config {
-                op: "watch",
-                what: format!("there is room for {room} tensors, expected no more of them"),
-            });
-        }
-        // The flags are replaced by the empty tensor meanwhile, so that they are written in place.
-        let device = self.flags.device();
-        let flags = std::mem::replace(&mut self.flags, Tensor::empty([0], &device));
-        self.flags = Tensor::from_dispatch(Dispatch::raise_flag(
-            tensor.into_dispatch(),
-            flags.into_dispatch(),
-            self.n_used,
-        ));
-        self.n_used += 1;
-        Ok(())
-    }
-
-    /// For each tensor, in the order in which they were watched, whether all of it is finite. Waits for the device.
-    pub fn read(self) -> Vec<bool> {
-        let flags: Vec<f32> = self
-            .flags
-            .into_data()
-            .into_vec()
-            .expect("the flags were made as f32");
-        let flags = flags.iter().take(self.n_used);
-        flags.map(|&flag| flag != RAISED).collect()
-    }
-}
-
-/// Dispatch of [`FiniteFlags::watch`] over the enabled backends.
+/// Dispatch of [`all_finite`] over the enabled backends.
 #[backend_extension(Flex: cfg(feature = "flex"), NdArray: cfg(feature = "ndarray"), Cube: cfg(feature = "cube"))]
-pub trait RaiseFlag: Backend {
-    /// The flags, that of `slot` raised if a value is not finite.
-    fn raise_flag(
-        values: FloatTensor<Self>,
+pub trait RaiseFlags: Backend {
+    /// The flags, those from `first` on raised whose tensors have values that are not finite; tensors after `last` are
+    /// that one again.
+    #[allow(clippy::too_many_arguments)]
+    fn raise_flags(
+        a: FloatTensor<Self>,
+        b: FloatTensor<Self>,
+        c: FloatTensor<Self>,
+        d: FloatTensor<Self>,
+        e: FloatTensor<Self>,
+        f: FloatTensor<Self>,
         flags: FloatTensor<Self>,
-        slot: usize,
+        first: usize,
+        last: usize,
     ) -> FloatTensor<Self>;
 }
 
-impl<B: HostBackend> RaiseFlag for B {
-    fn raise_flag(values: FloatTensor<B>, flags: FloatTensor<B>, slot: usize) -> FloatTensor<B> {
-        if cpu::all_finite(&B::values(&values)) {
+impl<B: HostBackend> RaiseFlags for B {
+    fn raise_flags(
+        a: FloatTensor<B>,
+        b: FloatTensor<B>,
+        c: FloatTensor<B>,
+        d: FloatTensor<B>,
+        e: FloatTensor<B>,
+        f: FloatTensor<B>,
+        flags: FloatTensor<B>,
+        first: usize,
+        last: usize,
+    ) -> FloatTensor<B> {
+        let tensors = [a, b, c, d, e, f].into_iter().take(last + 1).enumerate();
+        let broken = tensors.filter(|(_, tensor)| !cpu::all_finite(&B::values(tensor)));
+        let broken: Vec<usize> = broken.map(|(k, _)| first + k).collect();
+        if broken.is_empty() {
             return flags;
         }
         let (device, shape) = (flags.device(), flags.shape());
@@ -97,7 +92,9 @@ impl<B: HostBackend> RaiseFlag for B {
             .expect("reading host memory cannot fail")
             .into_vec()
             .expect("the flags were made as f32");
-        values[slot] = RAISED;
+        for slot in broken {
+            values[slot] = RAISED;
+        }
         B::float_from_data(TensorData::new(values, shape), &device)
     }
 }

@@ -11,8 +11,7 @@ use std::fmt;
 
 use burn::module::{Module, ModuleMapper, Param};
 use burn::tensor::{Gradients, Tensor, TensorData};
-use dash_kernels::KernelError;
-use dash_kernels::finite::FiniteFlags;
+use dash_kernels::finite::all_finite;
 use dash_model::Gaussians;
 use dash_model::parameters::Path;
 use serde::{Deserialize, Serialize};
@@ -140,23 +139,20 @@ pub(crate) struct Fault {
 }
 
 /// Every parameter and every gradient that is not finite; `None` where they all are, and the loss.
-pub(crate) fn look(
-    trainer: &Trainer,
-    gradients: &Gradients,
-    loss: f32,
-) -> Result<Option<Vec<Fault>>, KernelError> {
+pub(crate) fn look(trainer: &Trainer, gradients: &Gradients, loss: f32) -> Option<Vec<Fault>> {
     let mut watch = Watch::new(gradients);
     watch.visit("scene", &trainer.scene);
     if let Some(motion) = &trainer.motion {
         watch.visit("motion", motion);
     }
-    let mut flags = FiniteFlags::new(watch.watched.len(), &trainer.device);
-    for watched in &watch.watched {
-        flags.watch(watched.values.clone())?;
-    }
-    let finite = flags.read();
+    let values: Vec<_> = watch
+        .watched
+        .iter()
+        .map(|watched| watched.values.clone())
+        .collect();
+    let finite = all_finite(&values);
     if loss.is_finite() && finite.iter().all(|&finite| finite) {
-        return Ok(None);
+        return None;
     }
     let broken = watch.watched.into_iter().zip(finite);
     let faults = broken.filter(|(_, finite)| !finite).map(|(watched, _)| {
@@ -171,7 +167,7 @@ pub(crate) fn look(
             rows: rows.map(|(row, _)| row).collect(),
         }
     });
-    Ok(Some(faults.collect()))
+    Some(faults.collect())
 }
 
 /// Mends what is at fault and takes note of the step that is left out.
