@@ -35,6 +35,7 @@ impl RaiseFlags for CubeBackend {
         let flags = own_memory(flags);
         let client = flags.client.clone();
         let stride = n.div_ceil(VALUES_PER_UNIT);
+        let [n_a, n_b, n_c, n_d, n_e, n_f] = lengths.map(|n| n as u32);
         let (count, dim) = units(&client, stride);
         let [a, b, c, d, e, f] = tensors.each_ref().map(arg);
         raise_kernel::launch(
@@ -48,6 +49,7 @@ impl RaiseFlags for CubeBackend {
             e,
             f,
             arg(&flags),
+            LengthsLaunch::new(n_a, n_b, n_c, n_d, n_e, n_f),
             first as u32,
             last as u32,
             stride as u32,
@@ -56,12 +58,23 @@ impl RaiseFlags for CubeBackend {
     }
 }
 
+/// How many values there are of each tensor; the memory that a kernel is given may be longer.
+#[derive(CubeType, CubeLaunch, Clone, Copy)]
+struct Lengths {
+    a: u32,
+    b: u32,
+    c: u32,
+    d: u32,
+    e: u32,
+    f: u32,
+}
+
 /// Raises the flag of `slot` if one of this unit's values is not finite.
 #[cube]
-fn look(values: &[f32], flags: &mut [f32], slot: u32, stride: u32) {
+fn look(values: &[f32], n: u32, flags: &mut [f32], slot: u32, stride: u32) {
     let mut sound = true;
     let mut i = ABSOLUTE_POS;
-    while i < values.len() {
+    while i < n as usize {
         sound = sound && is_finite(values[i]);
         i += stride as usize;
     }
@@ -79,6 +92,7 @@ fn raise_kernel(
     e: &[f32],
     f: &[f32],
     flags: &mut [f32],
+    n: Lengths,
     first: u32,
     last: u32,
     stride: u32,
@@ -86,10 +100,10 @@ fn raise_kernel(
     if ABSOLUTE_POS >= stride as usize {
         terminate!();
     }
-    look(a, flags, first, stride);
-    look(b, flags, first + u32::min(1u32, last), stride);
-    look(c, flags, first + u32::min(2u32, last), stride);
-    look(d, flags, first + u32::min(3u32, last), stride);
-    look(e, flags, first + u32::min(4u32, last), stride);
-    look(f, flags, first + u32::min(5u32, last), stride);
+    look(a, n.a, flags, first, stride);
+    look(b, n.b, flags, first + u32::min(1u32, last), stride);
+    look(c, n.c, flags, first + u32::min(2u32, last), stride);
+    look(d, n.d, flags, first + u32::min(3u32, last), stride);
+    look(e, n.e, flags, first + u32::min(4u32, last), stride);
+    look(f, n.f, flags, first + u32::min(5u32, last), stride);
 }
