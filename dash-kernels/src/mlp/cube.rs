@@ -54,11 +54,7 @@ impl PerceptronVjp for CubeBackend {
         let mut v = clean(v_out);
         let mut v_input = None;
         for (index, layer) in layout.layers().iter().enumerate().rev() {
-            let given = if index == 0 {
-                &input
-            } else {
-                &hidden[index - 1]
-            };
+            let given = index.checked_sub(1).map_or(&input, |index| &hidden[index]);
             if let Some(sums) = &sums {
                 let own = (layer.n_inputs + 1).div_ceil(INPUTS) * groups(layer.n_outputs);
                 let (count, dim) = units(client, n_parts * own);
@@ -84,7 +80,8 @@ impl PerceptronVjp for CubeBackend {
         let v_parameters = sums.map(|sums| {
             let total = uninitialised(&parameters, [n_parameters]);
             let (count, dim) = units(client, n_parameters);
-            add_parts::launch(client, count, dim, sums.arg(), arg(&total), n_parts as u32);
+            let (parts, n) = (n_parts as u32, n_parameters as u32);
+            add_parts::launch(client, count, dim, sums.arg(), arg(&total), parts, n);
             total
         });
         [v_input, v_parameters]
@@ -384,13 +381,15 @@ fn sum_parts(
 }
 
 #[cube(launch)]
-fn add_parts(sums: &[f32], total: &mut [f32], n_parts: u32) {
-    if ABSOLUTE_POS >= total.len() {
+fn add_parts(sums: &[f32], total: &mut [f32], n_parts: u32, n_parameters: u32) {
+    // The memory of the total may be longer than it.
+    let n_parameters = n_parameters as usize;
+    if ABSOLUTE_POS >= n_parameters {
         terminate!();
     }
     let mut sum = 0.0f32;
     for part in 0..n_parts as usize {
-        sum += sums[part * total.len() + ABSOLUTE_POS];
+        sum += sums[part * n_parameters + ABSOLUTE_POS];
     }
     total[ABSOLUTE_POS] = finite_or_zero(sum);
 }

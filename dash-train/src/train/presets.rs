@@ -49,7 +49,7 @@ impl TrainConfig {
                 settle: 0.7,
                 window: TimeWindow::Growing,
                 min_following: 1_000,
-                averaged: 0.0,
+                averaged: 0.06,
             },
             loss: LossConfig {
                 dssim: 0.2,
