@@ -1,7 +1,7 @@
 //! The look through tensors on CubeCL devices.
 //!
-//! A launch looks through six tensors. A unit owns every `stride`-th value of each and raises a tensor's flag if one of them is not finite; units that
-//! raise the same flag write the same word. No shared memory, no atomics; deterministic.
+//! A launch looks through six tensors. A unit owns every `stride`-th value of each and raises a tensor's flag if one of
+//! them is not finite; units that raise the same flag write the same word. No shared memory, no atomics; deterministic.
 
 use burn_cubecl::CubeBackend;
 use burn_cubecl::tensor::CubeTensor;

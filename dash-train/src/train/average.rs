@@ -177,28 +177,12 @@ mod tests {
 
     use super::*;
     use crate::synth;
-    use crate::train::{Preset, TrainConfig, latest_checkpoint, load_checkpoint, save_checkpoint};
+    use crate::train::config::tests::small;
+    use crate::train::{latest_checkpoint, load_checkpoint, save_checkpoint};
 
     /// Of `bounce`, 4 cameras, 4 frames, 32x24 pixels, with both sets from step 18 on.
     fn trainer(averaged: &str) -> Trainer {
-        let mut config = TrainConfig::preset(Preset::Quick);
-        for assignment in [
-            "iterations=60",
-            "max_initial_points=300",
-            "min_initial_points=0",
-            "stages.warmup=0.1",
-            "stages.min_following=0",
-            "stages.settle=0.5",
-            "stages.decomposition=0.3",
-            averaged,
-            "decomposition.floor=0",
-            "decomposition.quantile=0.5",
-            "decomposition.encoder.log2_hashmap_size=8",
-            "field.deformation.encoder.log2_hashmap_size=8",
-            "field.deformation.hidden=8",
-        ] {
-            config.set(assignment).expect("a known key");
-        }
+        let config = small(&["iterations=60", averaged]);
         let dataset = Arc::new(synth::loaded(4, 4, [32, 24]));
         Trainer::new(config, dataset, &Device::flex()).expect("valid")
     }

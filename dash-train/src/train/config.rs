@@ -358,4 +358,4 @@ mod frames;
 mod ranges;
 mod stages;
 #[cfg(test)]
-mod tests;
+pub(crate) mod tests;

@@ -1,5 +1,27 @@
 use super::*;
 
+/// `quick` for a run of a second, in which both sets are there from 30 % on, with some values set.
+pub(crate) fn small(assignments: &[&str]) -> TrainConfig {
+    let mut config = TrainConfig::preset(Preset::Quick);
+    let of_all = [
+        "max_initial_points=300",
+        "min_initial_points=0",
+        "stages.warmup=0.1",
+        "stages.min_following=0",
+        "stages.settle=0.5",
+        "stages.decomposition=0.3",
+        "decomposition.floor=0",
+        "decomposition.quantile=0.5",
+        "decomposition.encoder.log2_hashmap_size=8",
+        "field.deformation.encoder.log2_hashmap_size=8",
+        "field.deformation.hidden=8",
+    ];
+    for assignment in of_all.iter().chain(assignments) {
+        config.set(assignment).expect("a known key");
+    }
+    config
+}
+
 #[test]
 fn every_preset_is_valid_and_survives_toml() {
     for preset in [

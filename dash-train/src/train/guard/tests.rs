@@ -9,9 +9,10 @@ use dash_model::{GaussianRows, Gaussians};
 use super::*;
 use crate::dataset::Dataset;
 use crate::synth;
+use crate::train::TrainConfig;
+use crate::train::config::tests::small;
 use crate::train::density::DensityStatistics;
 use crate::train::trainer::STATIC;
-use crate::train::{Preset, TrainConfig};
 
 /// The split of [`config`].
 const SPLIT: usize = 12;
@@ -34,27 +35,12 @@ fn dataset() -> Arc<Dataset> {
 }
 
 fn config() -> TrainConfig {
-    let mut config = TrainConfig::preset(Preset::Quick);
-    for assignment in [
+    small(&[
         "iterations=40",
-        "max_initial_points=300",
-        "min_initial_points=0",
-        "stages.warmup=0.1",
-        "stages.min_following=0",
-        "stages.settle=0.5",
-        "stages.decomposition=0.3",
-        "decomposition.floor=0",
-        "decomposition.quantile=0.5",
         "decomposition.review_interval=0",
-        "decomposition.encoder.log2_hashmap_size=8",
-        "field.deformation.encoder.log2_hashmap_size=8",
-        "field.deformation.hidden=8",
         "density_static.until=0",
         "density_dynamic.until=0",
-    ] {
-        config.set(assignment).expect("a known key");
-    }
-    config
+    ])
 }
 
 /// A run after `steps` steps, none of them skipped.
