@@ -40,14 +40,7 @@ fn ask(device: &Device) -> Option<u64> {
     };
     // Kernels count values in 32 bits.
     let countable = u64::from(u32::MAX) * VALUE_BYTES as u64;
-    Some(
-        tensor
-            .client
-            .properties()
-            .memory
-            .max_page_size
-            .min(countable),
-    )
+    Some(crate::cube::largest_buffer(&tensor.client).min(countable))
 }
 
 #[cfg(not(feature = "cube"))]

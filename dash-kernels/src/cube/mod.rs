@@ -45,12 +45,14 @@ pub(crate) fn uninitialised<const R: usize>(like: &CubeTensor, shape: [usize; R]
 /// A contiguous tensor of zeros of `shape` beside `like`; Burn's own pad their rows on CUDA.
 pub(crate) fn zeros<const R: usize>(like: &CubeTensor, shape: [usize; R]) -> CubeTensor {
     let tensor = uninitialised(like, shape);
-    let (count, dim) = units(&tensor.client, tensor.meta.num_elements());
-    fill_kernel::launch(&tensor.client, count, dim, arg(&tensor), 0);
+    let length = tensor.meta.num_elements();
+    let (count, dim) = units(&tensor.client, length);
+    zero_kernel::launch(&tensor.client, count, dim, arg(&tensor), length as u32);
     tensor
 }
 
-/// A tensor as a kernel's argument.
+/// A tensor as a kernel's argument. A kernel has to be told its length: `.len()` there is that of the memory, which on
+/// CUDA may be longer, and nothing checks what lies beyond.
 pub(crate) fn arg(tensor: &CubeTensor) -> BufferArg {
     assert!(tensor.is_contiguous(), "kernels read row-major tensors");
     let length = tensor.meta.num_elements();
@@ -86,7 +88,7 @@ impl Buffer {
     pub fn zeros(client: &Client, length: usize) -> Self {
         let buffer = Self::uninitialised(client, length);
         let (count, dim) = units(client, length);
-        fill_kernel::launch(client, count, dim, buffer.arg(), 0);
+        zero_kernel::launch(client, count, dim, buffer.arg(), length as u32);
         buffer
     }
 
@@ -105,6 +107,22 @@ impl Buffer {
     pub fn len(&self) -> usize {
         self.length
     }
+}
+
+/// Memory is handed out in whole pieces of this many bytes, or of the device's alignment where that is more: what is
+/// asked for is rounded up to them.
+const PIECE_BYTES: u64 = 512;
+
+/// Bytes of the largest buffer that the device gives. Limits that are no whole pieces, such as the 2^31 - 1 bytes of
+/// many drivers, can't be used up: the last piece would go beyond them.
+pub(crate) fn largest_buffer(client: &Client) -> u64 {
+    let memory = &client.properties().memory;
+    whole_pieces(memory.max_page_size, memory.alignment)
+}
+
+fn whole_pieces(limit: u64, alignment: u64) -> u64 {
+    let piece = alignment.max(PIECE_BYTES);
+    limit / piece * piece
 }
 
 /// Units of a cube in kernels whose units are independent of each other.
@@ -126,9 +144,9 @@ pub(crate) fn calculate_cubes(client: &Client, n: usize) -> CubeCount {
 }
 
 #[cube(launch)]
-fn fill_kernel(values: &mut [u32], value: u32) {
-    if ABSOLUTE_POS < values.len() {
-        values[ABSOLUTE_POS] = value;
+fn zero_kernel(values: &mut [u32], length: u32) {
+    if ABSOLUTE_POS < length as usize {
+        values[ABSOLUTE_POS] = 0u32;
     }
 }
 

@@ -113,3 +113,11 @@ fn sorting_is_stable_and_stops_at_the_count() {
         }
     }
 }
+
+/// Drivers' limits of 2^31 - 1 bytes can't be used up: a buffer of them would be rounded up beyond.
+#[test]
+fn largest_buffers_are_whole_pieces() {
+    assert_eq!(whole_pieces(1 << 27, 256), 1 << 27);
+    assert_eq!(whole_pieces((1 << 31) - 1, 32), (1 << 31) - 512);
+    assert_eq!(whole_pieces((1 << 31) - 1, 4096), (1 << 31) - 4096);
+}

@@ -22,6 +22,7 @@ impl Displacement for CubeBackend {
             arg(&coefficients),
             values(&coefficients.client, &basis).arg(),
             arg(&out),
+            (n * AXES) as u32,
             basis.len() as u32,
         );
         out
@@ -41,6 +42,7 @@ impl DisplacementVjp for CubeBackend {
             arg(&v_out),
             values(&v_out.client, &basis).arg(),
             arg(&gradient),
+            (n * AXES * basis.len()) as u32,
             basis.len() as u32,
         );
         gradient
@@ -52,8 +54,8 @@ fn values(client: &Client, basis: &[f32]) -> Buffer {
 }
 
 #[cube(launch)]
-fn forward(coefficients: &[f32], basis: &[f32], out: &mut [f32], n_functions: u32) {
-    if ABSOLUTE_POS >= out.len() {
+fn forward(coefficients: &[f32], basis: &[f32], out: &mut [f32], length: u32, n_functions: u32) {
+    if ABSOLUTE_POS >= length as usize {
         terminate!();
     }
     let n_functions = n_functions as usize;
@@ -67,8 +69,8 @@ fn forward(coefficients: &[f32], basis: &[f32], out: &mut [f32], n_functions: u3
 }
 
 #[cube(launch)]
-fn backward(v_out: &[f32], basis: &[f32], gradient: &mut [f32], n_functions: u32) {
-    if ABSOLUTE_POS >= gradient.len() {
+fn backward(v_out: &[f32], basis: &[f32], gradient: &mut [f32], length: u32, n_functions: u32) {
+    if ABSOLUTE_POS >= length as usize {
         terminate!();
     }
     let width = n_functions as usize * AXES;

@@ -96,12 +96,14 @@ fn groups(n_outputs: usize) -> usize {
 /// The values, with zeros in place of those that are not finite.
 fn clean(values: CubeTensor) -> CubeTensor {
     let values = contiguous(values);
+    let length = values.meta.num_elements();
     let out = CubeTensor {
-        handle: uninitialised(&values, [values.meta.num_elements()]).handle,
+        handle: uninitialised(&values, [length]).handle,
         ..values.clone()
     };
-    let (count, dim) = units(&values.client, values.meta.num_elements());
-    clean_kernel::launch(&values.client, count, dim, arg(&values), arg(&out));
+    let (count, dim) = units(&values.client, length);
+    let length = length as u32;
+    clean_kernel::launch(&values.client, count, dim, arg(&values), arg(&out), length);
     out
 }
 
@@ -177,8 +179,8 @@ fn sizes(layer: &MlpLayer, n: usize) -> SizesLaunch {
 }
 
 #[cube(launch)]
-fn clean_kernel(values: &[f32], out: &mut [f32]) {
-    if ABSOLUTE_POS < out.len() {
+fn clean_kernel(values: &[f32], out: &mut [f32], length: u32) {
+    if ABSOLUTE_POS < length as usize {
         out[ABSOLUTE_POS] = finite_or_zero(values[ABSOLUTE_POS]);
     }
 }

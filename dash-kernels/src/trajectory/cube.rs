@@ -23,6 +23,7 @@ impl SquaredExtent for CubeBackend {
             dim,
             arg(&coefficients),
             arg(&out),
+            n as u32,
             polyline.n_spans as u32,
             polyline.span as u32,
             polyline.share,
@@ -49,6 +50,7 @@ impl SquaredExtentVjp for CubeBackend {
             arg(&coefficients),
             arg(&v_out),
             arg(&gradient),
+            n as u32,
             polyline.n_spans as u32,
             polyline.span as u32,
             polyline.share,
@@ -68,12 +70,13 @@ fn on(at: f32, span: f32, part: f32) -> f32 {
 fn forward(
     coefficients: &[f32],
     out: &mut [f32],
+    n: u32,
     n_spans: u32,
     span: u32,
     share: f32,
     inverse_steady: f32,
 ) {
-    if ABSOLUTE_POS >= out.len() {
+    if ABSOLUTE_POS >= n as usize {
         terminate!();
     }
     let (n_spans, span) = (n_spans as usize, span as usize);
@@ -106,13 +109,14 @@ fn backward(
     coefficients: &[f32],
     v_out: &[f32],
     gradient: &mut [f32],
+    n: u32,
     n_spans: u32,
     span: u32,
     share: f32,
     inverse_steady: f32,
 ) {
     let row = ABSOLUTE_POS / 3usize;
-    if row >= v_out.len() {
+    if row >= n as usize {
         terminate!();
     }
     let (n_spans, span) = (n_spans as usize, span as usize);

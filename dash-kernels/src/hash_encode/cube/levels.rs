@@ -2,7 +2,7 @@
 
 use cubecl::prelude::*;
 
-use crate::cube::Buffer;
+use crate::cube::{Buffer, is_finite};
 
 use super::super::HashGridLayout;
 use super::super::layout::{HASH_PRIMES, HashGridLevel, MAX_DIMS};
@@ -80,14 +80,14 @@ pub(super) struct Cell {
     slope: Array<f32>,
 }
 
-/// Whether all coordinates lie in [0, 1]; NaN, which equals nothing, does not.
+/// Whether all coordinates lie in [0, 1]. NaN does not, by its bits: a device may take it that there is none.
 #[cube]
 pub(super) fn is_inside(positions: &[f32], point: usize, #[comptime] dims: usize) -> bool {
     let mut inside = true;
     #[unroll]
     for axis in 0..dims {
         let x = positions[point * dims + axis];
-        inside = inside && f32::clamp(x, 0.0f32, 1.0f32) == x;
+        inside = inside && is_finite(x) && f32::clamp(x, 0.0f32, 1.0f32) == x;
     }
     inside
 }
