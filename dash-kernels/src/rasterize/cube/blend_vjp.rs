@@ -273,6 +273,10 @@ fn blend_tiles_vjp<A: FloatAdd>(
     }
     let unit = UNIT_POS as usize;
     let list = tile_list(tile, &lists, &frame);
+    // Without slots the first window has done it all.
+    if list.overflowed && window.first > 0u32 {
+        terminate!();
+    }
     let (column, first_row) = first_pixel(tile, &frame, per_unit);
     let x = f32::cast_from(column) + 0.5f32;
     let y = f32::cast_from(first_row) + 0.5f32;
@@ -324,7 +328,8 @@ fn blend_tiles_vjp<A: FloatAdd>(
                 }
                 let place = batch_end - step - 1;
                 if list.overflowed {
-                    if window.first == 0u32 {
+                    // Of all splats few reach the tile, and all tiles wait for each other here.
+                    if sum != 0.0f32 {
                         let row = lists.order[place] as usize;
                         A::add(&v_splats[row * N_COLUMNS + value], sum);
                     }

@@ -1,18 +1,21 @@
 //! How many intersections the lists of the next frame have room for.
 //!
-//! The number that a frame needs is read back while others are drawn: each frame asks whether it
-//! has arrived and never waits, so that frames drawn until then use the capacity of before.
+//! The number that a frame needs is sent for when the frame is drawn, and taken in by the next one, which never waits
+//! for what is still on its way (CUDA, whose readings can't be asked whether they are there, waits for the number
+//! alone, sent before the frame before was blended). The first frame of a size waits for its own number, where
+//! anything can wait: in a browser it has the room of a guess.
 
 use std::collections::HashMap;
+use std::future::poll_fn;
 use std::pin::Pin;
-use std::sync::{Arc, LazyLock, Mutex, MutexGuard};
+use std::sync::{LazyLock, Mutex, MutexGuard};
 use std::task::{Context, Poll, Waker};
 
 use burn::tensor::try_read_sync;
 use cubecl::prelude::*;
 use cubecl::server::Handle;
 
-use crate::cube::Buffer;
+use crate::cube::{Buffer, largest_buffer};
 use crate::determinism::is_deterministic;
 use crate::splats::N_DIFFERENTIABLE;
 
@@ -21,9 +24,13 @@ const FIRST_PER_SPLAT: usize = 8;
 const FIRST: usize = 1 << 16;
 /// Room kept beyond what was needed last, in eighths of it.
 const SPARE_EIGHTHS: usize = 2;
-/// Part of the room that a frame which needs less gives back: pictures of several layers are drawn
-/// in turns.
-const DECAY: usize = 64;
+/// Part of the room that a frame which needs less gives back: pictures of several layers and of many cameras are
+/// drawn in turns.
+const DECAY: usize = 4096;
+/// Bytes that an intersection takes while gradients are worked out: its key, slot and rows, what they are sorted
+/// into, and a value of each differentiable column.
+const BYTES: u64 = 4 * (7 + N_DIFFERENTIABLE as u64);
+
 /// What frames of one size need on a device.
 #[derive(Default)]
 struct Need {
@@ -36,7 +43,7 @@ struct Need {
 
 type Reading = Pin<Box<dyn Future<Output = Option<usize>> + Send>>;
 
-type Needs = HashMap<(String, [usize; 2]), Arc<Mutex<Need>>>;
+type Needs = HashMap<(String, [usize; 2]), Need>;
 
 static NEEDS: LazyLock<Mutex<Needs>> = LazyLock::new(Mutex::default);
 
@@ -44,44 +51,54 @@ static NEEDS: LazyLock<Mutex<Needs>> = LazyLock::new(Mutex::default);
 /// end of `starts [n + 1]`.
 pub(super) fn next(client: &Client, starts: &Buffer, n: usize, tiles: [usize; 2]) -> usize {
     let total = starts.handle().offset_start((n * size_of::<u32>()) as u64);
+    let most = most(client);
     if is_deterministic() {
         // The slow way adds gradients in any order.
-        let needed = read(client, total).unwrap_or(1).max(1);
-        if needed > most(client) {
-            warn_of_slow_drawing(needed, most(client));
+        let needed = try_read_sync(send_for(client, total)).flatten();
+        let needed = needed.unwrap_or(1).max(1);
+        if needed > most {
+            warn_of_slow_drawing(needed, most);
         }
-        return fitting(client, needed);
+        return fitting(needed, most);
     }
-    let key = (format!("{:?}", client.service_id()), tiles);
-    let need = lock(&NEEDS).entry(key).or_default().clone();
-    let mut need = lock(&need);
-    if need.reading.is_none() {
-        need.reading = Some(Box::pin(read_later(client.clone(), total)));
+    let device = format!("{:?}", client.service_id());
+    let mut needs = lock(&NEEDS);
+    // Those of other sizes, too: on wgpu a number that nobody takes keeps a thread awake.
+    for (_, need) in needs.iter_mut().filter(|(key, _)| key.0 == device) {
+        need.take_what_arrived(most);
     }
-    need.take_what_arrived(most(client));
+    let key = (device, tiles);
+    let is_first = !needs.contains_key(&key);
+    let need = needs.entry(key).or_default();
+    if is_first && let Some(needed) = try_read_sync(send_for(client, total.clone())) {
+        need.take(needed, most);
+    } else if need.reading.is_none() {
+        need.reading = Some(send_for(client, total));
+    }
     let wanted = need.intersections + need.intersections / 8 * SPARE_EIGHTHS;
-    fitting(client, wanted.max(FIRST).max(FIRST_PER_SPLAT * n))
+    fitting(wanted.max(FIRST).max(FIRST_PER_SPLAT * n), most)
 }
 
 impl Need {
-    /// Asks once whether the number has arrived; the first question sends for it.
+    /// Takes in the number that was sent for, if it is there.
     fn take_what_arrived(&mut self, most: usize) {
         let Some(reading) = &mut self.reading else {
             return;
         };
-        let Poll::Ready(read) = reading
-            .as_mut()
-            .poll(&mut Context::from_waker(Waker::noop()))
-        else {
-            return;
-        };
-        self.reading = None;
-        let read = read.unwrap_or(0);
+        let mut context = Context::from_waker(Waker::noop());
+        if let Poll::Ready(needed) = reading.as_mut().poll(&mut context) {
+            self.reading = None;
+            self.take(needed, most);
+        }
+    }
+
+    fn take(&mut self, needed: Option<usize>, most: usize) {
+        let needed = needed.unwrap_or(0);
         let kept = self.intersections - self.intersections / DECAY;
-        self.intersections = read.max(kept);
-        if read > most && !self.warned {
+        self.intersections = needed.max(kept);
+        if needed > most && !self.warned {
             self.warned = true;
-            warn_of_slow_drawing(read, most);
+            warn_of_slow_drawing(needed, most);
         }
     }
 }
@@ -101,32 +118,52 @@ fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
         .unwrap_or_else(|poisoned| poisoned.into_inner())
 }
 
-/// The most intersections that a list of 32-bit words holds on the device.
+/// The most intersections that a device's lists hold: a list fits a buffer, and all that they take half of the memory,
+/// where that is known.
 fn most(client: &Client) -> usize {
-    let words = client.properties().memory.max_page_size / size_of::<u32>() as u64;
+    let words = largest_buffer(client) / size_of::<u32>() as u64;
+    let memory = client.properties().memory.max_memory();
+    let all = memory.map_or(u64::MAX, |bytes| bytes / 2 / BYTES);
     // Indices have 32 bits, with some to spare for the last cube's idle units.
-    words.min(u64::from(u32::MAX / 2)) as usize
+    words.min(all).min(u64::from(u32::MAX / 2)) as usize
 }
 
 /// Intersections whose gradients fit one buffer: a value of each differentiable column.
 pub(super) fn slots_per_window(client: &Client) -> usize {
-    most(client) / N_DIFFERENTIABLE
+    let words = largest_buffer(client) / size_of::<u32>() as u64;
+    (words as usize / N_DIFFERENTIABLE).min(most(client))
 }
 
-/// A capacity of at least `wanted`, in steps so that memory is used again, as far as the device's
-/// largest buffer allows.
-fn fitting(client: &Client, wanted: usize) -> usize {
-    wanted.next_multiple_of(FIRST).min(most(client))
+/// A capacity of at least `wanted`, in steps so that memory is used again, but not of more than `most`.
+fn fitting(wanted: usize, most: usize) -> usize {
+    wanted.next_multiple_of(FIRST).min(most)
 }
 
-/// The number that the memory begins with; none when the device failed.
-async fn read_later(client: Client, memory: Handle) -> Option<usize> {
-    let bytes = client.read_async(vec![memory]).await.ok()?;
-    let words: &[u32] = bytemuck::cast_slice(&bytes[0]);
-    words.first().map(|&total| total as usize)
-}
-
-/// The same, waited for.
-fn read(client: &Client, memory: Handle) -> Option<usize> {
-    try_read_sync(read_later(client.clone(), memory))?
+/// Sends for the number that the memory begins with, as it is now. None arrives when the device failed.
+fn send_for(client: &Client, memory: Handle) -> Reading {
+    let client = client.clone();
+    let mut is_sent = false;
+    let mut reading: Reading = Box::pin(async move {
+        let answer = client.read_async(vec![memory]);
+        // On CUDA the first question for an answer waits for it, so that it is put off until the reading is polled again.
+        poll_fn(|context| {
+            let state = if is_sent {
+                Poll::Ready(())
+            } else {
+                Poll::Pending
+            };
+            is_sent = true;
+            context.waker().wake_by_ref();
+            state
+        })
+        .await;
+        let bytes = answer.await.ok()?;
+        let words: &[u32] = bytemuck::cast_slice(&bytes[0]);
+        words.first().map(|&total| total as usize)
+    });
+    let sent = reading
+        .as_mut()
+        .poll(&mut Context::from_waker(Waker::noop()));
+    debug_assert!(sent.is_pending());
+    reading
 }

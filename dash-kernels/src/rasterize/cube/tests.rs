@@ -187,32 +187,44 @@ fn repetitions_have_the_same_bits() {
     }
 }
 
-/// The room follows what frames need, without being told.
+/// The capacity that a picture of `n` splats which cover all of it is drawn with, and what it needs.
+fn covered(n: usize, size: [usize; 2]) -> [usize; 2] {
+    let splats: Vec<f32> = random(35, n, SIZE[0], SIZE[1])
+        .chunks_exact(N_COLUMNS)
+        .flat_map(|row| {
+            let mut row = row.to_vec();
+            row[splats::CONIC_A..=splats::CONIC_C].copy_from_slice(&[1e-9, 0.0, 1e-9]);
+            row[splats::OPACITY] = 0.02;
+            row[splats::RADIUS_X..].fill(1e4);
+            row
+        })
+        .collect();
+    let splats = cube_tensor(&splats, [n, N_COLUMNS]);
+    let (_, saved) = rasterize_with(splats, options(size[0], size[1]), tuning());
+    let needed = words(&saved.splats.client, &saved.intersections.starts)[n] as usize;
+    assert_eq!(needed, n * size[0].div_ceil(TILE) * size[1].div_ceil(TILE));
+    [saved.intersections.capacity, needed]
+}
+
+#[test]
+fn the_first_picture_of_a_size_has_room() {
+    let [capacity, needed] = covered(20, [1007, 1000]);
+    assert!(needed > 1 << 16, "{needed} fit anyway");
+    assert!(capacity >= needed, "room for {capacity} of {needed}");
+}
+
+/// The room follows what pictures need, without being told, also where large ones take turns with small ones.
 #[test]
 fn capacity_grows() {
-    let options = options(1000, 1000);
-    let n_tiles = 63 * 63;
-    let draw = |n: usize| {
-        let splats: Vec<f32> = random(35, n, SIZE[0], SIZE[1])
-            .chunks_exact(N_COLUMNS)
-            .flat_map(|row| {
-                let mut row = row.to_vec();
-                // Over the whole image.
-                row[splats::CONIC_A..=splats::CONIC_C].copy_from_slice(&[1e-9, 0.0, 1e-9]);
-                row[splats::OPACITY] = 0.02;
-                row[splats::RADIUS_X..].fill(1e4);
-                row
-            })
-            .collect();
-        let (_, saved) = rasterize_with(cube_tensor(&splats, [n, N_COLUMNS]), options, tuning());
-        let total = words(&saved.splats.client, &saved.intersections.starts)[n];
-        assert_eq!(total as usize, n * n_tiles);
-        saved.intersections.capacity
-    };
-    // More than there is room for; a device that answers at once makes it for the same frame.
-    let n = 2 * draw(1) / n_tiles + 1;
-    let grown = (0..40).map(|_| draw(n)).any(|room| room >= n * n_tiles);
-    assert!(grown, "still no room for {}", n * n_tiles);
+    let size = [1000, 1000];
+    let [small, _] = covered(1, size);
+    let n = 2 * small / (63 * 63) + 1;
+    let grown = (0..40).any(|_| {
+        covered(1, size);
+        let [capacity, needed] = covered(n, size);
+        capacity >= needed
+    });
+    assert!(grown, "still no room for {n} splats");
 }
 
 /// Every poison in every column, all rows at once: nothing that is not finite comes out, and rows
