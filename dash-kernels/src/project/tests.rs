@@ -259,81 +259,94 @@ fn kernels_against_the_reference() {
                 .iter_mut()
                 .for_each(|o| *o = rounded(1.0 / (1.0 + (-*o).exp())));
         }
-        let view = view::<f64>(&options, n_coeffs);
-        let mut v_splats = cotangents(seed, n);
-        let expected = reference::project(&set.gaussians(), &view);
-        for (row, v_row) in expected
-            .chunks_exact(N_COLUMNS)
-            .zip(v_splats.chunks_exact_mut(N_COLUMNS))
-        {
-            // Rounding decides whether a colour is clamped here: judged by nobody.
-            for channel in splats::RED..=splats::BLUE {
-                if row[channel].abs() < 1e-5 {
-                    v_row[channel] = 0.0;
-                }
+        assert_kernels_agree(
+            &format!("seed {seed}"),
+            &set,
+            &options,
+            &cotangents(seed, n),
+        );
+    }
+}
+
+/// Compares splats and gradients of every backend with the reference's.
+fn assert_kernels_agree(name: &str, set: &Set, options: &ProjectOptions, v_splats: &[f64]) {
+    let view = view::<f64>(options, set.n_coeffs);
+    let mut v_splats = v_splats.to_vec();
+    let expected = reference::project(&set.gaussians(), &view);
+    for (row, v_row) in expected
+        .chunks_exact(N_COLUMNS)
+        .zip(v_splats.chunks_exact_mut(N_COLUMNS))
+    {
+        // Rounding decides whether a colour is clamped here: judged by nobody.
+        for channel in splats::RED..=splats::BLUE {
+            if row[channel].abs() < 1e-5 {
+                v_row[channel] = 0.0;
             }
         }
-        let expected_gradients = reference::project_vjp(&set.gaussians(), &view, &v_splats);
-        for device in devices() {
-            let device = device.autodiff();
-            let inputs = set.tensors(&device);
-            let inputs = Tensors {
-                means: inputs.means.require_grad(),
-                quats: inputs.quats.require_grad(),
-                scales: inputs.scales.require_grad(),
-                opacities: inputs.opacities.require_grad(),
-                sh_coeffs: inputs.sh_coeffs.require_grad(),
+    }
+    let expected_gradients = reference::project_vjp(&set.gaussians(), &view, &v_splats);
+    for device in devices() {
+        let device = device.autodiff();
+        let inputs = set.tensors(&device);
+        let inputs = Tensors {
+            means: inputs.means.require_grad(),
+            quats: inputs.quats.require_grad(),
+            scales: inputs.scales.require_grad(),
+            opacities: inputs.opacities.require_grad(),
+            sh_coeffs: inputs.sh_coeffs.require_grad(),
+        };
+        let out = inputs
+            .clone()
+            .project(&camera(), options)
+            .expect("valid input");
+        let got = values(out.clone().inner());
+        for column in 0..N_COLUMNS {
+            let pick = |values: &[f64]| -> Vec<f64> {
+                values
+                    .iter()
+                    .skip(column)
+                    .step_by(N_COLUMNS)
+                    .copied()
+                    .collect()
             };
-            let out = inputs
-                .clone()
-                .project(&camera(), &options)
-                .expect("valid input");
-            let got = values(out.clone().inner());
-            for column in 0..N_COLUMNS {
-                let pick = |values: &[f64]| -> Vec<f64> {
-                    values
-                        .iter()
-                        .skip(column)
-                        .step_by(N_COLUMNS)
-                        .copied()
-                        .collect()
-                };
-                let name = format!("seed {seed}, column {column}");
-                assert_agrees(&name, &to_f32(&pick(&to_f64(&got))), &pick(&expected));
-            }
-            let v_out = tensor(&to_f32(&v_splats), [n, N_COLUMNS], &device);
-            let gradients = (out * v_out).sum().backward();
-            let e = &expected_gradients;
-            let check = |name: &str, got: Vec<f32>, expected: &[f64]| {
-                assert_agrees(&format!("seed {seed}, {name}"), &got, expected);
-            };
-            let missing = "the input was tracked";
-            check(
-                "v_means",
-                values(inputs.means.grad(&gradients).expect(missing)),
-                &e.v_means,
-            );
-            check(
-                "v_quats",
-                values(inputs.quats.grad(&gradients).expect(missing)),
-                &e.v_quats,
-            );
-            check(
-                "v_scales",
-                values(inputs.scales.grad(&gradients).expect(missing)),
-                &e.v_scales,
-            );
-            check(
-                "v_opacities",
-                values(inputs.opacities.grad(&gradients).expect(missing)),
-                &e.v_opacities,
-            );
-            check(
-                "v_sh_coeffs",
-                values(inputs.sh_coeffs.grad(&gradients).expect(missing)),
-                &e.v_sh_coeffs,
+            assert_agrees(
+                &format!("{name}, column {column}"),
+                &to_f32(&pick(&to_f64(&got))),
+                &pick(&expected),
             );
         }
+        let v_out = tensor(&to_f32(&v_splats), [set.len(), N_COLUMNS], &device);
+        let gradients = (out * v_out).sum().backward();
+        let e = &expected_gradients;
+        let check = |input: &str, got: Option<Vec<f32>>, expected: &[f64]| {
+            let got = got.expect("the input was tracked");
+            assert_agrees(&format!("{name}, {input}"), &got, expected);
+        };
+        check(
+            "v_means",
+            inputs.means.grad(&gradients).map(values),
+            &e.v_means,
+        );
+        check(
+            "v_quats",
+            inputs.quats.grad(&gradients).map(values),
+            &e.v_quats,
+        );
+        check(
+            "v_scales",
+            inputs.scales.grad(&gradients).map(values),
+            &e.v_scales,
+        );
+        check(
+            "v_opacities",
+            inputs.opacities.grad(&gradients).map(values),
+            &e.v_opacities,
+        );
+        check(
+            "v_sh_coeffs",
+            inputs.sh_coeffs.grad(&gradients).map(values),
+            &e.v_sh_coeffs,
+        );
     }
 }
 

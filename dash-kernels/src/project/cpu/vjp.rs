@@ -4,8 +4,8 @@ use crate::splats::{self, N_COLUMNS, is_finite};
 
 use super::super::sh::sh_basis_vjp;
 use super::super::{Activation, Gaussians, View};
-use super::linear::{dot, mat_mul, rotation_from_quat_vjp, transpose};
-use super::{Footprint, all_finite, clamped_colour_vjp, direction};
+use super::linear::{cross, dot, mat_mul, rotation_from_quat_vjp, transpose};
+use super::{Footprint, LOW_PASS, all_finite, clamped_colour_vjp, direction};
 
 /// Gradients of one Gaussian.
 pub struct Gradients {
@@ -51,8 +51,10 @@ pub fn project_one_vjp(
     if view.activation == Activation::Exp {
         let value = row[splats::OPACITY];
         opacity *= value * (1.0 - value);
+    } else {
+        // A scale of zero moves nothing.
         for (v, s) in scale.iter_mut().zip(footprint.scale) {
-            *v *= s;
+            *v = if s == 0.0 { 0.0 } else { *v / s };
         }
     }
     let gradients = Gradients {
@@ -66,7 +68,7 @@ pub fn project_one_vjp(
     finite.then_some(gradients)
 }
 
-/// Gradients of the mean in camera coordinates, of the axes `W R` and of the (activated) scales,
+/// Gradients of the mean in camera coordinates, of the axes `W R` and of the scales' logarithms,
 /// from that of the conic.
 #[inline(always)]
 fn footprint_vjp(
@@ -75,7 +77,6 @@ fn footprint_vjp(
     row: &[f32; N_COLUMNS],
     v_row: &[f32; N_COLUMNS],
 ) -> ([f32; 3], [[f32; 3]; 3], [f32; 3]) {
-    // v_cov = -conic v_conic conic, written out for symmetric matrices.
     let (a, b, c) = (
         row[splats::CONIC_A],
         row[splats::CONIC_B],
@@ -86,41 +87,42 @@ fn footprint_vjp(
         0.5 * v_row[splats::CONIC_B],
         v_row[splats::CONIC_C],
     );
-    let left = [
-        [a * v_a + b * v_b, a * v_b + b * v_c],
-        [b * v_a + c * v_b, b * v_b + c * v_c],
-    ];
-    let v_xx = -(left[0][0] * a + left[0][1] * b);
-    let v_xy = -(left[0][0] * b + left[0][1] * c);
-    let v_yy = -(left[1][0] * b + left[1][1] * c);
-
+    // v_rows = -2 conic v_conic (conic rows). The conic times the rows are cross products: of a needle, the product of
+    // the two cancels to next to nothing, and cross products have components along the Gaussian's own axes.
     let [g0, g1] = f.rows;
-    let v_rows: [[f32; 3]; 2] = [
-        std::array::from_fn(|k| 2.0 * (v_xx * g0[k] + v_xy * g1[k])),
-        std::array::from_fn(|k| 2.0 * (v_xy * g0[k] + v_yy * g1[k])),
-    ];
+    let normal = cross(g0, g1);
+    let det = dot(normal, normal) + LOW_PASS * (dot(g0, g0) + dot(g1, g1)) + LOW_PASS * LOW_PASS;
+    let (across0, across1) = (cross(g1, normal), cross(normal, g0));
+    let inverse_det = 1.0 / det;
+    let mut v_rows = [[0.0; 3]; 2];
+    let mut v_log_scale = [0.0; 3];
+    for k in 0..3 {
+        let h0 = (across0[k] + LOW_PASS * g0[k]) * inverse_det;
+        let h1 = (across1[k] + LOW_PASS * g1[k]) * inverse_det;
+        let (v_h0, v_h1) = (v_a * h0 + v_b * h1, v_b * h0 + v_c * h1);
+        v_rows[0][k] = -2.0 * (a * v_h0 + b * v_h1);
+        v_rows[1][k] = -2.0 * (b * v_h0 + c * v_h1);
+        v_log_scale[k] = -2.0 * (h0 * v_h0 + h1 * v_h1);
+    }
     let inverse_z = 1.0 / f.point[2];
     let mut v_point = [0.0; 3];
     let mut v_axes = [[0.0; 3]; 3];
-    let mut v_scale = [0.0; 3];
+    v_point[2] -= (v_log_scale[0] + v_log_scale[1] + v_log_scale[2]) * inverse_z;
     for k in 0..2 {
         let per_depth = view.focal[k] * inverse_z;
         let mut v_slope = 0.0;
         for axis in 0..3 {
-            let unscaled = per_depth * (f.axes[k][axis] - f.slope[k] * f.axes[2][axis]);
-            v_scale[axis] += v_rows[k][axis] * unscaled;
             let v_unscaled = v_rows[k][axis] * f.scale[axis] * per_depth;
             v_axes[k][axis] += v_unscaled;
             v_axes[2][axis] -= v_unscaled * f.slope[k];
             v_slope -= v_unscaled * f.axes[2][axis];
         }
-        v_point[2] -= dot(v_rows[k], f.rows[k]) * inverse_z;
         if f.slope[k] == f.ratio[k] {
             v_point[k] += v_slope * inverse_z;
             v_point[2] -= v_slope * f.slope[k] * inverse_z;
         }
     }
-    (v_point, v_axes, v_scale)
+    (v_point, v_axes, v_log_scale)
 }
 
 /// Gradient of the mean through the direction it is seen from.

@@ -265,9 +265,7 @@ pub(super) struct Footprint {
     pub scale: Vec3,
     /// `W R`: the Gaussian's axes in camera coordinates, as columns.
     pub axes: Mat3,
-    /// The rows of `J W R`, and of `J W R S`.
-    pub unscaled0: Vec3,
-    pub unscaled1: Vec3,
+    /// The rows of `J W R S`.
     pub row0: Vec3,
     pub row1: Vec3,
 }
@@ -320,16 +318,16 @@ pub(super) fn footprint_of(
     let ratio_y = point.y * inverse_z;
     let slope_x = f32::min(f32::max(ratio_x, view.lowest_x), view.highest_x);
     let slope_y = f32::min(f32::max(ratio_y, view.lowest_y), view.highest_y);
-    let unscaled0 = axes
+    let row0 = axes
         .x
         .plus(&axes.z.scaled(-slope_x))
-        .scaled(view.focal_x * inverse_z);
-    let unscaled1 = axes
+        .scaled(view.focal_x * inverse_z)
+        .times(&scale);
+    let row1 = axes
         .y
         .plus(&axes.z.scaled(-slope_y))
-        .scaled(view.focal_y * inverse_z);
-    let row0 = unscaled0.times(&scale);
-    let row1 = unscaled1.times(&scale);
+        .scaled(view.focal_y * inverse_z)
+        .times(&scale);
     Footprint {
         drawn,
         point,
@@ -341,8 +339,6 @@ pub(super) fn footprint_of(
         inverse_quat_norm,
         scale,
         axes,
-        unscaled0,
-        unscaled1,
         row0,
         row1,
     }

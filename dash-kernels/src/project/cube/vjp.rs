@@ -22,6 +22,13 @@ fn clamped_colour_vjp(splats: &[f32], v_splats: &[f32], at: usize) -> Vec3 {
     }
 }
 
+/// The gradient of a scale from that of its logarithm; a scale of zero moves nothing.
+#[cube]
+fn per_scale(v_log: f32, scale: f32) -> f32 {
+    let is_zero = scale == 0.0f32;
+    select(is_zero, 0.0f32, v_log / select(is_zero, 1.0f32, scale))
+}
+
 #[cube(launch)]
 pub(super) fn project_vjp_kernel(
     means: &[f32],
@@ -57,28 +64,28 @@ pub(super) fn project_vjp_kernel(
     v_opacities[i] = 0.0f32;
     if splats[at + splats::RADIUS_X] > 0.0f32 {
         let f = footprint_of(means, quats, scales, i, &view, form.exp);
-        // v_cov = -conic v_conic conic, written out for symmetric matrices.
+        // v_rows = -2 conic v_conic (conic rows). The conic times the rows are cross products: of a needle, the product
+        // of the two cancels to next to nothing, and cross products have components along the Gaussian's own axes.
         let a = splats[at + splats::CONIC_A];
         let b = splats[at + splats::CONIC_B];
         let c = splats[at + splats::CONIC_C];
         let v_a = v_splats[at + splats::CONIC_A];
         let v_b = 0.5f32 * v_splats[at + splats::CONIC_B];
         let v_c = v_splats[at + splats::CONIC_C];
-        let left_xx = a * v_a + b * v_b;
-        let left_xy = a * v_b + b * v_c;
-        let left_yx = b * v_a + c * v_b;
-        let left_yy = b * v_b + c * v_c;
-        let v_xx = -(left_xx * a + left_xy * b);
-        let v_xy = -(left_xx * b + left_xy * c);
-        let v_yy = -(left_yx * b + left_yy * c);
-        let v_row0 = f
-            .row0
-            .scaled(2.0f32 * v_xx)
-            .plus(&f.row1.scaled(2.0f32 * v_xy));
-        let v_row1 = f
-            .row0
-            .scaled(2.0f32 * v_xy)
-            .plus(&f.row1.scaled(2.0f32 * v_yy));
+        let normal = f.row0.cross(&f.row1);
+        let low_pass = view.low_pass;
+        let trace = f.row0.dot(&f.row0) + f.row1.dot(&f.row1);
+        let inverse_det = 1.0f32 / (normal.dot(&normal) + low_pass * trace + low_pass * low_pass);
+        let across0 = f.row1.cross(&normal);
+        let across1 = normal.cross(&f.row0);
+        let h0 = across0.plus(&f.row0.scaled(low_pass)).scaled(inverse_det);
+        let h1 = across1.plus(&f.row1.scaled(low_pass)).scaled(inverse_det);
+        let v_h0 = h0.scaled(v_a).plus(&h1.scaled(v_b));
+        let v_h1 = h0.scaled(v_b).plus(&h1.scaled(v_c));
+        let v_row0 = v_h0.scaled(-2.0f32 * a).plus(&v_h1.scaled(-2.0f32 * b));
+        let v_row1 = v_h0.scaled(-2.0f32 * b).plus(&v_h1.scaled(-2.0f32 * c));
+        // By the scales' logarithms.
+        let mut v_scale = h0.times(&v_h0).plus(&h1.times(&v_h1)).scaled(-2.0f32);
 
         let inverse_z = 1.0f32 / f.point.z;
         let v_unscaled0 = v_row0.times(&f.scale).scaled(view.focal_x * inverse_z);
@@ -96,7 +103,7 @@ pub(super) fn project_vjp_kernel(
         let v_ratio_x = view.focal_x * v_splats[at + splats::MEAN_X] + v_slope_x;
         let v_ratio_y = view.focal_y * v_splats[at + splats::MEAN_Y] + v_slope_y;
         let through_ratio = v_ratio_x * f.ratio_x + v_ratio_y * f.ratio_y;
-        let through_rows = v_row0.dot(&f.row0) + v_row1.dot(&f.row1);
+        let through_rows = v_scale.x + v_scale.y + v_scale.z;
         let v_point = Vec3 {
             x: v_ratio_x * inverse_z,
             y: v_ratio_y * inverse_z,
@@ -128,14 +135,14 @@ pub(super) fn project_vjp_kernel(
             y: (v_unit.y - along * f.unit_quat.y) * norm,
             z: (v_unit.z - along * f.unit_quat.z) * norm,
         };
-        let mut v_scale = v_row0.times(&f.unscaled0).plus(&v_row1.times(&f.unscaled1));
         let mut v_opacity = v_splats[at + splats::OPACITY];
         if comptime!(form.exp) {
             let value = splats[at + splats::OPACITY];
             v_opacity *= value * (1.0f32 - value);
-            v_scale.x *= f.scale.x;
-            v_scale.y *= f.scale.y;
-            v_scale.z *= f.scale.z;
+        } else {
+            v_scale.x = per_scale(v_scale.x, f.scale.x);
+            v_scale.y = per_scale(v_scale.y, f.scale.y);
+            v_scale.z = per_scale(v_scale.z, f.scale.z);
         }
         let finite = v_mean.is_finite()
             && v_scale.is_finite()
