@@ -5,23 +5,33 @@ use std::sync::Arc;
 
 use rayon::prelude::*;
 
-use super::broken::keep_readable;
+use super::broken::{keep_readable, note};
 use super::plan::{Context, PlannedView};
 use super::sources::{RigCamera, at_size, same_count};
-use super::video::VideoIndex;
+use super::video::{VideoIndex, stamps};
 use super::view::Split;
 use super::{DatasetError, frame_time, frames};
 
 /// Frames of different videos are of one time if their presentation times differ by no more than this
-/// share of the time between frames.
+/// share of the time between frames,
 const SAME_TIME: f64 = 0.25;
+/// and of a time at which the other video has none from this share on. What is between fits neither.
+const OTHER_TIME: f64 = 1.0 - SAME_TIME;
+/// Videos of as many frames are matched by their stamps if this share of the frames has a counterpart.
+/// Twice the rate leaves half.
+const MOST: f64 = 0.75;
+
+/// A camera and what its video holds.
+type Recording<'a> = (&'a RigCamera, &'a VideoIndex);
 
 /// The views of all cameras at all wanted frames, camera by camera, and the number of frames. With
 /// `skip_broken`, without the cameras whose video can't be read, and without the frames that a damaged
-/// video has lost.
+/// video has lost. Frames are evenly spaced in time, unless the stamps of the video that says which there
+/// are differ from that.
 ///
 /// # Errors
-/// When a video can't be read, or they differ in their frames, or in their shape from the poses.
+/// When a video can't be read, or they differ in their frames or in these frames' times, or in their shape
+/// from the poses.
 pub(super) fn plan(
     context: &Context,
     cameras: &[RigCamera],
@@ -34,10 +44,11 @@ pub(super) fn plan(
     };
     let numbers: Vec<u64> = (0..).take(reference.1.n_frames()).collect();
     let kept = context.options.wanted(&numbers)?;
+    let times = times(reference, &kept);
     let matched = cameras.iter().zip(&videos).map(|(camera, video)| {
         let found = match video {
             None => Ok(None),
-            Some(video) => frames_of_times(reference, (camera, video), skip_broken).map(Some),
+            Some(video) => frames_of_times(context, reference, (camera, video)).map(Some),
         };
         (format!("camera {}", camera.source.name), found)
     });
@@ -51,7 +62,7 @@ pub(super) fn plan(
         };
         let source = &rig_camera.source;
         let (camera, lens) = at_size(rig_camera, video.size(), &source.path)?;
-        for (frame, &index) in kept.iter().enumerate() {
+        for (frame, (&index, &time)) in kept.iter().zip(&times).enumerate() {
             let Some(own) = frames[index] else { continue };
             planned.push(PlannedView {
                 source: frames::Source::Video {
@@ -62,7 +73,7 @@ pub(super) fn plan(
                 camera_name: source.name.clone(),
                 camera_index,
                 frame,
-                time: frame_time(frame, kept.len()),
+                time,
                 split: Split::held_out(held_out[camera_index]),
                 camera: camera.clone(),
                 lens: lens.clone(),
@@ -92,14 +103,15 @@ fn read(
     keep_readable(read, skip_broken, context.broken.as_ref())
 }
 
-/// The video that says which frames there are: the first, or where some may be damaged the first of
-/// those that have the commonest number of frames (of equally common ones, the greatest).
+/// The video that says which frames there are: the first whose stamps agree with at least half of the
+/// videos, where some may be damaged of those that have the commonest number of frames (of equally common
+/// ones, the greatest).
 fn reference<'a>(
     cameras: &'a [RigCamera],
     videos: &'a [Option<Arc<VideoIndex>>],
     skip_broken: bool,
-) -> Option<(&'a RigCamera, &'a VideoIndex)> {
-    let mut readable = cameras
+) -> Option<Recording<'a>> {
+    let readable = cameras
         .iter()
         .zip(videos)
         .filter_map(|(camera, video)| Some((camera, video.as_deref()?)));
@@ -107,40 +119,145 @@ fn reference<'a>(
     for (_, video) in readable.clone() {
         *counts.entry(video.n_frames()).or_default() += 1;
     }
-    let commonest = counts.iter().max_by_key(|&(n, count)| (count, n))?.0;
-    readable.find(|(_, video)| !skip_broken || video.n_frames() == *commonest)
+    let commonest = *counts.iter().max_by_key(|&(n, count)| (count, n))?.0;
+    let complete: Vec<Recording> = readable
+        .filter(|(_, video)| !skip_broken || video.n_frames() == commonest)
+        .collect();
+    let n_agreeing = |(_, video): &Recording| {
+        let agrees =
+            |(_, other): &&Recording| stamps::first_apart(video.times(), other.times()).is_none();
+        complete.iter().filter(agrees).count()
+    };
+    let of_half = complete
+        .iter()
+        .find(|recording| 2 * n_agreeing(recording) >= complete.len());
+    // From behind, since of equals the last is taken.
+    let of_most = || {
+        complete
+            .iter()
+            .rev()
+            .max_by_key(|recording| n_agreeing(recording))
+    };
+    of_half.or_else(of_most).copied()
 }
 
-/// For each frame of the reference the frame of a video that is of its time. A video with other frames
-/// is an error, unless it is to be skipped what is broken and it only lacks some.
+/// The times in [0, 1] of the frames of the reference that are kept.
+fn times((camera, video): Recording, kept: &[usize]) -> Vec<f32> {
+    let Some(times) = stamps::uneven(video.times(), kept) else {
+        return (0..kept.len())
+            .map(|frame| frame_time(frame, kept.len()))
+            .collect();
+    };
+    tracing::info!(
+        "{}: its frames are not evenly spaced; their times are those of its time stamps",
+        camera.source.path.display(),
+    );
+    times
+}
+
+/// For each frame of the reference the frame of a video that is of its time. A video with other frames, or
+/// frames of other times, is an error, unless it is to be skipped what is broken and it only lacks some.
 fn frames_of_times(
-    reference: (&RigCamera, &VideoIndex),
-    (camera, video): (&RigCamera, &VideoIndex),
-    skip_broken: bool,
+    context: &Context,
+    reference: Recording,
+    (camera, video): Recording,
 ) -> Result<Vec<Option<usize>>, DatasetError> {
     let n = reference.1.n_frames();
-    let same = same_count(&reference.0.source, n, &camera.source, video.n_frames());
-    match same {
-        Ok(()) => Ok((0..n).map(Some).collect()),
-        Err(error) if !skip_broken => Err(error),
-        Err(error) => {
-            let frames = by_times(reference.1.times(), video.times()).ok_or(error)?;
-            tracing::warn!(
-                "{}: {} of {n} frames are missing",
-                camera.source.path.display(),
-                n - video.n_frames(),
-            );
-            Ok(frames)
-        }
+    let (times, found) = (reference.1.times(), video.times());
+    let (error, frames) = match same_count(&reference.0.source, n, &camera.source, found.len()) {
+        Err(error) => (error, by_times(times, found)),
+        Ok(()) => match stamps::first_apart(times, found) {
+            None => return Ok((0..n).map(Some).collect()),
+            Some(frame) => {
+                let frames = by_stamps(times, found);
+                let lacks_some = frames.is_some();
+                (apart(reference, (camera, video), frame, lacks_some), frames)
+            }
+        },
+    };
+    let (true, Some(frames)) = (context.options.skip_broken, frames) else {
+        return Err(error);
+    };
+    let n_missing = frames.iter().filter(|frame| frame.is_none()).count();
+    tracing::warn!(
+        "{}: {n_missing} of {n} frames are missing",
+        camera.source.path.display(),
+    );
+    if let Some(broken) = &context.broken {
+        note(broken, error);
     }
+    Ok(frames)
+}
+
+/// The error for a video whose stamps differ from the reference's from this frame on: because it lacks some
+/// frames, or because nothing fits.
+fn apart(
+    (first, reference): Recording,
+    (camera, video): Recording,
+    frame: usize,
+    lacks_some: bool,
+) -> DatasetError {
+    let (path, first) = (&camera.source.path, &first.source.name);
+    let (times, found) = (reference.times(), video.times());
+    let hundredths = |rate: f64| (rate * 100.0).round() / 100.0;
+    let rates = stamps::rates_apart(times, found).filter(|_| !lacks_some);
+    if let Some([wanted, own]) = rates
+        && hundredths(wanted) != hundredths(own)
+    {
+        let slower = (own / wanted * 1e5).round() / 1e5;
+        return DatasetError::invalid(
+            path,
+            format!("{} frames per second, as {first} has", hundredths(wanted)),
+            format!("{}, and as many frames", hundredths(own)),
+            format!(
+                "let `dash prepare` take frames of the same times, or, where it is this file's time \
+                 stamps that are wrong, write them anew (`ffmpeg -itsscale {slower} -i OLD -c copy NEW`)"
+            ),
+        );
+    }
+    let mend = if lacks_some {
+        "leave out what one lacks (--skip-broken), or let `dash prepare` take frames of the same times"
+    } else {
+        "let `dash prepare` take frames of the same times, or leave this camera out"
+    };
+    DatasetError::invalid(
+        path,
+        format!(
+            "frame {frame} at {:.3} s from the first, as {first} has",
+            times[frame] - times[0]
+        ),
+        format!("{:.3} s by its time stamps", found[frame] - found[0]),
+        mend,
+    )
+}
+
+/// As [`by_times`], but counted from the first of each, and without those of `found` that are of times of their
+/// own; `None` also if these are many.
+fn by_stamps(times: &[f64], found: &[f64]) -> Option<Vec<Option<usize>>> {
+    let shift = times.first()? - found.first()?;
+    let gap = least_gap(times);
+    let is_near = |time: f64| {
+        let next = times.partition_point(|&t| t < time);
+        let around = &times[next.saturating_sub(1)..times.len().min(next + 1)];
+        around.iter().any(|t| (t - time).abs() < OTHER_TIME * gap)
+    };
+    let (places, near): (Vec<usize>, Vec<f64>) = found
+        .iter()
+        .map(|time| time + shift)
+        .enumerate()
+        .filter(|&(_, time)| is_near(time))
+        .unzip();
+    let frames = by_times(times, &near)?;
+    let is_most = near.len() as f64 >= MOST * times.len() as f64;
+    is_most.then(|| {
+        let own = |place: Option<usize>| place.map(|place| places[place]);
+        frames.into_iter().map(own).collect()
+    })
 }
 
 /// For each of the times the place of the same one in `found`; `None` if any of these has no counterpart.
 fn by_times(times: &[f64], found: &[f64]) -> Option<Vec<Option<usize>>> {
-    let gap = times
-        .windows(2)
-        .map(|pair| pair[1] - pair[0])
-        .fold(f64::INFINITY, f64::min);
+    let gap = least_gap(times);
     let mut frames = vec![None; times.len()];
     for (place, time) in found.iter().enumerate() {
         let next = times.partition_point(|t| t < time);
@@ -152,6 +269,11 @@ fn by_times(times: &[f64], found: &[f64]) -> Option<Vec<Option<usize>>> {
         }
     }
     Some(frames)
+}
+
+fn least_gap(times: &[f64]) -> f64 {
+    let gaps = times.windows(2).map(|pair| pair[1] - pair[0]);
+    gaps.fold(f64::INFINITY, f64::min)
 }
 
 #[cfg(test)]
@@ -171,5 +293,33 @@ mod tests {
             assert_eq!(by_times(&times, &found), None, "{found:?}");
         }
         assert_eq!(by_times(&[0.0], &[]), Some(vec![None]));
+    }
+
+    #[test]
+    fn stamps_match_frames_beside_those_that_either_video_lacks() {
+        let at = |frames: &[u32]| -> Vec<f64> {
+            let time = |frame: &u32| 0.04 * f64::from(*frame);
+            frames.iter().map(time).collect()
+        };
+        let times = at(&[0, 1, 2, 3, 4, 5, 6, 7]);
+        // Later on its own clock, without frame 2, with one more at the end.
+        let found = at(&[5, 6, 8, 9, 10, 11, 12, 13]);
+        let expected: Vec<Option<usize>> = [0, 1, 9, 2, 3, 4, 5, 6]
+            .map(|place| (place != 9).then_some(place))
+            .into();
+        assert_eq!(by_stamps(&times, &found), Some(expected));
+        // The other way round: the frame that the reference lacks is left out, and its last one is missing.
+        let expected: Vec<Option<usize>> = [0, 1, 3, 4, 5, 6, 7, 9]
+            .map(|place| (place != 9).then_some(place))
+            .into();
+        assert_eq!(by_stamps(&found, &times), Some(expected));
+        // Half, twice and four fifths of the rate; half a frame off.
+        let scaled = |factor: f64| -> Vec<f64> { times.iter().map(|t| factor * t).collect() };
+        for found in [scaled(2.0), scaled(0.5), scaled(1.25)] {
+            assert_eq!(by_stamps(&times, &found), None, "{found:?}");
+        }
+        let mut off = at(&[0, 1, 2, 3, 4, 5, 6, 7]);
+        off[3] += 0.02;
+        assert_eq!(by_stamps(&times, &off), None);
     }
 }

@@ -1,8 +1,9 @@
 //! Frames of a video, decoded by the program `ffmpeg`; `index.rs` knows where they are, `sound.rs`
-//! which of a damaged video's can be had.
+//! which of a damaged video's can be had, `stamps.rs` what time stamps tell.
 
 mod index;
 mod sound;
+pub(super) mod stamps;
 
 use std::ffi::OsString;
 use std::io::{self, BufRead, BufReader, Read};
