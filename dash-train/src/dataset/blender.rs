@@ -1,10 +1,11 @@
 //! The layout of D-NeRF, Blender and nerfstudio: `transforms*.json` beside the images.
 
-use std::collections::HashSet;
+use std::collections::HashMap;
 use std::path::{Path, PathBuf};
 
 use dash_kernels::Camera;
 
+use super::blender_split::{drop_held_out, hold_out};
 use super::broken::{check_any, readable};
 use super::decode::dimensions;
 use super::distortion::Distortion;
@@ -15,7 +16,7 @@ use super::points::{Models, find_named_points};
 use super::sizes::Sizes;
 use super::transforms::{Frame, Transforms, parse, parse_any};
 use super::view::Split;
-use super::{DatasetError, Parts, every_eighth, files, pose, times, unposed};
+use super::{DatasetError, Parts, files, pose, times, unposed};
 
 const SINGLE: &str = "transforms.json";
 const TRAIN: &str = "transforms_train.json";
@@ -25,17 +26,17 @@ const VAL: &str = "transforms_val.json";
 pub(super) const FILES: [&str; 2] = [TRAIN, SINGLE];
 
 /// A frame of any of the files.
-struct Entry {
-    file: PathBuf,
+pub(super) struct Entry {
+    pub(super) file: PathBuf,
     mask: Option<PathBuf>,
-    name: String,
+    pub(super) name: String,
     camera_name: Option<String>,
     time: Option<f64>,
     timestep_index: Option<f64>,
     camera: Camera,
     distortion: Distortion,
-    listed_in: PathBuf,
-    held_out: bool,
+    pub(super) listed_in: PathBuf,
+    pub(super) held_out: bool,
 }
 
 pub(super) fn read(context: &Context) -> Result<Parts, DatasetError> {
@@ -66,18 +67,23 @@ pub(super) fn read(context: &Context) -> Result<Parts, DatasetError> {
     }
     match held_out {
         Some((file, listed)) => collect(context, &file, &listed, true, &mut sizes, &mut entries)?,
-        None if !hold_out_listed(context.root, &first, &transforms, &mut entries) => {
-            hold_out_every_eighth(&mut entries);
-        }
-        None => {}
+        None => hold_out(context.root, &first, &transforms, &mut entries),
     }
     check_any(&first, !entries.is_empty())?;
+    drop_held_out(context, &first, &mut entries)?;
     number_times(&mut entries);
     check_times(&entries)?;
     sizes.warn(&first);
     let stated: Vec<f64> = entries.iter().map(|e| e.time.unwrap_or(0.0)).collect();
     let same_time = times::same_time(&stated, &cameras(&entries).0);
-    let (times, n_frames) = times::frames_within(context.options, &stated, same_time)?;
+    let placed = times::frames_within(context.options, &stated, same_time)?;
+    let (times, n_frames) = (placed.pictures, placed.n_frames);
+    if let Some([start, end]) = placed.stated_span {
+        tracing::info!(
+            "{}: times from {start} to {end} are stretched over 0 to 1",
+            first.display()
+        );
+    }
     if first == path(SINGLE) {
         let listed = transforms.frames.iter();
         let posed = listed
@@ -127,6 +133,7 @@ pub(super) fn read(context: &Context) -> Result<Parts, DatasetError> {
         points,
         n_frames,
         n_cameras,
+        stated_span: placed.stated_span,
     })
 }
 
@@ -191,44 +198,10 @@ fn named_mask(root: &Path, frame: &Frame, listed_in: &Path) -> Option<PathBuf> {
     mask.is_file().then_some(mask)
 }
 
-/// Holds out the frames that nerfstudio's lists name; `false` when they name none of them.
-fn hold_out_listed(
-    root: &Path,
-    listed_in: &Path,
-    transforms: &Transforms,
-    entries: &mut [Entry],
-) -> bool {
-    let mut held_out = false;
-    for list in [&transforms.test_filenames, &transforms.val_filenames] {
-        if held_out {
-            break;
-        }
-        let names: HashSet<String> = list
-            .iter()
-            .filter_map(|name| files::confined(root, name, listed_in).ok())
-            .map(|path| entry_name(path.strip_prefix(root).unwrap_or(&path)))
-            .collect();
-        for entry in entries.iter_mut() {
-            entry.held_out = names.contains(&entry.name);
-            held_out |= entry.held_out;
-        }
-    }
-    held_out
-}
-
 /// A path below the dataset without its extension.
-fn entry_name(inside: &Path) -> String {
+pub(super) fn entry_name(inside: &Path) -> String {
     let stem = inside.with_extension("");
     stem.to_string_lossy().replace('\\', "/")
-}
-
-/// Without a file or list of test views every eighth in the order of names is held out.
-fn hold_out_every_eighth(entries: &mut [Entry]) {
-    let mut order: Vec<usize> = (0..entries.len()).collect();
-    order.sort_by(|&a, &b| files::natural_cmp(&entries[a].name, &entries[b].name));
-    for (index, held_out) in order.into_iter().zip(every_eighth(entries.len())) {
-        entries[index].held_out = held_out;
-    }
 }
 
 /// Takes the numbers of the times where no frame has a time and each has a number.
@@ -267,10 +240,10 @@ fn check_times(entries: &[Entry]) -> Result<(), DatasetError> {
 }
 
 /// For each entry the index of its camera, and the cameras' names: those that the file states, in their
-/// order, where every entry has one; else numbers of the distinct poses.
+/// order, where every entry has one, and each is of one pose; else numbers of the distinct poses.
 fn cameras(entries: &[Entry]) -> (Vec<usize>, Vec<String>) {
     let stated: Option<Vec<&String>> = entries.iter().map(|e| e.camera_name.as_ref()).collect();
-    let Some(stated) = stated else {
+    let Some(stated) = stated.filter(|names| stand_still(names, entries)) else {
         let (indices, n) = pose::distinct_poses(entries.iter().map(|e| &e.camera));
         return (indices, (0..n).map(|n| format!("cam{n:02}")).collect());
     };
@@ -280,6 +253,16 @@ fn cameras(entries: &[Entry]) -> (Vec<usize>, Vec<String>) {
     let index = |name| names.binary_search_by(|other| files::natural_cmp(other, name));
     let indices = stated.iter().map(|name| index(name).unwrap_or_default());
     (indices.collect(), names)
+}
+
+/// Whether entries of one name have one pose: else it is that of a camera that is carried.
+fn stand_still(names: &[&String], entries: &[Entry]) -> bool {
+    let extent = pose::extent(entries.iter().map(|entry| &entry.camera));
+    let mut poses: HashMap<&str, &Camera> = HashMap::new();
+    names.iter().zip(entries).all(|(name, entry)| {
+        let first = poses.entry(name.as_str()).or_insert(&entry.camera);
+        pose::same_pose(first, &entry.camera, extent)
+    })
 }
 
 #[cfg(test)]

@@ -84,5 +84,6 @@ pub(super) fn read(context: &Context) -> Result<Parts, DatasetError> {
         points,
         n_frames: 1,
         n_cameras,
+        stated_span: None,
     })
 }

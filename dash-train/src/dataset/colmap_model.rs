@@ -8,6 +8,7 @@ use dash_kernels::Camera;
 
 use super::decode::MAX_IMAGE_SIDE;
 use super::distortion::Distortion;
+use super::first_bytes::without_mark;
 use super::{DatasetError, colmap_binary as binary, colmap_text as text, files, pose};
 use crate::ply::PointCloud;
 
@@ -140,7 +141,7 @@ pub(super) fn read_model_file<T>(
     let path = model.join(format!("{name}.txt"));
     if path.is_file() && !model.join(format!("{name}.bin")).is_file() {
         let content = fs::read_to_string(&path).map_err(DatasetError::io(&path))?;
-        let parsed = parse_text(&path, &content)?;
+        let parsed = parse_text(&path, without_mark(&content))?;
         return Ok((path, parsed));
     }
     let path = model.join(format!("{name}.bin"));

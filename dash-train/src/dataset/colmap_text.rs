@@ -1,7 +1,7 @@
 //! COLMAP's text model files.
 
 use std::path::Path;
-use std::str::{FromStr, SplitAsciiWhitespace};
+use std::str::FromStr;
 
 use super::DatasetError;
 use super::colmap_model::{ModelCamera, ModelImage};
@@ -34,7 +34,7 @@ pub(super) fn images(path: &Path, text: &str) -> Result<Vec<ModelImage>, Dataset
         let quaternion = fields.array("image rotation")?;
         let translation = fields.array("image translation")?;
         let camera_id = fields.next("image camera")?;
-        let name = fields.rest::<String>("image name")?.join(" ");
+        let name = fields.remainder("image name")?;
         images.push(ModelImage {
             quaternion,
             translation,
@@ -93,7 +93,8 @@ fn is_observations(line: &str) -> bool {
 pub(super) struct Fields<'a> {
     path: &'a Path,
     line_index: usize,
-    fields: SplitAsciiWhitespace<'a>,
+    /// What was not read yet.
+    left: &'a str,
 }
 
 impl<'a> Fields<'a> {
@@ -101,8 +102,17 @@ impl<'a> Fields<'a> {
         Self {
             path,
             line_index,
-            fields: line.split_ascii_whitespace(),
+            left: line,
         }
+    }
+
+    /// The next field as it stands.
+    fn field(&mut self) -> Option<&'a str> {
+        let left = self.left.trim_ascii_start();
+        let end = left.find(|c: char| c.is_ascii_whitespace());
+        let (field, left) = left.split_at(end.unwrap_or(left.len()));
+        self.left = left;
+        (!field.is_empty()).then_some(field)
     }
 
     fn malformed(&self, what: &str, found: &str) -> DatasetError {
@@ -116,8 +126,7 @@ impl<'a> Fields<'a> {
 
     pub(super) fn next<T: FromStr>(&mut self, what: &str) -> Result<T, DatasetError> {
         let field = self
-            .fields
-            .next()
+            .field()
             .ok_or_else(|| self.malformed(what, "the end"))?;
         field
             .parse()
@@ -137,7 +146,7 @@ impl<'a> Fields<'a> {
 
     pub(super) fn rest<T: FromStr>(&mut self, what: &str) -> Result<Vec<T>, DatasetError> {
         let mut values = vec![self.next(what)?];
-        while let Some(field) = self.fields.next() {
+        while let Some(field) = self.field() {
             values.push(
                 field
                     .parse()
@@ -145,5 +154,13 @@ impl<'a> Fields<'a> {
             );
         }
         Ok(values)
+    }
+
+    /// All that is left of the line, with the spaces within it.
+    fn remainder(&mut self, what: &str) -> Result<String, DatasetError> {
+        match std::mem::take(&mut self.left).trim_ascii() {
+            "" => Err(self.malformed(what, "the end")),
+            text => Ok(text.to_string()),
+        }
     }
 }

@@ -10,6 +10,7 @@ use super::DatasetError;
 use super::first_bytes::{refuse_pointer, refuse_pointer_file};
 use super::image::{ImageData, RGBA};
 use super::image_size::can_hold_its_pixels;
+use super::sizes::is_scaled;
 
 /// Largest side of an image that is read.
 pub(super) const MAX_IMAGE_SIDE: u32 = 16_384;
@@ -78,7 +79,7 @@ pub(super) fn decode(path: &Path) -> Result<ImageData, DatasetError> {
     })
 }
 
-/// Decodes a mask of an image of the given size.
+/// Decodes a mask of an image of the given size, to which it is brought if it has another one of that shape.
 pub(super) fn decode_mask(
     path: &Path,
     full_size: (usize, usize),
@@ -88,10 +89,13 @@ pub(super) fn decode_mask(
     let wide = has_wide_values.then(|| decoded.to_rgb16());
     let decoded = decoded.into_rgb8();
     let found = (decoded.width() as usize, decoded.height() as usize);
-    if found != full_size {
+    if found != full_size && !is_scaled(full_size, found) {
         return Err(DatasetError::invalid(
             path,
-            format!("a mask of the image's size {}x{}", full_size.0, full_size.1),
+            format!(
+                "a mask shaped like the {}x{} of its image",
+                full_size.0, full_size.1
+            ),
             format!("{}x{}", found.0, found.1),
             "write the mask again or remove it",
         ));
@@ -108,7 +112,8 @@ pub(super) fn decode_mask(
             format!("multiply by {white}"),
         ));
     }
-    Ok(ImageData::from_rgb(found.0, found.1, decoded.into_raw()))
+    let mask = ImageData::from_rgb(found.0, found.1, decoded.into_raw());
+    Ok(mask.nearest(full_size.0, full_size.1))
 }
 
 fn decode_any(path: &Path) -> Result<DynamicImage, DatasetError> {
@@ -218,7 +223,7 @@ mod tests {
     }
 
     #[test]
-    fn masks_are_thresholded_at_half_coverage_and_checked_for_size() {
+    fn masks_are_thresholded_at_half_coverage_and_checked_for_shape() {
         let folder = tempfile::tempdir().expect("temporary folder");
         let path = folder.path().join("m.png");
         let mask = image::GrayImage::from_fn(4, 2, |x, _| {
@@ -233,7 +238,14 @@ mod tests {
         assert_eq!(mask(4, 2, true)[..4], [0, 255, 0, 0]);
         assert_eq!(mask(2, 1, false), [255, 255]);
         assert_eq!(mask(1, 1, false), [255]);
-        assert!(decode_mask(&path, (8, 4)).is_err());
+        // Of another size: the nearest of their pixels.
+        let scaled = |size| decode_mask(&path, size).expect("its shape");
+        let white = [255, 255, 0, 0, 255, 255, 255, 255];
+        assert_eq!(scaled((8, 4)).thresholded(false)[..8], white);
+        assert_eq!(scaled((2, 1)).thresholded(false), [0, 255]);
+        let error = decode_mask(&path, (4, 6)).expect_err("another shape");
+        let error = error.to_string();
+        assert!(error.contains("4x6") && error.contains("4x2"), "{error}");
     }
 
     #[test]

@@ -21,7 +21,7 @@ pub(crate) struct Distortion {
 }
 
 impl Distortion {
-    pub(super) fn is_negligible(&self) -> bool {
+    pub(crate) fn is_negligible(&self) -> bool {
         self.k.iter().chain(&self.p).all(|c| c.abs() <= NEGLIGIBLE)
     }
 
@@ -56,7 +56,7 @@ impl Distortion {
     ///
     /// # Errors
     /// Names `path` when the lens folds the image onto itself or needs a zoom beyond 2.
-    pub(super) fn pinhole(&self, camera: &Camera, path: &Path) -> Result<Camera, DatasetError> {
+    pub(crate) fn pinhole(&self, camera: &Camera, path: &Path) -> Result<Camera, DatasetError> {
         let refused = |found: &str| {
             DatasetError::invalid(
                 path,

@@ -86,8 +86,22 @@ fn digit_runs(name: &str) -> Vec<&str> {
         .collect()
 }
 
+/// Refuses a file where a folder is expected; what is not there at all is left to its reader.
+pub(super) fn require_folder(path: &Path) -> Result<(), DatasetError> {
+    if !path.is_file() {
+        return Ok(());
+    }
+    Err(DatasetError::invalid(
+        path,
+        "a folder",
+        "a file",
+        "name the folder that is meant (archives are not unpacked)",
+    ))
+}
+
 /// The names in a folder, hidden ones left out, in natural order.
 pub(crate) fn list(folder: &Path) -> Result<Vec<String>, DatasetError> {
+    require_folder(folder)?;
     let mut names = Vec::new();
     for entry in fs::read_dir(folder).map_err(DatasetError::io(folder))? {
         let entry = entry.map_err(DatasetError::io(folder))?;

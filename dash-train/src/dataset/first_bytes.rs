@@ -8,7 +8,7 @@ use serde::de::DeserializeOwned;
 
 use super::DatasetError;
 
-/// Some editors put it before UTF-8, where JSON has no place for it.
+/// Some editors put it before UTF-8, where JSON has no place for it and text takes it for a part of a word.
 const BYTE_ORDER_MARK: &[u8] = b"\xef\xbb\xbf";
 /// The beginning of the text that Git LFS leaves in place of a file that was not fetched.
 const LFS_POINTER: &[u8] = b"version https://git-lfs.github.com/spec/";
@@ -16,6 +16,11 @@ const LFS_POINTER: &[u8] = b"version https://git-lfs.github.com/spec/";
 /// Parses JSON, whether or not a byte order mark stands before it.
 pub(crate) fn parse_json<T: DeserializeOwned>(bytes: &[u8]) -> serde_json::Result<T> {
     serde_json::from_slice(bytes.strip_prefix(BYTE_ORDER_MARK).unwrap_or(bytes))
+}
+
+/// The text of a file, without a byte order mark before it.
+pub(super) fn without_mark(text: &str) -> &str {
+    text.strip_prefix('\u{feff}').unwrap_or(text)
 }
 
 /// Refuses the bytes of a file when they are a Git LFS pointer in place of what is `expected`.
@@ -73,9 +78,11 @@ mod tests {
     }
 
     #[test]
-    fn a_byte_order_mark_before_json_is_skipped() {
+    fn a_byte_order_mark_before_json_and_text_is_skipped() {
         let parsed: Vec<u8> = parse_json(b"\xef\xbb\xbf[1, 2]").expect("JSON");
         assert_eq!(parsed, [1, 2]);
         assert!(parse_json::<Vec<u8>>(b"[\xef\xbb\xbf1]").is_err());
+        let marked = std::str::from_utf8(b"\xef\xbb\xbf# text").expect("UTF-8");
+        assert_eq!((without_mark(marked), without_mark("")), ("# text", ""));
     }
 }

@@ -18,9 +18,8 @@ use dash_kernels::Camera;
 
 use super::DatasetError;
 use super::decode::{decode, decode_mask, turned};
-use super::distortion::undistort;
 use super::image::ImageData;
-use super::plan::Lens;
+use super::plan::{Lens, without_distortion};
 use super::video::{VideoIndex, decode_frames};
 
 pub(super) use batch::{make_all, salvage};
@@ -112,10 +111,7 @@ impl Recipe {
     pub(super) fn finish(&self, image: ImageData) -> Result<ImageData, DatasetError> {
         let full_size = (image.width, image.height);
         check_size(self.source.path(), &self.camera, full_size)?;
-        let flat = |image: ImageData| match &self.lens {
-            None => image,
-            Some(lens) => undistort(&image, &self.camera, &lens.distortion, &lens.pinhole),
-        };
+        let flat = |image| without_distortion(image, &self.camera, self.lens.as_ref());
         let (width, height) = self.size;
         let mut image = flat(image).resized(width, height);
         if let Some(mask) = &self.counted {

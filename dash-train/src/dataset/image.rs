@@ -147,6 +147,24 @@ impl ImageData {
         out
     }
 
+    /// The image at another size: each pixel is the one that lies under its centre.
+    pub(super) fn nearest(self, width: usize, height: usize) -> Self {
+        if (width, height) == (self.width, self.height) {
+            return self;
+        }
+        let under = |at: usize, from: usize, to: usize| (2 * at + 1) * from / (2 * to);
+        let mut out = self.empty_like(width, height);
+        for y in 0..height {
+            let row = under(y, self.height, height) * self.width;
+            for x in 0..width {
+                let at = (row + under(x, self.width, width)) * self.channels;
+                let pixel = &self.pixels[at..at + self.channels];
+                out.pixels.extend_from_slice(pixel);
+            }
+        }
+        out
+    }
+
     /// 255 where the first channel is at least half (with `inverted`, less than half), else 0.
     pub(super) fn thresholded(&self, inverted: bool) -> Vec<u8> {
         self.pixels
@@ -209,6 +227,19 @@ mod tests {
                 .collect(),
         );
         assert_eq!(image.resized(2, 1).pixels, [50, 50, 50, 30, 30, 30]);
+    }
+
+    #[test]
+    fn the_nearest_pixel_is_the_one_under_the_centre() {
+        let rgb = |shades: &[u8]| -> Vec<u8> {
+            let pixels = shades.iter().flat_map(|&shade| [shade; 3]);
+            pixels.collect()
+        };
+        let image = ImageData::from_rgb(3, 1, rgb(&[1, 2, 3]));
+        let at = |width, height| image.clone().nearest(width, height).pixels;
+        assert_eq!(at(6, 2), rgb(&[1, 1, 2, 2, 3, 3]).repeat(2));
+        assert_eq!(at(1, 1), rgb(&[2]));
+        assert_eq!(at(3, 1), image.pixels);
     }
 
     #[test]

@@ -10,7 +10,7 @@ use super::files::{self, IMAGE_EXTENSIONS, UNREAD_EXTENSIONS};
 ///
 /// # Errors
 /// Says what was tried, and which files are there that are not read.
-pub(super) fn find_image(file: PathBuf, listed_in: &Path) -> Result<PathBuf, DatasetError> {
+pub(crate) fn find_image(file: PathBuf, listed_in: &Path) -> Result<PathBuf, DatasetError> {
     let is_file = |path: &PathBuf| path.is_file();
     if is_file(&file) {
         return Ok(file);

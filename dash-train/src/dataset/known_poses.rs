@@ -10,7 +10,7 @@ use super::distortion::Distortion;
 use super::npy::parse_poses;
 use super::plan::Lens;
 use super::sources::has_shape_of;
-use super::{DatasetError, files, n3dv, pose, transforms};
+use super::{DatasetError, files, n3dv, plain_order, pose, transforms};
 
 /// A camera and its lens.
 #[derive(Debug, Clone, PartialEq)]
@@ -37,7 +37,7 @@ impl KnownCamera {
 }
 
 /// The poses in `path` of the cameras `names`, for images of the `sizes` (width, height): rows of a
-/// `poses_bounds.npy` in the order of the names, or the frames of a `transforms.json` or the images of a
+/// `poses_bounds.npy` in plain order of the names, or the frames of a `transforms.json` or the images of a
 /// COLMAP model that are named after the cameras (`cam01.png`, `cam01/images/0000.png`).
 ///
 /// # Errors
@@ -121,15 +121,19 @@ fn read_rows(path: &Path, names: &[String]) -> Result<Vec<KnownCamera>, DatasetE
             "remove the poses or the cameras that have no counterpart",
         ));
     }
-    rows.iter()
-        .enumerate()
-        .map(|(index, row)| {
-            Ok(KnownCamera {
-                camera: n3dv::camera(path, index, row)?,
-                distortion: Distortion::default(),
-            })
-        })
-        .collect()
+    let mut order: Vec<usize> = (0..names.len()).collect();
+    plain_order::sort(&mut order, path, |&index| names[index].clone());
+    let mut cameras = Vec::with_capacity(rows.len());
+    for (row_index, (row, &index)) in rows.iter().zip(&order).enumerate() {
+        let camera = n3dv::camera(path, row_index, row)?;
+        cameras.push((index, camera));
+    }
+    cameras.sort_by_key(|&(index, _)| index);
+    let known = cameras.into_iter().map(|(_, camera)| KnownCamera {
+        camera,
+        distortion: Distortion::default(),
+    });
+    Ok(known.collect())
 }
 
 fn read_transforms(

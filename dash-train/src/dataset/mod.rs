@@ -6,8 +6,8 @@
 //!
 //! | file | what |
 //! | --- | --- |
-//! | [`Layout::N3dv`]: `n3dv.rs`, `npy.rs`, `video.rs` | `poses_bounds.npy`, `camNN/` or `cam*.mp4` |
-//! | [`Layout::Blender`]: `blender.rs`, `transforms.rs` | `transforms*.json` |
+//! | [`Layout::N3dv`]: `n3dv.rs`, `plain_order.rs`, `npy.rs`, `video.rs` | `poses_bounds.npy`, `camNN/` or `cam*.mp4` |
+//! | [`Layout::Blender`]: `blender.rs`, `blender_split.rs`, `transforms.rs` | `transforms*.json` |
 //! | [`Layout::Colmap`]: `colmap.rs`, `colmap_model.rs`, `colmap_binary.rs`, `colmap_text.rs` | `sparse/0`, `images/` |
 //! | [`Layout::Technicolor`]: `technicolor.rs`, `technicolor_parameters.rs` | `cameras_parameters.txt`, or `images/camNN/` and COLMAP |
 //! | [`Layout::Nerfies`]: `nerfies.rs`, `nerfies_camera.rs` | `dataset.json`, `camera/`, `rgb/` |
@@ -22,6 +22,7 @@
 //! | `image_size.rs`, `fuzzing.rs` | what a header may claim; the parsers by name, for tests |
 
 mod blender;
+mod blender_split;
 mod broken;
 mod colmap;
 mod colmap_binary;
@@ -37,7 +38,7 @@ mod frame_range;
 mod frames;
 pub(crate) mod fuzzing;
 mod image;
-mod image_files;
+pub(crate) mod image_files;
 mod image_size;
 pub(crate) mod known_poses;
 mod layout;
@@ -48,6 +49,7 @@ mod nerfies_camera;
 mod npy;
 mod options;
 mod origin;
+mod plain_order;
 mod plan;
 mod points;
 mod pose;
@@ -62,7 +64,7 @@ mod technicolor_parameters;
 #[cfg(test)]
 mod tests;
 mod times;
-mod transforms;
+pub(crate) mod transforms;
 mod unposed;
 mod video;
 mod view;
@@ -108,6 +110,9 @@ pub struct Dataset {
     pub n_frames: usize,
     /// Number of distinct cameras (for a moving camera, of poses).
     pub n_cameras: usize,
+    /// The first and the last time as `transforms*.json` state them, where these were stretched over [0, 1]; `None`
+    /// where times are as stated, and where frames are only numbered or counted.
+    pub stated_span: Option<[f64; 2]>,
     /// The colour behind transparent pixels: white when images have alpha, `None` otherwise.
     pub background: Option<[f32; 3]>,
 }
@@ -155,6 +160,8 @@ struct Parts {
     points: Option<PointCloud>,
     n_frames: usize,
     n_cameras: usize,
+    /// As [`Dataset::stated_span`].
+    stated_span: Option<[f64; 2]>,
 }
 
 /// Reads the dataset in the folder `path`.
@@ -192,6 +199,7 @@ pub(crate) fn load_decodable(
 fn load_in(context: &Context) -> Result<Dataset, DatasetError> {
     let (path, options) = (context.root, context.options);
     options.validate()?;
+    files::require_folder(path)?;
     let layout = match options.layout {
         Some(layout) => layout,
         None => Layout::detect(path)?,
@@ -247,6 +255,7 @@ fn load_in(context: &Context) -> Result<Dataset, DatasetError> {
         points: parts.points,
         n_frames: parts.n_frames,
         n_cameras: parts.n_cameras,
+        stated_span: parts.stated_span,
         background,
     })
 }

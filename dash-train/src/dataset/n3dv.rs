@@ -1,5 +1,5 @@
 //! The Neural 3D Video layout: LLFF poses and, per camera, a folder of frames or a video; without
-//! cameras, one image per pose (LLFF).
+//! cameras, one image per pose (LLFF). The k-th camera or image in plain order of names has row k.
 
 use std::fs;
 use std::path::Path;
@@ -13,11 +13,13 @@ use super::plan::{Context, PlannedView};
 use super::points::{Models, find_points};
 use super::sources::{self, FrameFile, Frames, RigCamera, Source, VIDEO_EXTENSIONS};
 use super::view::Split;
-use super::{DatasetError, Parts, every_eighth, files, frames, pose, rig};
+use super::{DatasetError, Parts, every_eighth, files, frames, plain_order, pose, rig};
 
 pub(super) const POSES_FILE: &str = "poses_bounds.npy";
 /// Folder of the images of a capture without cameras.
 const LLFF_FOLDER: &str = "images";
+/// Names that an error lists.
+const MOST_SHOWN: usize = 32;
 
 pub(super) fn read(context: &Context) -> Result<Parts, DatasetError> {
     let poses_file = context.root.join(POSES_FILE);
@@ -29,12 +31,19 @@ pub(super) fn read(context: &Context) -> Result<Parts, DatasetError> {
         .collect::<Result<Vec<_>, _>>()?;
     let folder = context.root.join(LLFF_FOLDER);
     if !has_cameras(context.root)? && folder.is_dir() {
-        let images = files::list_images(&folder)?;
+        let mut images = files::list_images(&folder)?;
         if !images.is_empty() {
+            plain_order::sort(&mut images, &poses_file, |path| {
+                plain_order::file_name(path)
+            });
             return read_llff(context, &folder, cameras, FrameFile::by_stems(images));
         }
     }
-    let sources = sources(context.root)?;
+    let (mut sources, passed_over) = sources(context.root)?;
+    plain_order::sort(&mut sources, &poses_file, |source| {
+        plain_order::file_name(&source.path)
+    });
+    check_videos(context.root, &sources, &passed_over, cameras.len())?;
     let names: Vec<&str> = sources.iter().map(|source| source.name.as_str()).collect();
     check_count(context.root, cameras.len(), &names, "camera")?;
     let n_cameras = cameras.len();
@@ -58,6 +67,7 @@ pub(super) fn read(context: &Context) -> Result<Parts, DatasetError> {
         points,
         n_frames,
         n_cameras,
+        stated_span: None,
     })
 }
 
@@ -65,25 +75,48 @@ fn check_count(path: &Path, n_rows: usize, names: &[&str], what: &str) -> Result
     if names.len() == n_rows {
         return Ok(());
     }
-    // Every name of a large folder of images would be a page.
-    let mut shown = names
-        .iter()
-        .take(32)
-        .copied()
-        .collect::<Vec<_>>()
-        .join(", ");
-    if names.len() > 32 {
-        shown.push_str(", ..");
-    }
     Err(DatasetError::invalid(
         path,
         format!("one {what} per row of {POSES_FILE}, {n_rows} of them"),
-        format!("{} ({shown})", names.len()),
+        format!("{} ({})", names.len(), shown(names)),
         format!("remove the poses or the {what}s that have no counterpart"),
     ))
 }
 
-/// A static capture: the k-th image in order belongs to row k.
+/// Names in a row, the first ones if they are many: all of a large folder of images would be a page.
+fn shown(names: &[&str]) -> String {
+    let most = names.len().min(MOST_SHOWN);
+    let more = if names.len() > most { ", .." } else { "" };
+    format!("{}{more}", names[..most].join(", "))
+}
+
+/// Refuses frames of some cameras beside videos of others, where without these not every row has its frames.
+fn check_videos(
+    path: &Path,
+    sources: &[Source],
+    passed_over: &[String],
+    n_rows: usize,
+) -> Result<(), DatasetError> {
+    let whole = sources.len() == n_rows && sources.iter().all(has_images);
+    if passed_over.is_empty() || whole {
+        return Ok(());
+    }
+    let with_images = sources.iter().filter(|source| has_images(source));
+    let with_images: Vec<&str> = with_images.map(|source| source.name.as_str()).collect();
+    let videos: Vec<&str> = passed_over.iter().map(String::as_str).collect();
+    Err(DatasetError::invalid(
+        path,
+        format!("frames of all {n_rows} cameras as images, or a video of each"),
+        format!(
+            "images of {}, beside which these videos are passed over: {}",
+            shown(&with_images),
+            shown(&videos)
+        ),
+        "extract the frames of all videos, or remove the folders of images",
+    ))
+}
+
+/// A static capture: the k-th of the images belongs to row k.
 fn read_llff(
     context: &Context,
     folder: &Path,
@@ -124,6 +157,7 @@ fn read_llff(
         points,
         n_frames: 1,
         n_cameras,
+        stated_span: None,
     })
 }
 
@@ -186,9 +220,13 @@ fn is_video(root: &Path, name: &str) -> bool {
     files::has_extension(name, &VIDEO_EXTENSIONS) && root.join(name).is_file()
 }
 
-/// The camera folders that hold images, else the camera videos, else camera folders in `images/`,
-/// in natural order.
-fn sources(root: &Path) -> Result<Vec<Source>, DatasetError> {
+fn has_images(source: &Source) -> bool {
+    matches!(&source.frames, Frames::Images(images) if !images.is_empty())
+}
+
+/// The camera folders that hold images, else the camera videos, else camera folders in `images/`; and the
+/// videos of cameras without images that are passed over for other cameras' folders.
+fn sources(root: &Path) -> Result<(Vec<Source>, Vec<String>), DatasetError> {
     let names = files::list(root)?;
     let mut folders = Vec::new();
     for name in names.iter().filter(|name| is_camera_folder(root, name)) {
@@ -201,13 +239,19 @@ fn sources(root: &Path) -> Result<Vec<Source>, DatasetError> {
             frames: Frames::Images(FrameFile::by_stems(images)),
         });
     }
-    let has_images = |source: &Source| matches!(&source.frames, Frames::Images(i) if !i.is_empty());
+    let is_camera_video = |name: &&String| is_camera(name) && is_video(root, name);
+    let videos = names.iter().filter(is_camera_video);
     if folders.iter().any(has_images) {
-        return Ok(folders);
+        let is_extracted = |video: &String| {
+            let camera = files::stem(Path::new(video));
+            let mut with_images = folders.iter().filter(|folder| has_images(folder));
+            with_images.any(|folder| folder.name == camera)
+        };
+        let passed_over = videos.filter(|video| !is_extracted(video)).cloned();
+        let passed_over = passed_over.collect();
+        return Ok((folders, passed_over));
     }
-    let videos: Vec<Source> = names
-        .iter()
-        .filter(|name| is_camera(name) && is_video(root, name))
+    let videos: Vec<Source> = videos
         .map(|name| Source {
             name: files::stem(Path::new(name)),
             path: root.join(name),
@@ -218,7 +262,7 @@ fn sources(root: &Path) -> Result<Vec<Source>, DatasetError> {
         let mut inner = rig::image_folders(root)?;
         inner.retain(|source| is_camera(&source.name));
         if !inner.is_empty() {
-            return Ok(inner);
+            return Ok((inner, Vec::new()));
         }
         let found = match folders.len() {
             0 => "none of these".into(),
@@ -234,5 +278,5 @@ fn sources(root: &Path) -> Result<Vec<Source>, DatasetError> {
             "put the frames there, one folder or video per camera",
         ));
     }
-    Ok(videos)
+    Ok((videos, Vec::new()))
 }

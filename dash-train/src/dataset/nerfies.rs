@@ -90,10 +90,12 @@ pub(super) fn read(context: &Context) -> Result<Parts, DatasetError> {
     let ids = read_ids(&root.join(DATASET_FILE))?;
     let folder = image_folder(root)?;
     let stated = read_times(&root.join(METADATA_FILE), &ids)?;
-    let (frame_of, n_frames) = times::frames(context.options, &stated)?;
+    // Numbers of times: how far apart they were is not stated.
+    let placed = times::frames(context.options, &stated)?;
+    let n_frames = placed.n_frames;
     let mut items = Vec::new();
     let mut frames = Vec::new();
-    for ((id, held_out), frame) in ids.into_iter().zip(frame_of) {
+    for ((id, held_out), frame) in ids.into_iter().zip(placed.pictures) {
         let Some(frame) = frame else { continue };
         let Some(item) = read_item(context, &scene, &folder, id, held_out)? else {
             continue;
@@ -138,6 +140,7 @@ pub(super) fn read(context: &Context) -> Result<Parts, DatasetError> {
         points,
         n_frames,
         n_cameras,
+        stated_span: None,
     })
 }
 
@@ -269,7 +272,10 @@ fn read_item(
     let camera_folder = context.root.join(CAMERA_FOLDER);
     let camera_file = files::confined(&camera_folder, &format!("{id}.json"), &listed_in)?;
     let file = files::confined(folder, &id, &listed_in)?;
-    let found = find_image(file, &listed_in).and_then(|file| Ok((dimensions(&file)?, file)));
+    let found = find_image(file, &listed_in).and_then(|file| {
+        require_camera(&camera_file, &listed_in)?;
+        Ok((dimensions(&file)?, file))
+    });
     let Some((size, file)) = readable(context, &format!("the view {id}"), found)? else {
         return Ok(None);
     };
@@ -283,6 +289,19 @@ fn read_item(
         camera,
         held_out,
     }))
+}
+
+/// Refuses an id whose camera is missing.
+fn require_camera(file: &Path, listed_in: &Path) -> Result<(), DatasetError> {
+    if file.is_file() {
+        return Ok(());
+    }
+    Err(DatasetError::invalid(
+        listed_in,
+        format!("the camera {}", file.display()),
+        "no such file",
+        "put the file there, remove the id, or leave it out with --skip-broken",
+    ))
 }
 
 fn read_positions(root: &Path, scene: &Scene) -> Result<Option<Vec<[f64; 3]>>, DatasetError> {

@@ -7,6 +7,7 @@ use serde::Deserialize;
 
 use super::decode::MAX_IMAGE_SIDE;
 use super::distortion::Distortion;
+use super::sizes::is_in_the_middle;
 use super::{DatasetError, pose};
 
 /// A smaller skew moves no pixel that matters.
@@ -39,8 +40,8 @@ impl CameraFile {
     /// The camera at the file's image size and its lens; `place` moves the position.
     ///
     /// # Errors
-    /// Names `path`: numbers that are not finite, not positive or too many, skew, or a rotation
-    /// that is none.
+    /// Names `path`: numbers that are not finite, not positive or too many, skew, a principal point
+    /// of pictures of another size, or a rotation that is none.
     pub(super) fn camera(
         &self,
         path: &Path,
@@ -71,12 +72,19 @@ impl CameraFile {
                 format!("{width}, {height}"),
             ));
         }
+        let size = (width as usize, height as usize);
+        if !is_in_the_middle([cx, cy], size) {
+            return Err(malformed(
+                "a principal point near the middle of pictures of the `image_size`",
+                format!("{cx}, {cy} for {width}x{height}"),
+            ));
+        }
         let distortion = self.distortion().ok_or_else(|| {
             malformed("at most 3 radial and 2 tangential coefficients, finite", {
                 format!("{self:?}")
             })
         })?;
-        let intrinsics = Camera::new(fx, fy, cx, cy, width as usize, height as usize);
+        let intrinsics = Camera::new(fx, fy, cx, cy, size.0, size.1);
         let camera = pose::place(intrinsics, self.orientation, place(self.position))
             .map_err(|found| malformed("a world-to-camera rotation and a position", found))?;
         Ok((camera, distortion))

@@ -8,14 +8,14 @@ use rayon::prelude::*;
 
 use super::broken::keep_readable;
 use super::decode::header;
-use super::distortion::Distortion;
+use super::distortion::{Distortion, undistort};
 use super::frames::{
     CountedMask, FrameStore, Pixels, Recipe, Source, bytes_in_words, check_size, default_budget,
     make_all, salvage,
 };
 use super::image::ImageData;
 use super::masks::{self, MASK_FOLDER};
-use super::view::{MotionMask, Split, View};
+use super::view::{MotionFile, MotionMask, Split, View};
 use super::{DatasetError, LoadOptions};
 
 /// Folder with masks of what truly moves, which synthetic scenes carry.
@@ -62,6 +62,18 @@ impl Lens {
             distortion,
             pinhole,
         }))
+    }
+}
+
+/// The image that `camera` took, without the distortion of its lens if it has one to undo.
+pub(super) fn without_distortion(
+    image: ImageData,
+    camera: &Camera,
+    lens: Option<&Lens>,
+) -> ImageData {
+    match lens {
+        None => image,
+        Some(lens) => undistort(&image, camera, &lens.distortion, &lens.pinhole),
     }
 }
 
@@ -222,12 +234,17 @@ impl<'a> Context<'a> {
         pixels: Pixels,
         on_demand: bool,
     ) -> Result<View, DatasetError> {
-        let full_size = (view.camera.width, view.camera.height);
         let motion = match view.split {
             Split::Test => masks::beside(self.root, MOTION_FOLDER, &view),
             Split::Train => None,
         };
-        let motion_mask = motion.map(|path| MotionMask::File(path, full_size));
+        let motion_mask = motion.map(|path| {
+            MotionMask::File(Box::new(MotionFile {
+                path,
+                camera: view.camera.clone(),
+                lens: view.lens.clone(),
+            }))
+        });
         let camera = match &view.lens {
             None => view.camera,
             Some(lens) => Camera {

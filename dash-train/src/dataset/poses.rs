@@ -54,7 +54,8 @@ fn of_transforms(root: &Path) -> Result<Vec<Camera>, DatasetError> {
             let file = super::files::confined(root, &frame.file_path, &path)?;
             let size = || {
                 let found = find_image(file, &path).and_then(|file| dimensions(&file));
-                Ok(found.unwrap_or(UNKNOWN_SIZE))
+                let by_middle = || listed.size_by_middle(frame).unwrap_or(UNKNOWN_SIZE);
+                Ok(found.unwrap_or_else(|_| by_middle()))
             };
             cameras.push(listed.camera(&path, frame, size)?.0);
         }

@@ -83,6 +83,7 @@ pub(super) fn read(context: &Context) -> Result<Parts, DatasetError> {
         points,
         n_frames,
         n_cameras,
+        stated_span: None,
     })
 }
 
@@ -270,7 +271,9 @@ fn pose_by_transforms(
     for (source, index) in sources.into_iter().zip(assigned) {
         let size = || match frame_size(context, &source) {
             // Left out later on: any size will do.
-            Err(DatasetError::Video { .. }) if context.options.skip_broken => Ok((1, 1)),
+            Err(DatasetError::Video { .. }) if context.options.skip_broken => {
+                Ok(transforms.size_by_middle(&frames[index]).unwrap_or((1, 1)))
+            }
             size => size,
         };
         let (camera, distortion) = transforms.camera(file, &frames[index], size)?;

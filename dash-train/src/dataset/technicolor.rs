@@ -63,6 +63,7 @@ pub(super) fn read(context: &Context) -> Result<Parts, DatasetError> {
         points,
         n_frames,
         n_cameras,
+        stated_span: None,
     })
 }
 

@@ -4,6 +4,7 @@ use std::path::Path;
 
 use dash_kernels::Camera;
 
+use super::sizes::is_in_the_middle;
 use super::{DatasetError, pose};
 
 /// A column each: focal length, principal point, aspect, skew, quaternion (w, x, y, z), translation.
@@ -100,9 +101,7 @@ impl Row {
             )
         };
         let [cx, cy] = self.principal_point;
-        // Far outside of the middle, the parameters are of images of another size.
-        let in_the_middle = |at: f64, side: usize| (at / side as f64 - 0.5).abs() <= 0.25;
-        if !(in_the_middle(cx, width) && in_the_middle(cy, height)) {
+        if !is_in_the_middle([cx, cy], (width, height)) {
             return Err(malformed(
                 &format!("a principal point near the middle of the {width}x{height} images"),
                 format!("{cx}, {cy}"),

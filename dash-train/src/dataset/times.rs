@@ -9,6 +9,11 @@ const SAME_TIME: f64 = 1e-6;
 const JITTER: f64 = 0.02;
 /// where frames are as many times farther apart. Cameras that take turns have evenly spaced times instead.
 const APART: f64 = 10.0;
+/// Stated times that cover this share of [0, 1] are those of a whole clip and stay as they are: some captures
+/// end before 1 (frame / n, or a last frame that is left out: 0 to 0.983). What covers less is in seconds of a
+/// short clip or in shares of a longer one, and is stretched: the field's grid, following and smoothness take
+/// the clip to span [0, 1].
+const WHOLE_CLIP: f64 = 0.9;
 
 /// The time in [0, 1] of each of the frames with these numbers, as far apart as the numbers; `None` where
 /// these don't rise.
@@ -22,8 +27,16 @@ pub(super) fn of_numbers(numbers: &[u64]) -> Option<Vec<f32>> {
     Some(numbers.iter().map(time).collect())
 }
 
-/// For each picture its frame's index and its time in [0, 1]; `None` where the frame is not wanted.
-type Placed = Vec<Option<(usize, f32)>>;
+/// Where pictures are in time.
+#[derive(Debug)]
+pub(super) struct Placement {
+    /// For each picture its frame's index and its time in [0, 1]; `None` where the frame is not wanted.
+    pub(super) pictures: Vec<Option<(usize, f32)>>,
+    /// How many distinct times are wanted.
+    pub(super) n_frames: usize,
+    /// The first and the last wanted time as stated, where these were stretched over [0, 1].
+    pub(super) stated_span: Option<[f64; 2]>,
+}
 
 /// The time within which `stated` times, of the cameras with the indices `camera_of`, are one frame's.
 pub(super) fn same_time(stated: &[f64], camera_of: &[usize]) -> f64 {
@@ -61,16 +74,13 @@ pub(super) fn same_time(stated: &[f64], camera_of: &[usize]) -> f64 {
     }
 }
 
-/// The frame index and time in [0, 1] of each finite `stated` time, `None` where its frame is not
-/// wanted; and the number of distinct times that are. Times are kept where they lie in [0, 1]
-/// already, and stretched over [0, 1] otherwise and when only some of the frames are loaded.
+/// Where each picture with a finite `stated` time is. Times are kept where they lie in [0, 1] and cover
+/// [`WHOLE_CLIP`] of it, and stretched over [0, 1] otherwise and when only some of the frames are loaded; a single
+/// one is 0.
 ///
 /// # Errors
 /// When none of them is wanted.
-pub(super) fn frames(
-    options: &LoadOptions,
-    stated: &[f64],
-) -> Result<(Placed, usize), DatasetError> {
+pub(super) fn frames(options: &LoadOptions, stated: &[f64]) -> Result<Placement, DatasetError> {
     frames_within(options, stated, SAME_TIME)
 }
 
@@ -83,7 +93,7 @@ pub(super) fn frames_within(
     options: &LoadOptions,
     stated: &[f64],
     same_time: f64,
-) -> Result<(Placed, usize), DatasetError> {
+) -> Result<Placement, DatasetError> {
     let mut all: Vec<f64> = stated.to_vec();
     all.sort_by(f64::total_cmp);
     all.dedup_by(|later, earlier| *later - *earlier < same_time);
@@ -93,9 +103,14 @@ pub(super) fn frames_within(
     let kept: Vec<f64> = wanted.iter().map(|&index| all[index]).collect();
     let n_frames = kept.len();
     let (Some(&start), Some(&end)) = (kept.first(), kept.last()) else {
-        return Ok((vec![None; stated.len()], 0));
+        return Ok(Placement {
+            pictures: vec![None; stated.len()],
+            n_frames: 0,
+            stated_span: None,
+        });
     };
-    let in_unit = all.len() == n_frames && start >= 0.0 && end <= 1.0;
+    let in_unit = start >= 0.0 && end <= 1.0 && end - start >= WHOLE_CLIP;
+    let as_stated = all.len() == n_frames && in_unit;
     let place = |&time: &f64| {
         if wanted.binary_search(&index_of(time, &all)).is_err() {
             return None;
@@ -106,14 +121,18 @@ pub(super) fn frames_within(
         } else {
             time
         };
-        let unit = match (n_frames, in_unit) {
+        let unit = match (n_frames, as_stated) {
             (1, _) => 0.0,
             (_, true) => time,
             (_, false) => (time - start) / (end - start),
         };
         Some((index, unit.clamp(0.0, 1.0) as f32))
     };
-    Ok((stated.iter().map(place).collect(), n_frames))
+    Ok(Placement {
+        pictures: stated.iter().map(place).collect(),
+        n_frames,
+        stated_span: (n_frames > 1 && !as_stated).then_some([start, end]),
+    })
 }
 
 #[cfg(test)]
@@ -142,7 +161,7 @@ mod tests {
     fn frame_of(stated: &[f64], camera_of: &[usize]) -> (Vec<usize>, Vec<f32>) {
         let same_time = same_time(stated, camera_of);
         let placed = frames_within(&LoadOptions::default(), stated, same_time).expect("all");
-        placed.0.into_iter().flatten().unzip()
+        placed.pictures.into_iter().flatten().unzip()
     }
 
     #[test]
@@ -177,5 +196,33 @@ mod tests {
         let carried: Vec<usize> = (0..4).collect();
         let stated = [0.0, 0.0005, 0.5, 1.0];
         assert_eq!(frame_of(&stated, &carried).0, [0, 1, 2, 3]);
+    }
+
+    #[test]
+    fn times_of_a_part_of_the_unit_are_stretched_and_those_of_a_whole_clip_are_kept() {
+        let placed = |stated: &[f64]| {
+            let placed = frames(&LoadOptions::default(), stated).expect("all");
+            let times: Vec<f32> = placed.pictures.into_iter().flatten().map(|p| p.1).collect();
+            (times, placed.stated_span)
+        };
+        // Seconds of a short clip; the first frames of a longer one.
+        let stretched = (vec![0.0, 0.5, 1.0], Some([0.0, 0.5]));
+        assert_eq!(placed(&[0.0, 0.25, 0.5]), stretched);
+        let stretched = (vec![0.0, 0.5, 1.0], Some([0.25, 0.75]));
+        assert_eq!(placed(&[0.25, 0.5, 0.75]), stretched);
+        let stretched = (vec![0.0, 1.0], Some([2.0, 7.0]));
+        assert_eq!(placed(&[2.0, 7.0]), stretched);
+        // Bit for bit as stated.
+        for kept in [[0.0, 0.3, 0.983_240_223_463_687_1], [0.05, 0.5, 0.96]] {
+            assert_eq!(placed(&kept), (kept.map(|t| t as f32).into(), None));
+        }
+        assert_eq!(placed(&[0.4, 0.4]), (vec![0.0, 0.0], None));
+        assert_eq!(placed(&[]), (vec![], None));
+        let first = LoadOptions {
+            max_frames: Some(2),
+            ..LoadOptions::default()
+        };
+        let some = frames(&first, &[0.0, 0.5, 1.0]).expect("two");
+        assert_eq!((some.n_frames, some.stated_span), (2, Some([0.0, 0.5])));
     }
 }

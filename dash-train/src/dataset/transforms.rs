@@ -2,6 +2,7 @@
 
 use std::fs;
 use std::path::Path;
+use std::sync::atomic::{AtomicBool, Ordering};
 
 use dash_kernels::Camera;
 use serde::Deserialize;
@@ -9,29 +10,36 @@ use serde::Deserialize;
 use super::decode::MAX_IMAGE_SIDE;
 use super::distortion::Distortion;
 use super::first_bytes::parse_json;
+use super::sizes::{is_in_the_middle, times_larger};
 use super::{DatasetError, pose};
 
 /// One file.
 #[derive(Debug, Deserialize)]
-pub(super) struct Transforms {
+pub(crate) struct Transforms {
     #[serde(flatten)]
     shared: Intrinsics,
-    pub(super) frames: Vec<Frame>,
+    pub(crate) frames: Vec<Frame>,
     /// Initial points (nerfstudio).
     pub(super) ply_file_path: Option<String>,
-    /// File paths of the frames to hold out (nerfstudio).
+    /// File paths of the frames to train on (nerfstudio).
+    #[serde(default)]
+    pub(super) train_filenames: Vec<String>,
+    /// File paths of the frames to hold out.
     #[serde(default)]
     pub(super) test_filenames: Vec<String>,
     /// The same, which serve where there are none to test.
     #[serde(default)]
     pub(super) val_filenames: Vec<String>,
+    /// Whether it was said that intrinsics are scaled.
+    #[serde(skip)]
+    is_scaling_told: AtomicBool,
 }
 
 /// One image's entry.
 #[derive(Debug, Deserialize)]
-pub(super) struct Frame {
-    pub(super) file_path: String,
-    pub(super) time: Option<f64>,
+pub(crate) struct Frame {
+    pub(crate) file_path: String,
+    pub(crate) time: Option<f64>,
     /// The number of the time, in captures without `time`.
     timestep_index: Option<serde_json::Value>,
     /// The picture of the pixels that count (nerfstudio): white where they do.
@@ -72,7 +80,7 @@ impl Frame {
     }
 
     /// The number of the time, where the file states one.
-    pub(super) fn timestep_index(&self) -> Option<f64> {
+    pub(crate) fn timestep_index(&self) -> Option<f64> {
         self.timestep_index.as_ref()?.as_f64()
     }
 
@@ -96,7 +104,7 @@ pub(super) fn parse_any(path: &Path) -> Result<Transforms, DatasetError> {
 }
 
 /// Reads a file with at least one frame.
-pub(super) fn parse(path: &Path) -> Result<Transforms, DatasetError> {
+pub(crate) fn parse(path: &Path) -> Result<Transforms, DatasetError> {
     let transforms = parse_any(path)?;
     if transforms.frames.is_empty() {
         return Err(DatasetError::invalid(
@@ -111,8 +119,9 @@ pub(super) fn parse(path: &Path) -> Result<Transforms, DatasetError> {
 
 impl Transforms {
     /// The camera of a frame and its lens distortion; `image_size` reads the image's header and is
-    /// asked only where the file does not state the size.
-    pub(super) fn camera(
+    /// asked only where the file does not state the size. Then the principal point says whether the intrinsics
+    /// are of pictures of that size, and they are scaled where one factor brings them to it.
+    pub(crate) fn camera(
         &self,
         path: &Path,
         frame: &Frame,
@@ -128,6 +137,7 @@ impl Transforms {
         };
         let (own, shared) = (&frame.own, &self.shared);
         check_model(own, shared).map_err(|found| malformed("a perspective camera model", found))?;
+        let mut times = 1.0;
         let (width, height) = match (own.w.or(shared.w), own.h.or(shared.h)) {
             (Some(w), Some(h)) => {
                 let side = |v: f64| v.fract() == 0.0 && v >= 1.0 && v <= f64::from(MAX_IMAGE_SIDE);
@@ -139,14 +149,22 @@ impl Transforms {
                 }
                 (w as usize, h as usize)
             }
-            _ => image_size()?,
+            _ => {
+                let size = image_size()?;
+                times = self.times_larger(path, frame, size)?;
+                size
+            }
         };
-        let (w, h) = (width as f64, height as f64);
+        // Of the pictures that the intrinsics are of.
+        let (w, h) = (width as f64 * times, height as f64 * times);
         let from_angle =
             |angle: Option<f64>, side: f64| angle.map(|a| 0.5 * side / (0.5 * a).tan());
         let focal = |i: &Intrinsics| i.fl_x.or(from_angle(i.camera_angle_x, w));
-        let Some(fx) = focal(own).or(focal(shared)) else {
-            return Err(malformed("`fl_x` or `camera_angle_x`", "neither".into()));
+        let from_height = |i: &Intrinsics| i.fl_y.or(from_angle(i.camera_angle_y, h));
+        let of_height = || from_height(own).or(from_height(shared));
+        let Some(fx) = focal(own).or(focal(shared)).or_else(of_height) else {
+            let expected = "a focal length: `fl_x`, `camera_angle_x` or `camera_angle_y`";
+            return Err(malformed(expected, "none of these".into()));
         };
         let focal_y = |i: &Intrinsics| {
             i.fl_y
@@ -175,10 +193,66 @@ impl Transforms {
                 coefficient(own.p2, shared.p2),
             ],
         };
+        let [fx, fy, cx, cy] = [fx, fy, cx, cy].map(|v| v / times);
         let intrinsics = Camera::new(fx, fy, cx, cy, width, height);
         let camera = place(intrinsics, &frame.transform_matrix)
             .map_err(|found| malformed("a camera-to-world matrix, 4x4 or 3x4", found))?;
         Ok((camera, distortion))
+    }
+
+    /// A size of pictures that a frame's intrinsics can be of, by their principal point.
+    pub(super) fn size_by_middle(&self, frame: &Frame) -> Option<(usize, usize)> {
+        let [cx, cy] = self.principal_point(frame);
+        let side = |at: f64| {
+            let side = (2.0 * at).clamp(1.0, f64::from(MAX_IMAGE_SIDE));
+            (side as usize).max(1)
+        };
+        Some((side(cx?), side(cy?)))
+    }
+
+    fn principal_point(&self, frame: &Frame) -> [Option<f64>; 2] {
+        let (own, shared) = (&frame.own, &self.shared);
+        [own.cx.or(shared.cx), own.cy.or(shared.cy)]
+    }
+
+    /// How many times larger than pictures of this size those are that a frame's intrinsics are of, for files
+    /// that do not state it; said once where it is not 1.
+    ///
+    /// # Errors
+    /// When the principal point can't be of any such pictures.
+    fn times_larger(
+        &self,
+        path: &Path,
+        frame: &Frame,
+        size @ (width, height): (usize, usize),
+    ) -> Result<f64, DatasetError> {
+        let stated = self.principal_point(frame);
+        if stated == [None, None] {
+            return Ok(1.0);
+        }
+        let cx = stated[0].unwrap_or(width as f64 / 2.0);
+        let cy = stated[1].unwrap_or(height as f64 / 2.0);
+        match times_larger([cx, cy], size) {
+            Some(times) => {
+                if times != 1.0 && !self.is_scaling_told.swap(true, Ordering::Relaxed) {
+                    tracing::warn!(
+                        "{}: no `w` and `h`, and principal points ({cx}, {cy} in frame `{}`) of pictures {times:.3} \
+                         times as large as those that are there ({width}x{height}): focal lengths and principal points \
+                         are scaled",
+                        path.display(),
+                        frame.file_path
+                    );
+                }
+                Ok(times)
+            }
+            None if is_in_the_middle([cx, cy], size) => Ok(1.0),
+            None => Err(DatasetError::invalid(
+                path,
+                format!("a principal point near the middle of the {width}x{height} pictures"),
+                format!("{cx}, {cy} in frame `{}`", frame.file_path),
+                "state the size that the intrinsics are for as `w` and `h`, or scale them with the pictures",
+            )),
+        }
     }
 }
 

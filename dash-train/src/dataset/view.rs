@@ -12,6 +12,7 @@ use super::DatasetError;
 use super::decode::decode_mask;
 use super::frames::Pixels;
 use super::image::ImageData;
+use super::plan::{Lens, without_distortion};
 
 /// What a view is for.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
@@ -77,8 +78,27 @@ pub(crate) struct SmallView {
 pub(crate) enum MotionMask {
     /// `[H * W]` of 0 and 255.
     Ready(Arc<Vec<u8>>),
-    /// Read when it is asked for, with the size of its image as captured.
-    File(PathBuf, (usize, usize)),
+    /// Read when it is asked for.
+    File(Box<MotionFile>),
+}
+
+/// The file of a mask of what truly moves, and what its image was taken with.
+#[derive(Debug, Clone)]
+pub(crate) struct MotionFile {
+    pub(super) path: PathBuf,
+    /// At the size of the image as captured.
+    pub(super) camera: Camera,
+    pub(super) lens: Option<Lens>,
+}
+
+impl MotionFile {
+    /// The mask on the pixels of the undistorted image, `[H * W]` of 0 and 255.
+    fn read(&self, width: usize, height: usize) -> Result<Vec<u8>, DatasetError> {
+        let full_size = (self.camera.width, self.camera.height);
+        let mask = decode_mask(&self.path, full_size)?;
+        let flat = without_distortion(mask, &self.camera, self.lens.as_ref());
+        Ok(flat.resized(width, height).thresholded(false))
+    }
 }
 
 impl View {
@@ -194,10 +214,9 @@ impl View {
         match &self.motion_mask {
             None => Ok(None),
             Some(MotionMask::Ready(mask)) => Ok(Some(mask.clone())),
-            Some(MotionMask::File(path, full_size)) => {
-                let mask = decode_mask(path, *full_size)?;
-                let mask = mask.resized(self.camera.width, self.camera.height);
-                Ok(Some(Arc::new(mask.thresholded(false))))
+            Some(MotionMask::File(file)) => {
+                let mask = file.read(self.camera.width, self.camera.height)?;
+                Ok(Some(Arc::new(mask)))
             }
         }
     }

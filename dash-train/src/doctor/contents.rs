@@ -142,7 +142,12 @@ fn times(dataset: &Dataset) -> Option<Finding> {
     } else {
         GAP_IN_TURNS
     };
-    let range = format!("{} times from {first:.3} to {last:.3}", times.len());
+    let stated = dataset
+        .stated_span
+        .map_or_else(String::new, |[first, last]| {
+            format!(" (stretched; stated from {first} to {last})")
+        });
+    let range = format!("{} times from {first:.3} to {last:.3}{stated}", times.len());
     if times.len() > 3 && *widest > gap * usual {
         let text = format!(
             "{range}, with none between {:.3} and {:.3}, {:.0} times the usual step",

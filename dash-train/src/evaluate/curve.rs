@@ -211,6 +211,7 @@ mod tests {
             points: None,
             n_frames: 0,
             n_cameras: 0,
+            stated_span: None,
             background: None,
         };
         CurveProbe {

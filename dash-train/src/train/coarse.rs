@@ -263,6 +263,7 @@ mod tests {
             layout: Layout::Blender,
             n_frames: 100,
             n_cameras: 1,
+            stated_span: None,
             views,
             points: None,
             background: None,

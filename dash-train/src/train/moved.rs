@@ -185,6 +185,7 @@ mod tests {
             layout: Layout::Blender,
             n_frames: 3,
             n_cameras: 5,
+            stated_span: None,
             views: views.collect(),
             points: None,
             background: None,

@@ -157,6 +157,7 @@ mod tests {
             layout: Layout::Blender,
             n_frames: 8,
             n_cameras: 4,
+            stated_span: None,
             views: views.collect(),
             points: None,
             background: None,

@@ -223,13 +223,15 @@ fn nerfstudios_lists_say_what_is_held_out() {
         ("val_filenames", true),
         ("train_filenames", false),
     ] {
+        // The last is outside, and no picture's.
         let lists = json!({"fl_x": 9.0, key: ["./images/1.png", "images/2.png", "../x.png"]});
         let dataset = single(4, lists).load().expect("loads");
         let listed: Vec<usize> = (0..4)
             .filter(|&index| dataset.views[index].split == Split::Test)
             .collect();
-        // Without lists of what to hold out: every eighth.
-        assert_eq!(listed, if held_out { vec![1, 2] } else { vec![0] }, "{key}");
+        // Without lists of what to hold out: what is not to be trained on.
+        let expected = if held_out { [1, 2] } else { [0, 3] };
+        assert_eq!(listed, expected, "{key}");
     }
 }
 
@@ -400,6 +402,6 @@ fn masks_of_test_views() {
     let views = fixture.load().expect("loads").views;
     let mask = views[3].motion_mask().expect("reads").expect("a mask");
     assert_eq!(mask[..], [255; W * H]);
-    fixture.image("motion_masks/test/r_0.png", W + 1, H, [255; 3]);
-    fixture.refuses(&["motion_masks", "r_0.png", "8x6", "9x6"]);
+    fixture.image("motion_masks/test/r_0.png", 2 * W, H, [255; 3]);
+    fixture.refuses(&["motion_masks", "r_0.png", "8x6", "16x6"]);
 }

@@ -259,3 +259,21 @@ fn truncated_files_and_huge_counts_are_errors() {
         fixture.write(name, whole);
     }
 }
+
+#[test]
+fn byte_order_marks_are_skipped_and_names_keep_their_spaces() {
+    let fixture = capture("elsewhere");
+    fixture.image("images/my  pic b.png", W, H, [0; 3]);
+    let images = "1 2 2 0 0 0.5 -1 4 5 my  pic b.png \n\n2 2 2 0 0 0.5 -1 4 5 a.png\n\n";
+    for (name, text) in [
+        ("cameras.txt", "# Camera list\n5 PINHOLE 8 6 9.0 9 4 3\n"),
+        ("images.txt", images),
+        ("points3D.txt", "7 1 2 3 1 2 3 0.5 0 0 1 0\n"),
+    ] {
+        fixture.write(&format!("sparse/0/{name}"), format!("\u{feff}{text}"));
+    }
+    let dataset = fixture.load().expect("loads");
+    let names: Vec<&str> = dataset.views.iter().map(|v| v.name.as_str()).collect();
+    assert_eq!(names, ["a", "my  pic b"]);
+    assert_eq!(dataset.points.expect("points").positions, [[1.0, 2.0, 3.0]]);
+}

@@ -37,6 +37,12 @@ fn missing_images_are_left_out_where_asked() {
     fixture.remove("rgb/2x/000020.png");
     fixture.refuses(&["dataset.json", "000020", advice]);
     assert_eq!(names(&fixture, &skipping()).len(), 5);
+    fixture.remove("camera/000030.json");
+    fixture.image("rgb/2x/000020.png", W, H, [0; 3]);
+    let words = ["the camera", "000030.json, found no such file", advice];
+    fixture.refuses(&words);
+    let kept = names(&fixture, &skipping());
+    assert_eq!(kept, ["000000", "000020", "000040", "000010", "000050"]);
 
     let fixture = Fixture::new();
     let images = [
@@ -160,8 +166,8 @@ fn numbers_of_times_serve_where_no_frame_has_a_time() {
         (3, vec![0.0, 0.5, 1.0])
     );
     let at = |time: f64| json!({"time": time});
-    let timed = entries([at(0.0), at(0.3), at(0.4)]).expect("loads");
-    assert_eq!(times(timed), [0.0, 0.3, 0.4]);
+    let timed = entries([at(0.0), at(0.3), at(0.9)]).expect("loads");
+    assert_eq!(times(timed), [0.0, 0.3, 0.9]);
     assert!(entries([at(0.0), none(), none()]).is_err(), "mixed times");
     // Without a number for each there is no time at all, as before.
     let unknown = json!({"timestep_index": "two"});

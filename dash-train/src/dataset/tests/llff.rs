@@ -1,6 +1,6 @@
 use super::super::npy::tests::npy_f64;
 use super::super::{Layout, LoadOptions, Split};
-use super::n3dv::{row, rows};
+use super::n3dv::{IN_PLAIN_ORDER, row, rows};
 use super::{Fixture, H, W, assert_cameras_equal, camera};
 
 pub(super) fn capture(n: usize) -> Fixture {
@@ -18,10 +18,11 @@ fn one_image_per_row_is_a_static_capture_with_every_eighth_held_out() {
     assert_eq!(dataset.layout, Layout::N3dv);
     assert_eq!((dataset.n_cameras, dataset.n_frames), (11, 1));
     for (index, view) in dataset.views.iter().enumerate() {
-        // Numbers order by value: IMG_2 before IMG_10.
-        assert_eq!(view.name, format!("IMG_{index}"));
+        // As LLFF's tools sort them: IMG_10 before IMG_2.
+        let number = IN_PLAIN_ORDER[index];
+        assert_eq!(view.name, format!("IMG_{number}"));
         assert_cameras_equal(&view.camera, &camera(index));
-        assert_eq!(view.rgb([0.0; 3]).expect("reads")[0], index as f32 / 255.0);
+        assert_eq!(view.rgb([0.0; 3]).expect("reads")[0], number as f32 / 255.0);
         assert_eq!(view.split == Split::Test, index % 8 == 0);
     }
 }

@@ -1,8 +1,8 @@
 use serde_json::json;
 
-use super::super::{Dataset, LoadOptions};
+use super::super::{Dataset, LoadOptions, Split};
 use super::blender::{file, frame, matrix, single, write_single};
-use super::{Fixture, H, W, camera, write_model};
+use super::{Fixture, H, W, camera, nerfies, write_model};
 
 /// A mask whose left half counts, or its right half.
 fn half(fixture: &Fixture, name: &str, left: bool) {
@@ -99,4 +99,51 @@ fn masks_of_zeros_and_ones_are_refused_by_name() {
     };
     let error = fixture.load_with(&on_demand).expect_err("labels");
     assert!(error.to_string().contains("masks/b.png"), "{error}");
+}
+
+#[test]
+fn masks_of_what_moves_are_undistorted_as_their_pictures_are() {
+    let fixture = single(2, json!({"fl_x": 72.0, "w": 64, "h": 48, "k1": 1.0}));
+    let stripes = image::RgbImage::from_fn(64, 48, |x, _| {
+        image::Rgb([if x / 4 % 2 == 0 { 255 } else { 0 }; 3])
+    });
+    for name in ["images/0.png", "images/1.png", "motion_masks/images/0.png"] {
+        stripes.save(fixture.path(name)).expect("writes");
+    }
+    for on_demand in [false, true] {
+        let options = LoadOptions {
+            on_demand,
+            ..LoadOptions::default()
+        };
+        let dataset = fixture.load_with(&options).expect("loads");
+        let view = dataset.split(Split::Test).next().expect("one of two");
+        let rgb = view.rgb([0.0; 3]).expect("reads");
+        let white: Vec<bool> = rgb.iter().step_by(3).map(|&v| v > 0.5).collect();
+        let mask = view.motion_mask().expect("reads").expect("a mask");
+        let moves: Vec<bool> = mask.iter().map(|&v| v == 255).collect();
+        assert_eq!(moves, white);
+        let captured: Vec<bool> = stripes.pixels().map(|p| p.0[0] == 255).collect();
+        assert_ne!(moves, captured, "the lens has moved pixels");
+    }
+}
+
+#[test]
+fn masks_may_be_of_another_size_than_their_pictures() {
+    // Pictures are half as large as the cameras say, masks are not.
+    let fixture = nerfies::capture();
+    let (width, height) = (2 * W as u32, 2 * H as u32);
+    let left_half = image::GrayImage::from_fn(width, height, |x, _| {
+        image::Luma([if x < W as u32 { 255 } else { 0 }])
+    });
+    for name in ["masks/000000.png", "motion_masks/000010.png"] {
+        left_half.save(fixture.path(name)).expect("writes");
+    }
+    let dataset = fixture.load().expect("loads");
+    assert_eq!(counted(&dataset)[..2], [Some([1.0, 0.0]), None]);
+    let view = dataset.split(Split::Test).next().expect("held out");
+    assert_eq!(view.name, "000010");
+    let mask = view.motion_mask().expect("reads").expect("a mask");
+    assert_eq!(mask[..W], [255, 255, 255, 255, 0, 0, 0, 0]);
+    fixture.image("masks/000000.png", W, 2 * H, [255; 3]);
+    fixture.refuses(&["masks/000000.png", "8x6", "8x12"]);
 }

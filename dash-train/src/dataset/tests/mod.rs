@@ -3,6 +3,7 @@
 mod blender;
 mod colmap;
 mod damaged_videos;
+mod folders;
 mod frame_numbers;
 mod listed;
 mod llff;
@@ -12,7 +13,9 @@ mod nerfies;
 mod real;
 mod rig;
 mod sizes;
+mod splits;
 mod technicolor;
+mod video_times;
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -229,26 +232,6 @@ fn axis(camera: &Camera, index: usize) -> [f64; 3] {
 
 fn negated(v: [f64; 3]) -> [f64; 3] {
     v.map(|c| -c)
-}
-
-#[test]
-fn unknown_folders_say_what_was_looked_for() {
-    let empty = Fixture::new();
-    empty.refuses(&[
-        "poses_bounds.npy",
-        "transforms_train.json",
-        "sparse/0",
-        "empty folder",
-    ]);
-    empty.write("notes.txt", "nothing");
-    empty.refuses(&["notes.txt", "--layout"]);
-    let missing = load(&empty.root().join("nowhere"), &LoadOptions::default());
-    assert!(
-        missing
-            .expect_err("missing")
-            .to_string()
-            .contains("nowhere")
-    );
 }
 
 #[test]

@@ -3,9 +3,12 @@ use std::process::Command;
 use dash_kernels::Camera;
 
 use super::super::npy::tests::{npy, npy_f64};
-use super::super::{Dataset, Layout, LoadOptions, Split};
+use super::super::{Dataset, Layout, LoadOptions, Split, known_poses};
 use super::{Fixture, H, W, assert_cameras_equal, axis, camera, negated, write_model};
 use crate::ply::{PointCloud, write_points};
+
+/// Eleven numbers by the plain order of `cam0`, `cam1`, `cam10`, `cam2`, ..
+pub(super) const IN_PLAIN_ORDER: [usize; 11] = [0, 1, 10, 2, 3, 4, 5, 6, 7, 8, 9];
 
 /// The LLFF row of a camera: columns down, right, backwards, position, (height, width, focal).
 pub(super) fn row(camera: &Camera) -> [f64; 17] {
@@ -39,7 +42,6 @@ fn rig(n_cameras: usize, n_frames: usize) -> Fixture {
     fixture.write("poses_bounds.npy", npy_f64(&rows(n_cameras)));
     for camera in 0..n_cameras {
         for frame in 0..n_frames {
-            // Ten cameras or more: the order is of numbers, cam2 before cam10.
             fixture.image(
                 &format!("cam{camera}/images/{frame:04}.png"),
                 W,
@@ -71,11 +73,13 @@ fn cameras_times_and_images_are_exact() {
     assert_eq!((dataset.background, dataset.points), (None, Some(point())));
     for (index, view) in dataset.views.iter().enumerate() {
         let (camera_index, frame) = (index / 3, index % 3);
+        // Ten cameras or more: rows are in plain order, cam10 before cam2.
+        let number = IN_PLAIN_ORDER[camera_index];
         assert_cameras_equal(&view.camera, &camera(camera_index));
         assert_eq!((view.camera_index, view.frame), (camera_index, frame));
         assert_eq!(view.time, [0.0, 0.5, 1.0][frame]);
-        assert_eq!(view.camera_name, format!("cam{camera_index}"));
-        assert_eq!(view.name, format!("cam{camera_index}/{frame:04}"));
+        assert_eq!(view.camera_name, format!("cam{number}"));
+        assert_eq!(view.name, format!("cam{number}/{frame:04}"));
         assert_eq!(
             view.split,
             if camera_index == 0 {
@@ -86,10 +90,7 @@ fn cameras_times_and_images_are_exact() {
         );
         let rgb = view.rgb([0.0; 3]).expect("in memory");
         assert_eq!(rgb.len(), W * H * 3);
-        assert_eq!(
-            rgb[..3],
-            shade(camera_index, frame).map(|v| f32::from(v) / 255.0)
-        );
+        assert_eq!(rgb[..3], shade(number, frame).map(|v| f32::from(v) / 255.0));
     }
 }
 
@@ -317,13 +318,49 @@ fn the_kth_camera_in_order_belongs_to_row_k_whatever_its_number() {
         fixture.image(&format!("{name}/images/0000.png"), W, H, [0; 3]);
     }
     let views = fixture.load().expect("loads").views;
-    for (index, (view, name)) in views.iter().zip(["cam1", "cam4", "cam12"]).enumerate() {
+    for (index, (view, name)) in views.iter().zip(["cam1", "cam12", "cam4"]).enumerate() {
         assert_eq!(
             (view.camera_index, view.camera_name.as_str()),
             (index, name)
         );
         assert_cameras_equal(&view.camera, &camera(index));
     }
+}
+
+#[test]
+fn rows_of_known_poses_are_in_plain_order_too() {
+    let fixture = Fixture::new();
+    fixture.write("poses_bounds.npy", npy_f64(&rows(11)));
+    let names: Vec<String> = (0..11).map(|number| format!("cam{number}")).collect();
+    let path = fixture.path("poses_bounds.npy");
+    let known = known_poses::read(&path, &names, &[[W, H]; 11]).expect("reads");
+    for (row, number) in IN_PLAIN_ORDER.into_iter().enumerate() {
+        assert_cameras_equal(&known[number].camera, &camera(row));
+    }
+}
+
+#[test]
+fn frames_of_some_cameras_beside_videos_of_others_are_refused() {
+    let fixture = rig(1, 2);
+    fixture.write("poses_bounds.npy", npy_f64(&rows(3)));
+    for name in ["cam0.mp4", "cam1.mp4", "cam2.mp4"] {
+        fixture.write(name, "a video");
+    }
+    fixture.refuses(&[
+        "all 3 cameras as images, or a video of each",
+        "images of cam0,",
+        "passed over: cam1.mp4, cam2.mp4",
+        "extract the frames of all videos",
+    ]);
+    for (camera, frame) in [(1, 0), (1, 1), (2, 0), (2, 1)] {
+        let name = format!("cam{camera}/images/{frame:04}.png");
+        fixture.image(&name, W, H, shade(camera, frame));
+    }
+    fixture.load().expect("videos of no use");
+    for frame in 0..2 {
+        fixture.remove(&format!("cam1/images/{frame:04}.png"));
+    }
+    fixture.refuses(&["images of cam0, cam2,", "passed over: cam1.mp4"]);
 }
 
 #[test]
@@ -567,10 +604,10 @@ fn masks_say_which_pixels_count() {
             }
         }
     }
-    image::GrayImage::new(W as u32 + 1, H as u32)
+    image::GrayImage::new(2 * W as u32, H as u32)
         .save(fixture.path("masks/cam1/0001.png"))
         .expect("writes");
-    fixture.refuses(&["masks", "0001.png", "8x6", "9x6"]);
+    fixture.refuses(&["masks", "0001.png", "8x6", "16x6"]);
 }
 
 #[test]

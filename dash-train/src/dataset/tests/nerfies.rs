@@ -182,7 +182,13 @@ fn malformed_files_are_named() {
         ("skew", json!(3.0), "skew 3"),
         ("focal_length", json!(0.0), "focal lengths 0"),
         ("image_size", json!([7.5, 6]), "7.5"),
-        ("image_size", json!([2 * W, 6 * H]), "8x6"),
+        ("image_size", json!([2 * W, 3 * H]), "8x6"),
+        ("image_size", json!([W, H]), "9, 6 for 8x6"),
+        (
+            "principal_point",
+            json!([9.0, 1.0]),
+            "the middle of pictures",
+        ),
         ("radial_distortion", json!([0, 0, 0, 0]), "at most 3 radial"),
         (
             "orientation",

@@ -1,5 +1,7 @@
 use serde_json::json;
 
+use dash_kernels::Camera;
+
 use super::super::LoadOptions;
 use super::blender::{frame, single, write_single};
 use super::{H, W, assert_cameras_equal, camera, colmap};
@@ -19,6 +21,41 @@ fn images_of_transforms_at_another_size_scale_the_intrinsics() {
     };
     let dataset = fixture.load_with(&skipping).expect("two are left");
     assert_eq!(dataset.views.len(), 2);
+}
+
+#[test]
+fn intrinsics_without_a_size_are_those_of_the_pictures_or_scaled_or_refused() {
+    let angle = |half: f64| 2.0 * (half / 9.0).atan();
+    for top in [
+        json!({"fl_x": 9.0, "cx": 4.0, "cy": 3.0}),
+        // Of pictures twice and half as large.
+        json!({"fl_x": 18.0, "cx": 8.0, "cy": 6.0}),
+        json!({"fl_x": 4.5, "fl_y": 4.5, "cx": 2.0, "cy": 1.5}),
+        // Angles are of pictures of any size.
+        json!({"camera_angle_x": angle(4.0), "cx": 8.0, "cy": 6.0}),
+        json!({"camera_angle_y": angle(3.0)}),
+    ] {
+        let fixture = single(3, top);
+        for view in &fixture.load().expect("loads").views {
+            assert_cameras_equal(&view.camera, &camera(view.camera_index));
+        }
+    }
+    // Somewhat off the middle is taken as it is.
+    let top = json!({"fl_x": 9.0, "cx": 4.75, "cy": 2.75});
+    let views = single(2, top).load().expect("loads").views;
+    let expected = Camera {
+        cx: 4.75,
+        cy: 2.75,
+        ..camera(1)
+    };
+    assert_cameras_equal(&views[1].camera, &expected);
+    for (top, found) in [
+        (json!({"fl_x": 9.0, "cx": 8.0, "cy": 3.0}), "8, 3 in frame"),
+        (json!({"fl_x": 9.0, "cy": 0.5}), "4, 0.5 in frame"),
+    ] {
+        let fixture = single(2, top);
+        fixture.refuses(&["transforms.json", "the 8x6 pictures", found, "`w` and `h`"]);
+    }
 }
 
 #[test]

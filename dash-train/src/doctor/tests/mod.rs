@@ -252,6 +252,23 @@ fn pictures_of_one_camera_without_times_are_told() {
 }
 
 #[test]
+fn times_that_are_stretched_are_told_as_stated() {
+    let scene = Scene::new(SceneKind::Bounce, SynthLayout::Blender);
+    for name in ["transforms_train.json", "transforms_test.json"] {
+        let path = scene.root().join(name);
+        let text = fs::read(&path).expect("transforms");
+        let mut json: serde_json::Value = serde_json::from_slice(&text).expect("JSON");
+        for frame in json["frames"].as_array_mut().expect("frames") {
+            let time = frame["time"].as_f64().expect("a time");
+            frame["time"] = (0.5 * time).into();
+        }
+        fs::write(&path, json.to_string()).expect("writes");
+    }
+    let words = ["24 times from 0.000 to 1.000", "stated from 0 to 0.5"];
+    finds(&scene.examine(), "times", Severity::Ok, &words);
+}
+
+#[test]
 fn missing_frames_are_noticed_by_their_numbers_and_by_their_times() {
     let scene = Scene::bounce();
     for camera in 0..CAMERAS {

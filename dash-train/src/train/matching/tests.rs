@@ -102,6 +102,7 @@ fn dataset(in_turns: bool) -> Dataset {
         layout: Layout::Blender,
         n_frames: if in_turns { CAMERAS * FRAMES } else { FRAMES },
         n_cameras: CAMERAS,
+        stated_span: None,
         views: views.collect(),
         points: None,
         background: None,
