@@ -1,33 +1,41 @@
-//! Cameras to render from: the `cameras.json` of 3DGS, and a path through given cameras.
+//! Cameras to render from: the `cameras.json` of 3DGS, `transforms*.json`, and a path through given
+//! cameras.
 //!
 //! # Map
-//! - this file: reading and writing `cameras.json`.
+//! - this file: reading and writing `cameras.json`, and telling both kinds of files apart.
+//! - `transforms`: the cameras of a `transforms*.json`.
 //! - `spiral`: a smooth path in the middle of given cameras.
 
 mod spiral;
+mod transforms;
 
 pub use spiral::{focus_point, spiral};
+pub use transforms::DatasetTerms;
 
 use std::io::Write;
 use std::path::{Path, PathBuf};
 
 use dash_kernels::Camera;
 use glam::DMat3;
-use serde::{Deserialize, Serialize};
+use serde::{Deserialize, Serialize, Serializer};
+use serde_json::Value;
 
+use crate::dataset::DatasetError;
 use crate::dataset::first_bytes::parse_json;
+use transforms::TransformsFile;
 
 /// The largest image side that is accepted, so that a damaged file can't ask for all memory.
 pub const MAX_CAMERA_SIDE: usize = 16_384;
-/// The largest deviation of `R R^T` from the identity; files round to a few digits.
-const ROTATION_TOLERANCE: f64 = 1e-3;
+/// The largest deviation of `R R^T` from the identity; files round to a few digits. Axes as far from
+/// perpendicular as those of datasets may be (a cosine of 1e-3) deviate by less.
+const ROTATION_TOLERANCE: f64 = 2.5e-3;
 
-/// One camera of a `cameras.json`.
+/// One camera of a file.
 #[derive(Debug, Clone, PartialEq)]
 pub struct CameraEntry {
-    /// The entry's number.
+    /// The entry's number, else its place in the list.
     pub id: u64,
-    /// The image's name.
+    /// The image's name, else `cameraNN` by its place.
     pub img_name: String,
     /// Pose and intrinsics.
     pub camera: Camera,
@@ -35,7 +43,7 @@ pub struct CameraEntry {
     pub time: Option<f64>,
 }
 
-/// Why a `cameras.json` could not be read or written.
+/// Why a file of cameras could not be read or written.
 #[derive(Debug, thiserror::Error)]
 pub enum CameraFileError {
     /// The operating system refused the file.
@@ -48,11 +56,12 @@ pub enum CameraFileError {
         /// The system's reason.
         source: std::io::Error,
     },
-    /// The file is not a JSON list with at least one camera.
+    /// The file is neither a JSON list with at least one camera nor a `transforms*.json`.
     #[error(
-        "{}: expected a JSON list of cameras (the `cameras.json` of 3DGS), found {found}", .path.display()
+        "{}: expected a JSON list of cameras (the `cameras.json` of 3DGS) or an object with `frames` (a \
+         `transforms.json` of NeRF, D-NeRF, Blender or nerfstudio), found {found}", .path.display()
     )]
-    NotAList {
+    NoCameras {
         /// The file.
         path: PathBuf,
         /// What is there.
@@ -70,15 +79,31 @@ pub enum CameraFileError {
         /// What was expected and what was found.
         what: String,
     },
+    /// A `transforms*.json` can't be used.
+    #[error(transparent)]
+    Transforms(#[from] DatasetError),
+}
+
+/// A file of cameras of either kind.
+#[derive(Debug)]
+pub struct CameraFile(Kind);
+
+#[derive(Debug)]
+enum Kind {
+    List(Vec<CameraEntry>),
+    Transforms(Box<TransformsFile>),
 }
 
 /// An entry as 3DGS writes it, with our optional fields.
 #[derive(Debug, Serialize, Deserialize)]
 struct JsonCamera {
-    id: u64,
-    img_name: String,
-    width: usize,
-    height: usize,
+    id: Option<u64>,
+    img_name: Option<String>,
+    /// Whole; some write it with a fraction of zero.
+    #[serde(serialize_with = "as_whole")]
+    width: f64,
+    #[serde(serialize_with = "as_whole")]
+    height: f64,
     position: [f64; 3],
     /// Rows of the rotation from camera to world.
     rotation: [[f64; 3]; 3],
@@ -92,31 +117,74 @@ struct JsonCamera {
     time: Option<f64>,
 }
 
-/// Reads a `cameras.json`: `id, img_name, width, height, position, rotation, fx, fy`, the pose from
-/// camera to world with OpenCV axes, and optionally `cx, cy` (else the image's centre) and `time`.
-/// Further fields are ignored.
+fn as_whole<S: Serializer>(side: &f64, serializer: S) -> Result<S::Ok, S::Error> {
+    serializer.serialize_u64(*side as u64)
+}
+
+impl CameraFile {
+    /// Reads a `cameras.json` or a `transforms*.json`, whichever the file is.
+    ///
+    /// A `cameras.json` lists `width, height, position, rotation, fx, fy`, the pose from camera to
+    /// world with OpenCV axes, and optionally `id`, `img_name`, `cx, cy` (else the image's centre) and
+    /// `time`. A `transforms*.json` is read as that of a dataset. Further fields are ignored.
+    ///
+    /// # Errors
+    /// When the file can't be read, is of neither kind, is empty, or an entry of a list lacks a field,
+    /// is not finite, has a rotation that is none, or values out of range; the message names the entry.
+    pub fn read(path: &Path) -> Result<Self, CameraFileError> {
+        let text = std::fs::read(path).map_err(|source| CameraFileError::Io {
+            path: path.to_path_buf(),
+            action: "read it",
+            source,
+        })?;
+        let no_cameras = |found: String| CameraFileError::NoCameras {
+            path: path.to_path_buf(),
+            found,
+        };
+        let value: Value = parse_json(&text)
+            .map_err(|error| no_cameras(format!("text that is not JSON: {error}")))?;
+        match value {
+            Value::Array(entries) if entries.is_empty() => Err(no_cameras("an empty list".into())),
+            Value::Array(entries) => Ok(Self(Kind::List(listed(path, entries)?))),
+            Value::Object(fields) if fields.contains_key("frames") => {
+                let file = TransformsFile::read(path)?;
+                Ok(Self(Kind::Transforms(Box::new(file))))
+            }
+            Value::Object(_) => Err(no_cameras("an object without `frames`".into())),
+            _ => Err(no_cameras("another kind of JSON value".into())),
+        }
+    }
+
+    /// Whether it is a `transforms*.json`, which is read in the terms of a dataset where there is one.
+    pub fn is_transforms(&self) -> bool {
+        matches!(self.0, Kind::Transforms(_))
+    }
+
+    /// Its cameras, those of a `transforms*.json` without their lens's distortion, as a dataset's are.
+    ///
+    /// # Errors
+    /// When a frame of a `transforms*.json` lacks something or is out of range; the message names it.
+    pub fn cameras(
+        self,
+        dataset: Option<&DatasetTerms>,
+    ) -> Result<Vec<CameraEntry>, CameraFileError> {
+        match self.0 {
+            Kind::List(cameras) => Ok(cameras),
+            Kind::Transforms(file) => file.cameras(dataset),
+        }
+    }
+}
+
+/// Reads the cameras of a file that belongs to no dataset.
 ///
 /// # Errors
-/// When the file can't be read, is no list, is empty, or a camera lacks a field, is not finite, has
-/// a rotation that is none, or values out of range; the message names the entry.
+/// Those of [`CameraFile::read`] and [`CameraFile::cameras`].
 pub fn read_cameras(path: &Path) -> Result<Vec<CameraEntry>, CameraFileError> {
-    let text = std::fs::read(path).map_err(|source| CameraFileError::Io {
-        path: path.to_path_buf(),
-        action: "read it",
-        source,
-    })?;
-    let not_a_list = |found: String| CameraFileError::NotAList {
-        path: path.to_path_buf(),
-        found,
-    };
-    let value: serde_json::Value =
-        parse_json(&text).map_err(|error| not_a_list(format!("text that is not JSON: {error}")))?;
-    let serde_json::Value::Array(entries) = value else {
-        return Err(not_a_list("another kind of JSON value".into()));
-    };
-    if entries.is_empty() {
-        return Err(not_a_list("an empty list".into()));
-    }
+    CameraFile::read(path)?.cameras(None)
+}
+
+/// The entries of a `cameras.json`.
+fn listed(path: &Path, entries: Vec<Value>) -> Result<Vec<CameraEntry>, CameraFileError> {
     entries
         .into_iter()
         .enumerate()
@@ -127,7 +195,7 @@ pub fn read_cameras(path: &Path) -> Result<Vec<CameraEntry>, CameraFileError> {
             };
             serde_json::from_value(entry)
                 .map_err(|error| error.to_string())
-                .and_then(checked)
+                .and_then(|entry| checked(index, entry))
                 .map_err(|what| CameraFileError::Entry {
                     path: path.to_path_buf(),
                     index,
@@ -143,6 +211,16 @@ pub fn read_cameras(path: &Path) -> Result<Vec<CameraEntry>, CameraFileError> {
 /// # Errors
 /// When a camera would be refused by [`read_cameras`], or the file can't be written.
 pub fn write_cameras(path: &Path, cameras: &[CameraEntry]) -> Result<(), CameraFileError> {
+    let text = cameras_text(path, cameras)?;
+    crate::video::write_whole(path, |file| file.write_all(&text))
+        .map_err(|source| not_written(path, source))
+}
+
+/// What [`write_cameras`] writes to `path`.
+pub(crate) fn cameras_text(
+    path: &Path,
+    cameras: &[CameraEntry],
+) -> Result<Vec<u8>, CameraFileError> {
     let entries = cameras
         .iter()
         .enumerate()
@@ -153,18 +231,21 @@ pub fn write_cameras(path: &Path, cameras: &[CameraEntry]) -> Result<(), CameraF
                 name: format!(" ({})", entry.img_name),
                 what,
             };
-            checked(json_camera(entry)).map_err(refused)?;
+            checked(index, json_camera(entry)).map_err(refused)?;
             Ok(json_camera(entry))
         })
         .collect::<Result<Vec<_>, CameraFileError>>()?;
-    let io_error = |source| CameraFileError::Io {
+    let mut text = serde_json::to_vec_pretty(&entries).map_err(|e| not_written(path, e.into()))?;
+    text.push(b'\n');
+    Ok(text)
+}
+
+fn not_written(path: &Path, source: std::io::Error) -> CameraFileError {
+    CameraFileError::Io {
         path: path.to_path_buf(),
         action: "write it",
         source,
-    };
-    let mut text = serde_json::to_vec_pretty(&entries).map_err(|e| io_error(e.into()))?;
-    text.push(b'\n');
-    crate::video::write_whole(path, |file| file.write_all(&text)).map_err(io_error)
+    }
 }
 
 fn json_camera(entry: &CameraEntry) -> JsonCamera {
@@ -176,10 +257,10 @@ fn json_camera(entry: &CameraEntry) -> JsonCamera {
         }
     }
     JsonCamera {
-        id: entry.id,
-        img_name: entry.img_name.clone(),
-        width: camera.width,
-        height: camera.height,
+        id: Some(entry.id),
+        img_name: Some(entry.img_name.clone()),
+        width: camera.width as f64,
+        height: camera.height as f64,
         position: camera.position(),
         rotation,
         fx: camera.fx,
@@ -190,15 +271,17 @@ fn json_camera(entry: &CameraEntry) -> JsonCamera {
     }
 }
 
-/// The entry, or what is wrong with it.
-fn checked(entry: JsonCamera) -> Result<CameraEntry, String> {
+/// The entry at this place of a list, or what is wrong with it.
+fn checked(index: usize, entry: JsonCamera) -> Result<CameraEntry, String> {
     for (name, side) in [("width", entry.width), ("height", entry.height)] {
-        if !(1..=MAX_CAMERA_SIDE).contains(&side) {
+        let is_whole = side.fract() == 0.0;
+        if !(is_whole && (1.0..=MAX_CAMERA_SIDE as f64).contains(&side)) {
             return Err(format!(
-                "expected `{name}` from 1 to {MAX_CAMERA_SIDE} pixels, found {side}"
+                "expected a whole `{name}` from 1 to {MAX_CAMERA_SIDE} pixels, found {side}"
             ));
         }
     }
+    let (width, height) = (entry.width as usize, entry.height as usize);
     for (name, focal) in [("fx", entry.fx), ("fy", entry.fy)] {
         if !(focal.is_finite() && focal > 0.0) {
             return Err(format!(
@@ -206,8 +289,8 @@ fn checked(entry: JsonCamera) -> Result<CameraEntry, String> {
             ));
         }
     }
-    let cx = entry.cx.unwrap_or(entry.width as f64 / 2.0);
-    let cy = entry.cy.unwrap_or(entry.height as f64 / 2.0);
+    let cx = entry.cx.unwrap_or(entry.width / 2.0);
+    let cy = entry.cy.unwrap_or(entry.height / 2.0);
     if !(cx.is_finite() && cy.is_finite()) {
         return Err(format!(
             "expected a finite principal point, found {cx}, {cy}"
@@ -228,9 +311,11 @@ fn checked(entry: JsonCamera) -> Result<CameraEntry, String> {
     }
     check_rotation(&entry.rotation)?;
     Ok(CameraEntry {
-        id: entry.id,
-        img_name: entry.img_name,
-        camera: Camera::new(entry.fx, entry.fy, cx, cy, entry.width, entry.height)
+        id: entry.id.unwrap_or(index as u64),
+        img_name: entry
+            .img_name
+            .unwrap_or_else(|| format!("camera{index:02}")),
+        camera: Camera::new(entry.fx, entry.fy, cx, cy, width, height)
             .placed(entry.rotation, entry.position),
         time: entry.time,
     })

@@ -273,6 +273,34 @@ fn folders_that_cannot_be_written() {
     bench.fails(&["train", "room", "--out", "file"], "file");
     bench.write("out/full/mine.txt", "kept");
     bench.fails(&["render", "done", "--out", "out"], "out/full");
+    bench.write("mine/cameras.json", "kept");
+    bench.fails(
+        &["render", "done", "--out", "mine"],
+        "mine/cameras.json: expected no such file",
+    );
+}
+
+#[test]
+fn datasets_that_change_under_a_run() {
+    let bench = Bench::with_room("n3dv");
+    bench.train("run");
+    let frame = |camera: usize, frame: usize| {
+        bench.path(&format!("room/cam{camera:02}/images/{frame:04}.png"))
+    };
+    let resume = ["train", "room", "--out", "run", "--resume"];
+    for camera in 0..4 {
+        for place in (0..3).rev() {
+            std::fs::rename(frame(camera, place), frame(camera, place + 1)).expect("renamed");
+        }
+    }
+    bench.fails(&resume, "found 12 of which some have another name");
+    for camera in 0..4 {
+        std::fs::remove_file(frame(camera, 3)).expect("removed");
+    }
+    bench.fails(
+        &resume,
+        "room: expected the 12 views that the run was begun with, found 8; the dataset was changed",
+    );
 }
 
 #[test]
@@ -324,6 +352,19 @@ fn damaged_runs() {
     }
     bench.write("run/config.toml", whole);
 
+    let resume = ["train", "room", "--out", "run", "--resume"];
+    bench.truncate("run/checkpoints/000030/optimizer.safetensors", 0.5);
+    for part in [
+        "run/checkpoints/000030: expected a complete checkpoint, found optimizer.safetensors: ",
+        "; remove its folder to go back to the one before",
+    ] {
+        bench.fails(&resume, part);
+    }
+    std::fs::remove_file(bench.path("run/checkpoints/000030/scene/scene.json")).expect("removed");
+    bench.fails(
+        &resume,
+        "000030: expected a complete checkpoint, found scene/scene.json: no such file",
+    );
     std::fs::remove_dir_all(bench.path("run/checkpoints/000030")).expect("removed");
     let path = "run/checkpoints/000020/state.json";
     let whole = bench.read(path);
@@ -339,10 +380,8 @@ fn damaged_runs() {
     }
     bench.write(path, whole);
     bench.truncate("run/checkpoints/000020/optimizer.safetensors", 0.5);
-    bench.fails(
-        &["train", "room", "--out", "run", "--resume"],
-        "optimizer.safetensors",
-    );
+    bench.fails(&resume, "optimizer.safetensors");
+    bench.fails(&resume, "remove its folder to begin the run again");
     bench.truncate("run/checkpoints/000020/state.json", 0.5);
     bench.fails(&["train", "room", "--out", "run", "--resume"], "state.json");
 
@@ -371,6 +410,8 @@ fn damaged_camera_files_and_exported_scenes() {
         ("[1, 0, 0]", "[0, 0, 0]"),
         ("\"width\": 16", "\"width\": 0"),
         (good, "[]"),
+        (good, r#"{"cameras": []}"#),
+        (good, r#"{"frames": []}"#),
     ] {
         let bad = good.replace(from, to);
         assert_ne!(bad, good, "{from}");

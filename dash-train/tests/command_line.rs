@@ -85,11 +85,13 @@ fn a_run_holds_what_the_design_says_and_eval_finds_it_again() {
     ] {
         assert_eq!(evaluated[key], trained[key], "{key}");
     }
-    bench.ok(&["eval", "run", "--split", "train"]);
-    assert_eq!(
-        results(&bench, "run")["per_view"].as_array().map(Vec::len),
-        Some(9)
-    );
+    let said = bench.ok(&["eval", "run", "--split", "train"]);
+    assert!(said.contains("results_train.json"), "{said}");
+    let of_training: Value =
+        serde_json::from_slice(&bench.read("run/results_train.json")).expect("JSON");
+    assert_eq!(of_training["split"], "train");
+    assert_eq!(of_training["per_view"].as_array().map(Vec::len), Some(9));
+    assert_eq!(results(&bench, "run"), evaluated, "the test views' scores");
     let about = bench.ok(&["info", "run"]);
     for part in ["quick", "30 of 30 steps", "warm-up to step 3", "PSNR"] {
         assert!(about.contains(part), "{part} in {about}");
@@ -169,6 +171,18 @@ fn every_layer_is_rendered_and_an_exported_instant_looks_the_same() {
     );
     let about = bench.ok(&["info", "half.ply"]);
     assert!(about.contains("Gaussians"), "{about}");
+    bench.ok(&["export", "run", "--time", "0.5", "--out", "CAPITALS.PLY"]);
+    assert!(bench.read("CAPITALS.PLY") == bench.read("half.ply"));
+    bench.ok(&[
+        &["render", "CAPITALS.PLY", "--out", "from_capitals"],
+        &shot[..],
+    ]
+    .concat());
+    assert_eq!(open("from_capitals/full/0000_front.png"), ply);
+    assert_eq!(
+        bench.ok(&["info", "CAPITALS.PLY"]),
+        about.replace("half.ply", "CAPITALS.PLY")
+    );
 
     let export = [
         "export",
@@ -199,6 +213,133 @@ fn cameras_json() -> String {
         .into()
 }
 
+/// Of an output folder, the pictures with these names, and the list of their cameras.
+fn pictures(bench: &Bench, out: &str, names: &[&str]) -> (Vec<Vec<u8>>, Value) {
+    let picture = |name: &&str| bench.read(&format!("{out}/full/{name}.png"));
+    let listed = serde_json::from_slice(&bench.read(&format!("{out}/cameras.json")));
+    (
+        names.iter().map(picture).collect(),
+        listed.expect("JSON of the pictures' cameras"),
+    )
+}
+
+#[test]
+fn cameras_of_a_transforms_file_show_what_the_datasets_own_show() {
+    const NAMES: [&str; 3] = ["0000_test_r_0000", "0001_test_r_0001", "0002_test_r_0002"];
+    let bench = Bench::with_room("blender");
+    let file = ["--cameras", "room/transforms_test.json"];
+    bench.train("run");
+    bench.ok(&["render", "run", "--out", "own"]);
+    bench.ok(&[&["render", "run", "--out", "listed"], &file[..]].concat());
+    let own = pictures(&bench, "own", &NAMES);
+    assert!(own == pictures(&bench, "listed", &NAMES));
+    for (index, time) in [0.0, 0.5, 1.0].into_iter().enumerate() {
+        let entry = &own.1[index];
+        assert_eq!(entry["img_name"], NAMES[index]);
+        assert_eq!(entry["time"], time);
+        assert_eq!(entry["width"], 32);
+    }
+    assert_eq!(own.1.as_array().map(Vec::len), Some(3));
+    // One camera at one instant is one picture.
+    bench.ok(&[
+        &["render", "run", "--time", "0.5", "--out", "half"],
+        &file[..],
+    ]
+    .concat());
+    let half = std::fs::read_dir(bench.path("half/full")).expect("listed");
+    assert_eq!(half.count(), 1);
+
+    bench.ok(&["export", "run", "--time", "1", "--out", "end.ply"]);
+    bench.ok(&[&["render", "end.ply", "--out", "ply"], &file[..]].concat());
+    pictures(&bench, "ply", &NAMES);
+
+    // Times in seconds, and pictures that were loaded smaller.
+    for name in ["train", "test"] {
+        let path = format!("room/transforms_{name}.json");
+        let text = text(&bench.read(&path)).replace("\"time\": 0.5", "\"time\": 15.0");
+        let text = text.replace("\"time\": 0.0", "\"time\": 10.0");
+        bench.write(&path, text.replace("\"time\": 1.0", "\"time\": 20.0"));
+    }
+    bench.train_with("small", &["--downscale", "2"]);
+    bench.ok(&["render", "small", "--out", "small_own"]);
+    bench.ok(&[&["render", "small", "--out", "small_listed"], &file[..]].concat());
+    let (_, own) = pictures(&bench, "small_own", &NAMES);
+    let (_, listed) = pictures(&bench, "small_listed", &NAMES);
+    for index in 0..3 {
+        assert_eq!(own[index]["width"], 16, "as loaded");
+        assert_eq!(listed[index]["width"], 32, "as the file states");
+        for key in ["img_name", "time", "position"] {
+            assert_eq!(own[index][key], listed[index][key], "{key}");
+        }
+    }
+    // The dataset's own units mean nothing to a PLY file.
+    bench.fails(
+        &[&["render", "end.ply", "--out", "again"], &file[..]].concat(),
+        "from 0 to 1",
+    );
+}
+
+#[test]
+fn a_dataset_that_was_moved_is_found_where_it_is_named() {
+    let bench = Bench::with_room("n3dv");
+    bench.train("run");
+    let scene = bench.read("run/scene/scene.safetensors");
+    let scored = results(&bench, "run");
+    let rename = |from: &str, to: &str| {
+        std::fs::rename(bench.path(from), bench.path(to)).expect("renamed");
+    };
+    rename("room", "moved");
+    bench.fails(&["eval", "run"], "--dataset DIR");
+    bench.fails(&["render", "run", "--out", "out"], "--dataset DIR");
+    bench.ok(&["render", "run", "--dataset", "moved", "--out", "out"]);
+    bench.ok(&["eval", "run", "--dataset", "moved"]);
+    assert_eq!(results(&bench, "run")["per_view"], scored["per_view"]);
+
+    // The last third again, with the dataset there.
+    let unfinish = || {
+        for folder in ["run/checkpoints/000030", "run/scene"] {
+            std::fs::remove_dir_all(bench.path(folder)).expect("removed");
+        }
+    };
+    let finish = |dataset: &str| {
+        bench.ok(&["train", dataset, "--out", "run", "--resume"]);
+        assert!(bench.read("run/scene/scene.safetensors") == scene);
+        let config = text(&bench.read("run/config.toml"));
+        assert!(config.contains(&format!("/{dataset}\"")), "{config}");
+        bench.ok(&["eval", "run"]);
+    };
+    unfinish();
+    finish("moved");
+
+    // A checkpoint of before, which does not say what it was trained on.
+    rename("moved", "last");
+    unfinish();
+    let path = "run/checkpoints/000020/state.json";
+    let state = text(&bench.read(path));
+    let start = state.find("\"dataset\":{").expect("what it was trained on");
+    let end = start + state[start..].find("},").expect("its end") + 2;
+    bench.write(path, format!("{}{}", &state[..start], &state[end..]));
+    finish("last");
+
+    bench.ok(&[
+        "synth",
+        "other",
+        "--cameras",
+        "4",
+        "--frames",
+        "2",
+        "--size",
+        "32x24",
+    ]);
+    let other = ["train", "other", "--out", "run", "--resume"];
+    for part in [
+        "other: expected the 12 views that the run was begun with, found 8",
+        "/last or where that was moved",
+    ] {
+        bench.fails(&other, part);
+    }
+}
+
 #[test]
 fn videos_are_written_where_ffmpeg_is_there() {
     if std::process::Command::new("ffmpeg")
@@ -221,6 +362,9 @@ fn videos_are_written_where_ffmpeg_is_there() {
         "clip.mp4",
     ]);
     assert!(bench.read("clip.mp4").len() > 500);
+    let spiral = ["render", "run", "--cameras", "spiral", "--frames", "2"];
+    bench.ok(&[&spiral[..], &["--out", "CLIP.MP4"]].concat());
+    assert!(bench.path("CLIP.MP4").is_file());
 }
 
 #[test]
@@ -301,6 +445,7 @@ fn progress_is_a_few_plain_lines_and_quiet_says_none() {
         progress.contains("20/20 loss") && !progress.contains(['\r', '\u{1b}']),
         "{progress}"
     );
+    assert!(progress.contains("held out: cam00\n"), "{progress}");
     let (_, silence) = train("silent", &["-q", "--threads", "1"]);
     assert_eq!(silence, "");
     let scene = "scene/scene.safetensors";
@@ -354,6 +499,8 @@ fn help_shows_examples_and_wrong_usage_exits_with_two() {
         &["render", "run", "--time", "0.5", "--frames", "3"],
         &["render", "run", "--time", "1.5"],
         &["render", "run", "--background", "red"],
+        &["render", "run", "--out", "clip.mov"],
+        &["render", "run", "--out", "clip.GIF"],
         &["prepare", "room", "made", "--fps", "0"],
         &[
             "prepare",

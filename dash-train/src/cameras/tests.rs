@@ -60,6 +60,19 @@ fn an_entry_of_3dgs_by_hand() {
 }
 
 #[test]
+fn names_and_numbers_may_be_missing_and_sizes_may_be_written_as_fractions() {
+    let text = json("\"id\": 7, \"img_name\": \"a_0001\", ", "");
+    let text = text.replace("\"width\": 80", "\"width\": 80.0");
+    let two = text.replace("}]", "}, {\"id\": 9, ") + &text[2..];
+    let cameras = read(&two).expect("a valid file");
+    let found: Vec<(u64, &str, usize)> = cameras
+        .iter()
+        .map(|entry| (entry.id, entry.img_name.as_str(), entry.camera.width))
+        .collect();
+    assert_eq!(found, [(0, "camera00", 80), (9, "camera01", 80)]);
+}
+
+#[test]
 fn what_is_written_is_read_back() {
     let folder = tempfile::tempdir().expect("a scratch folder");
     let path = folder.path().join("cameras.json");
@@ -95,7 +108,9 @@ fn what_is_written_is_read_back() {
 fn bad_files_are_refused_with_the_reason() {
     for (text, expected) in [
         ("", "not JSON"),
-        ("{\"frames\": []}", "another kind of JSON value"),
+        ("3", "another kind of JSON value"),
+        ("{\"cameras\": []}", "an object without `frames`"),
+        ("{\"frames\": []}", "at least one frame"),
         ("[]", "an empty list"),
         ("[3]", "camera 0: "),
         ("[{}]", "missing field"),
@@ -105,6 +120,10 @@ fn bad_files_are_refused_with_the_reason() {
             error.contains("cameras.json") && error.contains(expected),
             "{error}"
         );
+    }
+    let other = read("{}").expect_err("of neither kind").to_string();
+    for kind in ["`cameras.json` of 3DGS", "`transforms.json` of NeRF"] {
+        assert!(other.contains(kind), "{other}");
     }
     let missing = read_cameras(Path::new("/nowhere/cameras.json")).expect_err("no such file");
     assert!(

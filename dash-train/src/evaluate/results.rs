@@ -51,8 +51,8 @@ pub enum Process {
 const TRAINING_MEMORY: &str = "most resident memory of the process that trained, dataset included";
 const EVALUATION_MEMORY: &str = "most resident memory of the process that evaluated, dataset included; that of training is not known";
 
-/// Scores a finished run over a split and writes its `results.json`; `perceptual` holds what LPIPS
-/// needs, by default nothing.
+/// Scores a finished run over a split and writes its `results.json`, of training views its
+/// `results_train.json`; `perceptual` holds what LPIPS needs, by default nothing.
 ///
 /// # Errors
 /// When the run is unfinished, the split has no views, or a file can't be read or written.
@@ -90,7 +90,7 @@ pub fn evaluate_run(
     };
     let json =
         serde_json::to_vec_pretty(&results).map_err(|e| TrainError::Config(e.to_string()))?;
-    write_atomically(&run.results_path(), |mut file| file.write_all(&json))?;
+    write_atomically(&run.scores_path(split), |mut file| file.write_all(&json))?;
     Ok(results)
 }
 

@@ -8,10 +8,13 @@ use dash_model::{DynamicScene, Layer};
 use super::picture::{Picture, PictureLayer, render};
 use super::shots::Shot;
 use crate::TrainError;
+use crate::cameras::{CameraEntry, cameras_text, write_cameras};
 use crate::video::{VideoWriter, rgb8, write_exr_plane, write_exr_rgb, write_png};
 
 /// Frame rate of videos.
 const FRAMES_PER_SEC: f64 = 30.0;
+/// The list of the pictures' cameras beside them.
+const CAMERAS_FILE: &str = "cameras.json";
 
 /// File format of pictures.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, clap::ValueEnum)]
@@ -43,13 +46,15 @@ pub struct RenderJob<'a> {
     pub on_shot: &'a mut dyn FnMut(usize),
 }
 
-/// Renders every shot to `out/LAYER/NNNN_CAMERA.png` (or `.exr`), `NNNN` counting shots from 0.
+/// Renders every shot to `out/LAYER/NNNN_NAME.png` (or `.exr`), `NNNN` counting shots from 0, and lists
+/// the pictures' poses, intrinsics and times in `out/cameras.json` ([`write_cameras`]), by their names
+/// without extension.
 ///
 /// The layers' folders appear when everything is rendered: a failure leaves nothing behind.
 ///
 /// # Errors
-/// When `out` can't be written, one of the layers' folders holds files already, or a kernel refuses
-/// its input.
+/// When `out` can't be written, one of the layers' folders holds files already, `out/cameras.json` is
+/// another file than would be written, or a kernel refuses its input.
 pub fn write_pictures(
     job: RenderJob<'_>,
     layers: &[PictureLayer],
@@ -62,12 +67,11 @@ pub fn write_pictures(
         let folder = scratch.path().join(layer.to_string());
         fs::create_dir(&folder).map_err(|e| TrainError::io(&folder, "create", e))?;
     }
-    for (index, shot) in job.shots.iter().enumerate() {
-        let name = format!(
-            "{index:04}_{}.{}",
-            file_name(&shot.camera_name),
-            format.extension()
-        );
+    let list = out.join(CAMERAS_FILE);
+    let listed = entries(job.shots);
+    refuse_other_list(&list, &listed)?;
+    for ((index, shot), entry) in job.shots.iter().enumerate().zip(&listed) {
+        let name = format!("{}.{}", entry.img_name, format.extension());
         for drawn_from in [Layer::Full, Layer::Static, Layer::Dynamic] {
             let shown: Vec<PictureLayer> = layers
                 .iter()
@@ -97,7 +101,33 @@ pub fn write_pictures(
         }
         fs::rename(&from, &to).map_err(|e| TrainError::io(&to, "write", e))?;
     }
-    Ok(())
+    Ok(write_cameras(&list, &listed)?)
+}
+
+/// The shots as a list of cameras, under the names of their pictures.
+fn entries(shots: &[Shot]) -> Vec<CameraEntry> {
+    let entry = |(index, shot): (usize, &Shot)| CameraEntry {
+        id: index as u64,
+        img_name: format!("{index:04}_{}", file_name(&shot.name)),
+        camera: shot.camera.clone(),
+        time: Some(f64::from(shot.time)),
+    };
+    shots.iter().enumerate().map(entry).collect()
+}
+
+/// Refuses to replace a list of other cameras, which may be the user's own or that of pictures beside it.
+fn refuse_other_list(path: &Path, cameras: &[CameraEntry]) -> Result<(), TrainError> {
+    let text = cameras_text(path, cameras)?;
+    match fs::read(path) {
+        Ok(found) if found == text => Ok(()),
+        Ok(_) => Err(TrainError::run(
+            path,
+            "expected no such file or that of the same pictures, found another; \
+             remove it or choose another --out",
+        )),
+        Err(e) if e.kind() == std::io::ErrorKind::NotFound => Ok(()),
+        Err(e) => Err(TrainError::io(path, "read", e)),
+    }
 }
 
 /// Renders every shot as a frame of the MP4 video `out`, which replaces one that exists when it is
@@ -252,6 +282,25 @@ mod tests {
         assert_eq!(nearness(&[0.0, 2.0, 4.0, 3.0]), [0.0, 1.0, 0.0, 0.5]);
         assert_eq!(nearness(&[5.0, 5.0]), [1.0, 1.0]);
         assert_eq!(nearness(&[0.0; 2]), [0.0; 2]);
+    }
+
+    #[test]
+    fn a_list_of_other_cameras_is_not_replaced() {
+        let folder = tempfile::tempdir().expect("a scratch folder");
+        let path = folder.path().join(CAMERAS_FILE);
+        let shot = |time| Shot {
+            camera_name: "cam00".into(),
+            name: "test/r_0".into(),
+            camera: dash_kernels::Camera::new(9.0, 9.0, 4.0, 3.0, 8, 6),
+            time,
+        };
+        let listed = entries(&[shot(0.0), shot(0.5)]);
+        assert_eq!(listed[1].img_name, "0001_test_r_0");
+        refuse_other_list(&path, &listed).expect("there is none");
+        write_cameras(&path, &listed).expect("writable");
+        refuse_other_list(&path, &listed).expect("the same");
+        let error = refuse_other_list(&path, &entries(&[shot(0.0)])).expect_err("another");
+        assert!(error.to_string().contains("cameras.json"), "{error}");
     }
 
     #[test]

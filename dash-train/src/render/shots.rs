@@ -1,18 +1,18 @@
 //! Which cameras at which times.
 
-use std::path::Path;
-
 use dash_kernels::Camera;
 
 use crate::TrainError;
-use crate::cameras::{read_cameras, spiral};
-use crate::dataset::{Dataset, Split};
+use crate::cameras::{CameraFile, DatasetTerms, spiral};
+use crate::dataset::{Dataset, Layout, Split};
 
 /// One picture to take.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Shot {
-    /// The camera's name, which names the picture's file.
+    /// The camera's name.
     pub camera_name: String,
+    /// What names the picture's file: the camera's name, or that of the image that was captured there and then.
+    pub name: String,
     /// The camera.
     pub camera: Camera,
     /// In [0, 1].
@@ -25,35 +25,35 @@ pub fn test_shots(dataset: &Dataset) -> Vec<Shot> {
         .split(Split::Test)
         .map(|view| Shot {
             camera_name: view.camera_name.clone(),
+            name: match dataset.layout {
+                // Its cameras have no names of their own, its images have.
+                Layout::Blender => view.name.clone(),
+                _ => view.camera_name.clone(),
+            },
             camera: view.camera.clone(),
             time: view.time,
         })
         .collect()
 }
 
-/// The cameras of a `cameras.json`, at their own times or else at 0.
+/// The cameras of a file, at their own times or else at 0; those of a `transforms*.json` in the terms of a
+/// dataset, where there is one.
 ///
 /// # Errors
-/// When the file can't be read, or a time is outside [0, 1].
-pub fn file_shots(path: &Path) -> Result<Vec<Shot>, TrainError> {
-    read_cameras(path)?
-        .into_iter()
-        .map(|entry| {
-            let time = entry.time.unwrap_or(0.0);
-            if !(0.0..=1.0).contains(&time) {
-                let name = &entry.img_name;
-                return Err(TrainError::run(
-                    path,
-                    format!("camera `{name}`: expected a time in [0, 1], found {time}; mend it"),
-                ));
-            }
-            Ok(Shot {
-                camera_name: entry.img_name,
-                camera: entry.camera,
-                time: time as f32,
-            })
+/// When a camera of a `transforms*.json` can't be used.
+pub fn file_shots(
+    file: CameraFile,
+    dataset: Option<&DatasetTerms>,
+) -> Result<Vec<Shot>, TrainError> {
+    let cameras = file.cameras(dataset)?.into_iter();
+    Ok(cameras
+        .map(|entry| Shot {
+            camera_name: entry.img_name.clone(),
+            name: entry.img_name,
+            camera: entry.camera,
+            time: entry.time.unwrap_or(0.0) as f32,
         })
-        .collect()
+        .collect())
 }
 
 /// `n` cameras on a path amid the dataset's, times even from 0 to 1.
@@ -69,6 +69,7 @@ pub fn spiral_shots(dataset: &Dataset, n: usize) -> Vec<Shot> {
         .enumerate()
         .map(|(step, camera)| Shot {
             camera_name: "spiral".into(),
+            name: "spiral".into(),
             camera,
             time: even_time(step, n),
         })
@@ -76,13 +77,11 @@ pub fn spiral_shots(dataset: &Dataset, n: usize) -> Vec<Shot> {
 }
 
 /// Each of the shots' cameras at each of `n` times, evenly from 0 to 1 (0 for a single one); one
-/// camera after the other, a camera that occurs more than once only once.
+/// camera after the other, a camera that occurs more than once, be it under other names, only once.
 pub fn at_times(shots: &[Shot], n: usize) -> Vec<Shot> {
     let mut cameras: Vec<&Shot> = Vec::new();
     for shot in shots {
-        let known =
-            |other: &&Shot| other.camera_name == shot.camera_name && other.camera == shot.camera;
-        if !cameras.iter().any(known) {
+        if !cameras.iter().any(|other| other.camera == shot.camera) {
             cameras.push(shot);
         }
     }
@@ -90,6 +89,7 @@ pub fn at_times(shots: &[Shot], n: usize) -> Vec<Shot> {
         .into_iter()
         .flat_map(|shot| {
             (0..n).map(move |frame| Shot {
+                name: shot.camera_name.clone(),
                 time: even_time(frame, n),
                 ..shot.clone()
             })
@@ -114,6 +114,7 @@ mod tests {
     fn every_camera_sees_every_time_once() {
         let shot = |name: &str, x: f64, time| Shot {
             camera_name: name.into(),
+            name: format!("{name}/image"),
             camera: Camera {
                 translation: [x, 0.0, 0.0],
                 ..Camera::new(9.0, 9.0, 4.0, 3.0, 8, 6)
@@ -124,11 +125,13 @@ mod tests {
             shot("a", 0.0, 0.0),
             shot("a", 0.0, 0.4),
             shot("b", 1.0, 0.0),
+            // Each frame of a `transforms.json` has a name of its own.
+            shot("c", 1.0, 0.7),
         ];
         let names = |shots: &[Shot]| {
             shots
                 .iter()
-                .map(|s| (s.camera_name.clone(), s.time))
+                .map(|s| (s.name.clone(), s.time))
                 .collect::<Vec<_>>()
         };
         let a = |time| ("a".to_string(), time);

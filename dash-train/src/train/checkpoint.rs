@@ -1,5 +1,8 @@
 //! Checkpoints: everything an exact resume needs, complete or absent.
 
+mod damage;
+mod fingerprint;
+
 use std::collections::BTreeMap;
 use std::fs::{self, File};
 use std::path::{Path, PathBuf};
@@ -22,8 +25,11 @@ use super::matching::{Memory, NUMBERS};
 use super::optimizer::Optimizer;
 use super::sampler::ViewSampler;
 use super::trainer::Trainer;
+use super::validation;
 use crate::TrainError;
 use crate::dataset::Dataset;
+use damage::with_remedy;
+use fingerprint::Fingerprint;
 
 /// Checkpoints that are kept; older ones are removed once a newer one is complete.
 const KEPT: usize = 2;
@@ -44,6 +50,9 @@ struct State {
     held_still: Vec<bool>,
     #[serde(default)]
     decisions: Vec<Decision>,
+    /// Checkpoints of before have none.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    dataset: Option<Fingerprint>,
     config: TrainConfig,
 }
 
@@ -89,6 +98,7 @@ pub fn save_checkpoint(
         motion_space: trainer.motion_space,
         held_still: trainer.held_still.clone(),
         decisions: trainer.decisions.clone(),
+        dataset: Some(Fingerprint::of(&trainer.dataset.views)),
         config: trainer.config.clone(),
     };
     let json = serde_json::to_vec(&state).map_err(|e| TrainError::Config(e.to_string()))?;
@@ -128,6 +138,36 @@ pub fn checkpoint_config(checkpoint: &Path) -> Result<TrainConfig, TrainError> {
     Ok(read_state(checkpoint)?.config)
 }
 
+/// Checks that a dataset in another folder is the one that a checkpoint was trained on; of a checkpoint of before,
+/// that it has the views to go on with.
+///
+/// # Errors
+/// When the checkpoint can't be read, or says that it is another one.
+pub(super) fn check_moved(
+    checkpoint: &Path,
+    dataset: &Dataset,
+    from: &Path,
+) -> Result<(), TrainError> {
+    let state = read_state(checkpoint).map_err(|error| with_remedy(checkpoint, error))?;
+    let n_views = validation::hold_out(dataset).0.len();
+    let contradiction = match state.dataset {
+        Some(_) => contradiction(&state, dataset),
+        None => check_views(&state.sampler, n_views).err().map(|found| {
+            format!("expected the dataset that the run was begun with, found another ({found})")
+        }),
+    };
+    match contradiction {
+        None => Ok(()),
+        Some(what) => Err(TrainError::run(
+            &dataset.root,
+            format!(
+                "{what}; name the run's own dataset, {} or where that was moved, or start another run",
+                from.display()
+            ),
+        )),
+    }
+}
+
 /// Rebuilds a trainer as it was, and the seconds it had trained.
 ///
 /// # Errors
@@ -137,7 +177,21 @@ pub fn load_checkpoint(
     dataset: Arc<Dataset>,
     device: &Device,
 ) -> Result<(Trainer, f64), TrainError> {
+    read(checkpoint, dataset, device).map_err(|error| with_remedy(checkpoint, error))
+}
+
+fn read(
+    checkpoint: &Path,
+    dataset: Arc<Dataset>,
+    device: &Device,
+) -> Result<(Trainer, f64), TrainError> {
     let state = read_state(checkpoint)?;
+    if let Some(what) = contradiction(&state, &dataset) {
+        return Err(TrainError::run(
+            &dataset.root,
+            format!("{what}; the dataset was changed: restore it, or start another run"),
+        ));
+    }
     let mut trainer = Trainer::new(state.config, dataset, device)?;
     trainer.scene = DynamicScene::load(&checkpoint.join("scene"), &trainer.device)?;
     trainer.motion_space = state.motion_space;
@@ -197,12 +251,23 @@ pub fn load_checkpoint(
     Ok((trainer, state.train_seconds))
 }
 
+/// What a dataset has in place of the views that a checkpoint was trained on, as far as that says.
+fn contradiction(state: &State, dataset: &Dataset) -> Option<String> {
+    let begun = state.dataset?;
+    begun.contradiction(&Fingerprint::of(&dataset.views))
+}
+
+/// The views that are drawn next are among those to train on.
+fn check_views(sampler: &ViewSampler, n_views: usize) -> Result<(), String> {
+    match sampler.largest().filter(|view| *view >= n_views) {
+        Some(view) => Err(format!("view {view} drawn next, of {n_views} views")),
+        None => Ok(()),
+    }
+}
+
 /// What is kept per view and per Gaussian fits this dataset and this scene.
 fn check_counts(trainer: &Trainer) -> Result<(), String> {
-    let n_views = trainer.train_views.len();
-    if let Some(view) = trainer.sampler.largest().filter(|view| *view >= n_views) {
-        return Err(format!("view {view} drawn next, of {n_views} views"));
-    }
+    check_views(&trainer.sampler, trainer.train_views.len())?;
     let (n_static, n_dynamic) = trainer.scene.counts();
     let (static_gradient, static_seen) = trainer.density_static.parts();
     let (dynamic_gradient, dynamic_seen) = trainer.density_dynamic.parts();

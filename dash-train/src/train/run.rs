@@ -13,14 +13,14 @@ pub use config::{DataConfig, RunConfig, StageEnds, read_config};
 use dash_model::DynamicScene;
 use dash_model::scene_file::{TablePrecision, write_atomically};
 
-use super::checkpoint::{latest_checkpoint, load_checkpoint, save_checkpoint};
+use super::checkpoint::{check_moved, latest_checkpoint, load_checkpoint, save_checkpoint};
 use super::coarse::Stages;
 use super::config::{StageConfig, TrainConfig};
 use super::leave_out::Decision;
 use super::lines::{LogLine, append, read_lines, reopen_curve, reopen_log};
 use super::trainer::{StepReport, Trainer};
 use crate::TrainError;
-use crate::dataset::Dataset;
+use crate::dataset::{Dataset, Split};
 use crate::evaluate::{CurveLine, CurveProbe};
 
 /// Steps between two lines of `log.jsonl`.
@@ -101,6 +101,38 @@ impl RunFolder {
         self.write_config(&config)
     }
 
+    /// Has `config.toml` name the folder of `dataset` as that of the run's dataset, which was moved there.
+    ///
+    /// # Errors
+    /// When the newest checkpoint says that it is another dataset, when the run is finished and there is no
+    /// checkpoint that could say so, or when the file can't be written.
+    pub fn follow_dataset(&self, dataset: &Dataset) -> Result<(), TrainError> {
+        let mut config = self.config()?;
+        let from = &config.data.dataset;
+        match latest_checkpoint(&self.checkpoints_path())? {
+            Some(checkpoint) => check_moved(&checkpoint, dataset, from)?,
+            None if self.scene_path().exists() => {
+                return Err(TrainError::run(
+                    &dataset.root,
+                    format!(
+                        "expected the run's dataset {}, found another folder, and no checkpoint that tells \
+                         whether it holds the same; name that one, or start another run",
+                        from.display()
+                    ),
+                ));
+            }
+            None => {}
+        }
+        tracing::info!(
+            "{}: the dataset is in {} from now on, was in {}",
+            self.root.display(),
+            dataset.root.display(),
+            from.display()
+        );
+        config.data.dataset = dataset.root.clone();
+        self.write_config(&config)
+    }
+
     /// The run's configuration.
     ///
     /// # Errors
@@ -140,9 +172,17 @@ impl RunFolder {
         self.root.join("checkpoints")
     }
 
-    /// `results.json`.
+    /// `results.json`, the scores of test views.
     pub fn results_path(&self) -> PathBuf {
         self.root.join("results.json")
+    }
+
+    /// The scores of a split's views: `results.json`, of those trained on `results_train.json`.
+    pub fn scores_path(&self, split: Split) -> PathBuf {
+        match split {
+            Split::Test => self.results_path(),
+            Split::Train => self.root.join("results_train.json"),
+        }
     }
 
     /// `log.jsonl`.

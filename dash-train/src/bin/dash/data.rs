@@ -1,9 +1,9 @@
-//! Options of the commands that train: which data, and how it is loaded.
+//! Options of the commands that train: which data, and how it is loaded; and the data of a run.
 
 use std::path::Path;
 
 use clap::Args;
-use dash_train::dataset::{Dataset, FrameRange, Layout, load};
+use dash_train::dataset::{Dataset, FrameRange, Layout, LoadOptions, load};
 use dash_train::device::DeviceChoice;
 use dash_train::train::DataConfig;
 
@@ -71,7 +71,29 @@ impl DataArgs {
     }
 }
 
-/// The dataset of a run.
+/// The dataset of a run that is there, from where `config.toml` says or from `elsewhere`, loaded as the run did;
+/// with `on_demand`, its images only once they are asked for.
+pub fn dataset_of(
+    data: &DataConfig,
+    elsewhere: Option<&Path>,
+    on_demand: bool,
+) -> Result<Dataset, Failure> {
+    let folder = elsewhere.unwrap_or(&data.dataset);
+    if elsewhere.is_none() && !folder.is_dir() {
+        return Err(Failure::new(format!(
+            "{}: expected the run's dataset, found no such folder; if it was moved, say where it is with \
+             --dataset DIR",
+            folder.display()
+        )));
+    }
+    let options = LoadOptions {
+        on_demand,
+        ..data.load_options()
+    };
+    Ok(load(folder, &options)?)
+}
+
+/// The dataset of a run that trains.
 pub fn load_dataset(data: &DataConfig, memory: Option<u64>) -> Result<Dataset, Failure> {
     let mut options = data.load_options();
     options.memory = memory;

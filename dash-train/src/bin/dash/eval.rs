@@ -3,11 +3,12 @@
 use std::path::PathBuf;
 
 use clap::{Args, ValueEnum};
-use dash_train::dataset::{Split, load};
+use dash_train::dataset::Split;
 use dash_train::evaluate::{Process, evaluate_run};
 use dash_train::train::RunFolder;
 
 use crate::Shared;
+use crate::data::dataset_of;
 use crate::failure::Failure;
 use crate::lpips::LpipsArgs;
 use crate::summary;
@@ -16,10 +17,13 @@ use crate::summary;
 #[derive(Args)]
 #[command(after_help = "Examples:
   dash eval runs/room --split test
+  dash eval runs/room --dataset /mnt/moved/room
   dash eval runs/room --lpips-alex alexnet-owt-7be5be79.pth alex.pth
 
-What each number means is in results.json under metric_settings. The dataset is read from where the
-run's config.toml says. peak_memory_bytes stays that of training where it is known.
+What each number means is in results.json under metric_settings. Scores of the training views are written to
+results_train.json instead. The dataset is read from where the run's config.toml says, or from --dataset, with
+the run's options (downscale, frames, test cameras ..). peak_memory_bytes stays that of training where it is
+known.
 
 Weights of LPIPS are .safetensors or .pth files; of the latter only tensors are read, and nothing in
 them is executed.")]
@@ -29,6 +33,10 @@ pub struct EvalArgs {
     /// Which views
     #[arg(long, value_enum, default_value_t)]
     split: SplitName,
+    /// Where the dataset is, if it was moved; or a folder with further held-out views of the same scene, whose
+    /// poses and times mean the same
+    #[arg(long, value_name = "DIR")]
+    dataset: Option<PathBuf>,
     #[command(flatten)]
     lpips: LpipsArgs,
 }
@@ -50,7 +58,7 @@ pub fn run(args: &EvalArgs, shared: &Shared) -> Result<String, Failure> {
     // A damaged scene is found before the images are read.
     run.scene(&device)?;
     let perceptual = args.lpips.files().load(&device)?;
-    let dataset = load(&config.data.dataset, &config.data.load_options())?;
+    let dataset = dataset_of(&config.data, args.dataset.as_deref(), false)?;
     let split = match args.split {
         SplitName::Test => Split::Test,
         SplitName::Train => Split::Train,
@@ -67,6 +75,6 @@ pub fn run(args: &EvalArgs, shared: &Shared) -> Result<String, Failure> {
     Ok(format!(
         "{}\nwritten to {}",
         summary::results(&results),
-        run.results_path().display()
+        run.scores_path(split).display()
     ))
 }

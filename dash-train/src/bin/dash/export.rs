@@ -34,11 +34,7 @@ pub struct ExportArgs {
 }
 
 pub fn run(args: &ExportArgs, shared: &Shared) -> Result<String, Failure> {
-    if args
-        .out
-        .extension()
-        .is_none_or(|extension| extension != "ply")
-    {
+    if !values::has_extension(&args.out, "ply") {
         return Err(Failure::usage(format!(
             "--out {}: expected a name that ends in .ply",
             args.out.display()

@@ -14,7 +14,8 @@ use dash_train::train::{Decision, RunFolder, StageEnds, TrainConfig};
 use crate::Shared;
 use crate::configuration::name;
 use crate::failure::Failure;
-use crate::summary::{Table, add_scores, bytes, duration};
+use crate::summary::{Table, add_scores, bytes, duration, listed};
+use crate::values;
 
 /// Say what a run, a dataset or a PLY file holds
 #[derive(Args)]
@@ -34,7 +35,7 @@ pub struct InfoArgs {
 
 pub fn run(args: &InfoArgs, shared: &Shared) -> Result<String, Failure> {
     let path = &args.path;
-    let table = if path.extension().is_some_and(|extension| extension == "ply") {
+    let table = if values::has_extension(path, "ply") {
         ply(path)?
     } else if path.join("config.toml").is_file() {
         finished_or_not(
@@ -216,24 +217,6 @@ fn dataset(dataset: &Dataset) -> Table {
         );
     }
     table
-}
-
-/// At most a line's worth of names.
-fn listed<T: AsRef<str>>(names: &[T]) -> String {
-    const SHOWN: usize = 8;
-    if names.is_empty() {
-        return "none".into();
-    }
-    let mut text = names
-        .iter()
-        .take(SHOWN)
-        .map(AsRef::as_ref)
-        .collect::<Vec<_>>()
-        .join(", ");
-    if names.len() > SHOWN {
-        text += &format!(", .. ({} in all)", names.len());
-    }
-    text
 }
 
 fn ply(path: &Path) -> Result<Table, Failure> {

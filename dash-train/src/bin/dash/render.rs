@@ -7,7 +7,9 @@ use clap::Args;
 use dash_model::{
     DynamicScene, Gaps, Gaussians, OffsetPlacement, SceneSettings, TrajectoryBasis, read_splat_ply,
 };
-use dash_train::dataset::{Dataset, load};
+use dash_train::TrainError;
+use dash_train::cameras::{CameraFile, DatasetTerms};
+use dash_train::dataset::Dataset;
 use dash_train::render::{
     PictureFormat, PictureLayer, RenderJob, Shot, at_times, file_shots, spiral_shots, test_shots,
     write_pictures, write_video,
@@ -15,12 +17,15 @@ use dash_train::render::{
 use dash_train::train::RunFolder;
 
 use crate::Shared;
+use crate::data::dataset_of;
 use crate::failure::Failure;
 use crate::progress::Progress;
 use crate::values::{self, Color};
 
 /// Cameras on the spiral path when --frames does not say how many.
 const SPIRAL_CAMERAS: usize = 60;
+/// Extensions of videos of kinds that are not written.
+const OTHER_VIDEOS: [&str; 6] = ["mov", "mkv", "webm", "avi", "gif", "m4v"];
 
 /// Render pictures or a video of a run, or of the Gaussians in a PLY file
 #[derive(Args)]
@@ -30,18 +35,27 @@ const SPIRAL_CAMERAS: usize = 60;
   dash render runs/room --cameras cameras.json --time 0.5 --layers full,dynamic,depth --out out/half
   dash render room_at_half.ply --cameras cameras.json --out out/ply
 
-Pictures are OUT/LAYER/NNNN_CAMERA.png. PNG: values clamped to [0, 1]; depth is scaled per picture,
+Pictures are OUT/LAYER/NNNN_CAMERA.png, or NNNN_IMAGE.png for test views of a transforms.json; OUT/cameras.json
+lists their poses, intrinsics and times. PNG: values clamped to [0, 1]; depth is scaled per picture,
 the nearest surface white, the farthest black, black where there is none. EXR: values as rendered,
 depth in world units: the mean of the Gaussians' along the camera's axis, weighted as they are blended, 0 where
-there is nearly nothing. --cameras F.json is the cameras.json of 3DGS, with optional cx, cy and time.")]
+there is nearly nothing.
+
+--cameras F.json is the cameras.json of 3DGS, with optional id, img_name, cx, cy and time, or a transforms*.json
+of NeRF, D-NeRF, Blender or nerfstudio. Pictures of the latter have the size that it states (w, h), also where
+the run's dataset was loaded with --downscale; else that of the dataset's pictures as loaded, else that of the
+image that file_path names. Its times are those of the run's dataset; for a PLY file they are from 0 to 1.")]
 pub struct RenderArgs {
     /// A run's folder, or a 3DGS PLY file
     #[arg(value_name = "RUN|FILE.ply")]
     scene: PathBuf,
-    /// test (the dataset's test views), spiral (a path around them), or a cameras.json file
-    /// [default: test; a PLY file needs cameras.json]
+    /// test (the dataset's test views), spiral (a path around them), or a file: cameras.json or
+    /// transforms*.json [default: test; a PLY file needs a file]
     #[arg(long, value_name = "F.json|test|spiral")]
     cameras: Option<String>,
+    /// Where the run's dataset is, if it was moved
+    #[arg(long, value_name = "DIR")]
+    dataset: Option<PathBuf>,
     /// One instant for every camera, from 0 to 1; otherwise the views' own times
     #[arg(long, value_name = "T", value_parser = values::time, conflicts_with = "frames")]
     time: Option<f32>,
@@ -69,11 +83,10 @@ enum Source {
 }
 
 pub fn run(args: &RenderArgs, shared: &Shared) -> Result<String, Failure> {
-    let source = if args
-        .scene
-        .extension()
-        .is_some_and(|extension| extension == "ply")
-    {
+    if let Some(out) = &args.out {
+        refuse_other_videos(out)?;
+    }
+    let source = if values::has_extension(&args.scene, "ply") {
         Source::Ply(args.scene.clone())
     } else {
         Source::Run(RunFolder::open(&args.scene)?)
@@ -94,7 +107,7 @@ pub fn run(args: &RenderArgs, shared: &Shared) -> Result<String, Failure> {
         .collect::<BTreeSet<_>>()
         .into_iter()
         .collect();
-    let video = out.extension().is_some_and(|extension| extension == "mp4");
+    let video = values::has_extension(&out, "mp4");
     if video && layers.len() != 1 {
         return Err(Failure::usage(format!(
             "--layers: {} holds one layer, found {}; give one, or a folder to --out",
@@ -130,6 +143,19 @@ pub fn run(args: &RenderArgs, shared: &Shared) -> Result<String, Failure> {
     ))
 }
 
+/// Refuses a name under which nobody would expect a folder of pictures.
+fn refuse_other_videos(out: &Path) -> Result<(), Failure> {
+    let is_other = |extension: &&&str| values::has_extension(out, extension);
+    match OTHER_VIDEOS.iter().find(is_other) {
+        Some(extension) => Err(Failure::usage(format!(
+            "--out {}: expected a folder or a name that ends in .mp4, found .{extension}, which is not \
+             written; render an .mp4 and convert it",
+            out.display()
+        ))),
+        None => Ok(()),
+    }
+}
+
 /// The Gaussians of a PLY file as a scene in which nothing moves.
 fn ply_scene(path: &Path, device: &burn::tensor::Device) -> Result<DynamicScene, Failure> {
     let (rows, clipping) = read_splat_ply(path)?;
@@ -153,33 +179,48 @@ fn ply_scene(path: &Path, device: &burn::tensor::Device) -> Result<DynamicScene,
 
 fn shots(args: &RenderArgs, source: &Source) -> Result<Vec<Shot>, Failure> {
     let named = args.cameras.as_deref().unwrap_or("test");
+    let elsewhere = args.dataset.as_deref();
     let frames = args.frames.map(|n| n as usize);
     let shots = match (named, source) {
         ("test" | "spiral", Source::Ply(path)) => {
             return Err(Failure::usage(format!(
-                "--cameras {named}: {} names no dataset to take cameras from; give a cameras.json file",
+                "--cameras {named}: {} names no dataset to take cameras from; give a file of cameras",
+                path.display()
+            )));
+        }
+        (_, Source::Ply(path)) if elsewhere.is_some() => {
+            return Err(Failure::usage(format!(
+                "--dataset: expected a run to go with it, found {}; leave it out",
                 path.display()
             )));
         }
         ("spiral", Source::Run(run)) => {
-            let mut shots = spiral_shots(&dataset(run)?, frames.unwrap_or(SPIRAL_CAMERAS));
+            let dataset = dataset(run, elsewhere)?;
+            let mut shots = spiral_shots(&dataset, frames.unwrap_or(SPIRAL_CAMERAS));
             if let Some(time) = args.time {
                 shots.iter_mut().for_each(|shot| shot.time = time);
             }
             return Ok(shots);
         }
         ("test", Source::Run(run)) => {
-            let dataset = dataset(run)?;
+            let dataset = dataset(run, elsewhere)?;
             let shots = test_shots(&dataset);
             if shots.is_empty() {
                 return Err(Failure::new(format!(
-                    "{}: expected test views, found none; give --cameras spiral or a cameras.json file",
+                    "{}: expected test views, found none; give --cameras spiral or a file of cameras",
                     dataset.root.display()
                 )));
             }
             shots
         }
-        (file, _) => file_shots(Path::new(file))?,
+        (file, source) => {
+            let file = CameraFile::read(Path::new(file)).map_err(TrainError::from)?;
+            let terms = match source {
+                Source::Run(run) if file.is_transforms() => terms(run, elsewhere)?,
+                _ => None,
+            };
+            file_shots(file, terms.as_ref())?
+        }
     };
     Ok(match (args.time, frames) {
         (Some(time), _) => {
@@ -192,7 +233,22 @@ fn shots(args: &RenderArgs, source: &Source) -> Result<Vec<Shot>, Failure> {
     })
 }
 
-fn dataset(run: &RunFolder) -> Result<Dataset, Failure> {
+/// The run's dataset, of which no images are needed.
+fn dataset(run: &RunFolder, elsewhere: Option<&Path>) -> Result<Dataset, Failure> {
+    dataset_of(&run.config()?.data, elsewhere, true)
+}
+
+/// What the run's dataset says to a `transforms*.json`; nothing where it is gone.
+fn terms(run: &RunFolder, elsewhere: Option<&Path>) -> Result<Option<DatasetTerms>, Failure> {
     let data = run.config()?.data;
-    Ok(load(&data.dataset, &data.load_options())?)
+    if elsewhere.is_none() && !data.dataset.is_dir() {
+        tracing::warn!(
+            "{}: the run's dataset is not there: times are taken to be from 0 to 1; if it was moved, say where \
+             it is with --dataset DIR",
+            data.dataset.display()
+        );
+        return Ok(None);
+    }
+    let dataset = dataset(run, elsewhere)?;
+    Ok(Some(DatasetTerms::of(&dataset, data.downscale)))
 }

@@ -89,6 +89,24 @@ pub fn add_scores(table: &mut Table, results: &Results) {
     }
 }
 
+/// At most a line's worth of names.
+pub fn listed<T: AsRef<str>>(names: &[T]) -> String {
+    const SHOWN: usize = 8;
+    if names.is_empty() {
+        return "none".into();
+    }
+    let mut text = names
+        .iter()
+        .take(SHOWN)
+        .map(AsRef::as_ref)
+        .collect::<Vec<_>>()
+        .join(", ");
+    if names.len() > SHOWN {
+        text += &format!(", .. ({} in all)", names.len());
+    }
+    text
+}
+
 fn decibels(value: Option<f64>) -> String {
     value.map_or("not defined".into(), |value| format!("{value:.2} dB"))
 }

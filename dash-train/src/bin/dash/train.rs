@@ -1,5 +1,6 @@
 //! `dash train`: a dataset into a run's folder.
 
+use std::collections::BTreeMap;
 use std::path::PathBuf;
 use std::sync::Arc;
 
@@ -26,7 +27,8 @@ use crate::values;
   dash train out/room --out runs/room --resume
 
 RUN/config.toml holds every value that was used; its keys are those of --set and --config, and
-`--config RUN/config.toml` trains the same again.")]
+`--config RUN/config.toml` trains the same again. With --resume DATASET may be the folder that the run's dataset
+was moved to, which config.toml then names.")]
 pub struct TrainArgs {
     /// The dataset's folder, in any of the layouts of --layout
     dataset: PathBuf,
@@ -79,11 +81,7 @@ pub fn run(args: &TrainArgs, shared: &Shared) -> Result<String, Failure> {
         keep: args.keep,
     };
     let (run, config, dataset) = if args.resume {
-        let run = RunFolder::open(&args.out)?;
-        let config = run.config()?;
-        check_same(args, shared, &overrides, &file, &config)?;
-        let dataset = load_dataset(&config.data, args.data.memory)?;
-        (run, config, dataset)
+        take_up(args, shared, &overrides, &file)?
     } else {
         start(args, shared, &overrides, &file)?
     };
@@ -133,6 +131,39 @@ fn start(
     }
     let config = RunConfig::new(data, train);
     let run = RunFolder::create(&args.out, &config)?;
+    tell_held_out(&dataset);
+    Ok((run, config, dataset))
+}
+
+/// Says which cameras are held out.
+fn tell_held_out(dataset: &Dataset) {
+    let views = dataset.split(Split::Test);
+    let names: BTreeMap<usize, &str> = views
+        .map(|view| (view.camera_index, view.camera_name.as_str()))
+        .collect();
+    if !names.is_empty() {
+        let names: Vec<&str> = names.into_values().collect();
+        tracing::info!("held out: {}", summary::listed(&names));
+    }
+}
+
+/// The run that goes on, and its dataset, which may have been moved.
+fn take_up(
+    args: &TrainArgs,
+    shared: &Shared,
+    overrides: &Overrides<'_>,
+    file: &ConfigFile,
+) -> Result<(RunFolder, RunConfig, Dataset), Failure> {
+    let run = RunFolder::open(&args.out)?;
+    let mut config = run.config()?;
+    check_same(args, shared, overrides, file, &config)?;
+    let folder = values::absolute(&args.dataset)?;
+    let is_moved = folder != config.data.dataset;
+    config.data.dataset = folder;
+    let dataset = load_dataset(&config.data, args.data.memory)?;
+    if is_moved {
+        run.follow_dataset(&dataset)?;
+    }
     Ok((run, config, dataset))
 }
 
@@ -152,9 +183,6 @@ fn check_same(
         )))
     };
     let data = &config.data;
-    if values::absolute(&args.dataset)? != data.dataset {
-        return refuse("DATASET", data.dataset.display().to_string());
-    }
     if args
         .preset
         .is_some_and(|preset| preset != config.train.preset)

@@ -97,6 +97,12 @@ pub fn absolute(path: &Path) -> Result<PathBuf, Failure> {
     })
 }
 
+/// Whether a path ends in this extension, in either case.
+pub fn has_extension(path: &Path, extension: &str) -> bool {
+    path.extension()
+        .is_some_and(|found| found.eq_ignore_ascii_case(extension))
+}
+
 /// A factor by which images are made smaller.
 pub fn downscale(text: &str) -> Result<f64, String> {
     match text.parse::<f64>() {
@@ -143,6 +149,18 @@ mod tests {
         assert_eq!(bytes("12B"), Ok(12));
         for bad in ["", "GiB", "-1", "0", "2 gigs", "inf", "NaNMB"] {
             assert!(bytes(bad).is_err(), "{bad}");
+        }
+    }
+
+    #[test]
+    fn extensions_count_in_either_case() {
+        for (path, expected) in [
+            ("a.ply", true),
+            ("b/a.PLY", true),
+            ("ply", false),
+            ("a.ply.gz", false),
+        ] {
+            assert_eq!(has_extension(Path::new(path), "ply"), expected, "{path}");
         }
     }
 

@@ -1,0 +1,118 @@
+//! Which dataset a checkpoint was trained on.
+
+use serde::{Deserialize, Serialize};
+
+use crate::dataset::{Split, View};
+
+/// A dataset's views in short, without their images and poses: the same for the same folder wherever it lies.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(super) struct Fingerprint {
+    n_views: usize,
+    /// Of every view's split, camera, name, size and time, in order.
+    hash: u64,
+}
+
+impl Fingerprint {
+    pub(super) fn of(views: &[View]) -> Self {
+        let mut hash = Fnv1a::default();
+        for view in views {
+            hash.write(&[u8::from(view.split == Split::Test)]);
+            for text in [&view.camera_name, &view.name] {
+                hash.write(&(text.len() as u64).to_le_bytes());
+                hash.write(text.as_bytes());
+            }
+            for side in [view.camera.width, view.camera.height] {
+                hash.write(&(side as u64).to_le_bytes());
+            }
+            hash.write(&view.time.to_bits().to_le_bytes());
+        }
+        Self {
+            n_views: views.len(),
+            hash: hash.0,
+        }
+    }
+
+    /// What was expected and what was found, where another dataset's is found in place of this one.
+    pub(super) fn contradiction(&self, found: &Self) -> Option<String> {
+        if self == found {
+            return None;
+        }
+        let differing = match self.n_views == found.n_views {
+            true => " of which some have another name, camera, size, time or split",
+            false => "",
+        };
+        Some(format!(
+            "expected the {} views that the run was begun with, found {}{differing}",
+            self.n_views, found.n_views
+        ))
+    }
+}
+
+/// The hash FNV-1a of 64 bits, whose values no release changes.
+struct Fnv1a(u64);
+
+impl Default for Fnv1a {
+    fn default() -> Self {
+        Self(0xcbf2_9ce4_8422_2325)
+    }
+}
+
+impl Fnv1a {
+    fn write(&mut self, bytes: &[u8]) {
+        for &byte in bytes {
+            self.0 = (self.0 ^ u64::from(byte)).wrapping_mul(0x0000_0100_0000_01b3);
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use dash_kernels::Camera;
+
+    use super::*;
+
+    #[test]
+    fn the_hash_has_the_published_values() {
+        for (text, expected) in [
+            ("", 0xcbf2_9ce4_8422_2325_u64),
+            ("a", 0xaf63_dc4c_8601_ec8c),
+            ("foobar", 0x8594_4171_f739_67e8),
+        ] {
+            let mut hash = Fnv1a::default();
+            hash.write(text.as_bytes());
+            assert_eq!(hash.0, expected, "{text}");
+        }
+    }
+
+    #[test]
+    fn whatever_differs_between_views_is_noticed() {
+        let view = |name: &str, time: f32| {
+            let camera = Camera::new(9.0, 9.0, 1.0, 1.0, 2, 2);
+            View::from_rgb8(name, camera, time, vec![0; 12])
+        };
+        let views = || vec![view("a", 0.0), view("b", 0.5)];
+        let begun = Fingerprint::of(&views());
+        assert_eq!(begun.contradiction(&Fingerprint::of(&views())), None);
+        let changes: [fn(&mut View); 5] = [
+            |view| view.split = Split::Test,
+            |view| view.name.push('2'),
+            |view| view.camera_name.push('2'),
+            |view| view.camera.width = 3,
+            |view| view.time = 0.500_000_1,
+        ];
+        for (index, change) in changes.into_iter().enumerate() {
+            let mut changed = views();
+            change(&mut changed[1]);
+            let said = begun.contradiction(&Fingerprint::of(&changed));
+            let said = said.unwrap_or_else(|| panic!("change {index}"));
+            assert!(said.contains("found 2 of which some"), "{said}");
+        }
+        let said = begun.contradiction(&Fingerprint::of(&views()[..1]));
+        let expected = "expected the 2 views that the run was begun with, found 1";
+        assert_eq!(said.as_deref(), Some(expected));
+        let mut swapped = views();
+        swapped.reverse();
+        assert!(begun.contradiction(&Fingerprint::of(&swapped)).is_some());
+    }
+}
