@@ -318,35 +318,36 @@ fn assert_kernels_agree(name: &str, set: &Set, options: &ProjectOptions, v_splat
         let v_out = tensor(&to_f32(&v_splats), [set.len(), N_COLUMNS], &device);
         let gradients = (out * v_out).sum().backward();
         let e = &expected_gradients;
-        let check = |input: &str, got: Option<Vec<f32>>, expected: &[f64]| {
+        for (input, got, expected) in [
+            (
+                "means",
+                inputs.means.grad(&gradients).map(values),
+                &e.v_means,
+            ),
+            (
+                "quats",
+                inputs.quats.grad(&gradients).map(values),
+                &e.v_quats,
+            ),
+            (
+                "scales",
+                inputs.scales.grad(&gradients).map(values),
+                &e.v_scales,
+            ),
+            (
+                "opacities",
+                inputs.opacities.grad(&gradients).map(values),
+                &e.v_opacities,
+            ),
+            (
+                "sh_coeffs",
+                inputs.sh_coeffs.grad(&gradients).map(values),
+                &e.v_sh_coeffs,
+            ),
+        ] {
             let got = got.expect("the input was tracked");
-            assert_agrees(&format!("{name}, {input}"), &got, expected);
-        };
-        check(
-            "v_means",
-            inputs.means.grad(&gradients).map(values),
-            &e.v_means,
-        );
-        check(
-            "v_quats",
-            inputs.quats.grad(&gradients).map(values),
-            &e.v_quats,
-        );
-        check(
-            "v_scales",
-            inputs.scales.grad(&gradients).map(values),
-            &e.v_scales,
-        );
-        check(
-            "v_opacities",
-            inputs.opacities.grad(&gradients).map(values),
-            &e.v_opacities,
-        );
-        check(
-            "v_sh_coeffs",
-            inputs.sh_coeffs.grad(&gradients).map(values),
-            &e.v_sh_coeffs,
-        );
+            assert_agrees(&format!("{name}, v_{input}"), &got, expected);
+        }
     }
 }
 
