@@ -8,7 +8,7 @@
 //! - this file: what is asked for and the loop over it; `file`: what is written.
 //! - `error`: errors of many values; `timing`: medians and quartiles.
 //! - `hash_encode`, `mlp`, `project`, `rasterize`, `ssim`, `photometric`, `adam`: one operation each;
-//!   `trajectories`: `displacement` and `squared_extent`; `determinant`: two forms of one formula, on the host; `stiffness`: inputs made harder and harder.
+//!   `trajectories`: `displacement` and `squared_extent`; `scene`: all of them at once; `determinant`: two forms of one formula, on the host; `stiffness`: inputs made harder and harder.
 
 mod adam;
 mod determinant;
@@ -19,6 +19,7 @@ mod mlp;
 mod photometric;
 mod project;
 mod rasterize;
+mod scene;
 mod ssim;
 mod stiffness;
 #[cfg(test)]
@@ -44,7 +45,7 @@ const SEED: u64 = 7;
 /// Name of what runs without a backend.
 const HOST: &str = "host";
 
-/// An operation of `dash-kernels`.
+/// An operation of `dash-kernels`, or a scene made of them.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
 #[value(rename_all = "snake_case")]
 pub enum Op {
@@ -66,10 +67,12 @@ pub enum Op {
     Displacement,
     /// How far trajectories go.
     SquaredExtent,
+    /// A whole scene at 1352 x 1014, of which a fifth moves: pictures and training steps; times only
+    Scene,
 }
 
 impl Op {
-    /// All of them.
+    /// Those that have a reference: all but [`Op::Scene`].
     pub const ALL: [Self; 9] = [
         Self::HashEncode,
         Self::Mlp,
@@ -82,7 +85,7 @@ impl Op {
         Self::SquaredExtent,
     ];
 
-    /// Its name in `dash-kernels`.
+    /// Its name, that in `dash-kernels` if it is there.
     pub fn name(self) -> &'static str {
         match self {
             Self::HashEncode => "hash_encode",
@@ -94,6 +97,7 @@ impl Op {
             Self::Adam => "adam",
             Self::Displacement => "displacement",
             Self::SquaredExtent => "squared_extent",
+            Self::Scene => "scene",
         }
     }
 }
@@ -161,6 +165,7 @@ impl Bench<'_> {
                         Op::SquaredExtent => {
                             trajectories::measure_squared_extent(self, target, size)
                         }
+                        Op::Scene => scene::measure(self, target, size),
                     };
                     self.unless_too_large(measured, &format!("{name}: {op}, {size}"))?;
                 }

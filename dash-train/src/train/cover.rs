@@ -7,7 +7,10 @@ use dash_kernels::splats::{
     CONIC_A, CONIC_B, CONIC_C, DEPTH, MEAN_X, MEAN_Y, N_COLUMNS, OPACITY, RADIUS_X, RADIUS_Y,
 };
 use dash_model::Gaussians;
+use rayon::prelude::*;
 
+/// Gaussians that a thread takes at least.
+const PORTION: usize = 4096;
 /// Disparity, in units of the typical one, above which a Gaussian is near.
 const NEAR: f64 = 2.0;
 /// Most that nearness counts for.
@@ -37,7 +40,7 @@ struct Drawn {
 impl Cover {
     /// Of packed splats `[N, C]`, read from the device.
     pub(crate) fn of(splats: &[f32], camera: &Camera) -> Self {
-        let drawn = splats.chunks_exact(N_COLUMNS);
+        let drawn = splats.par_chunks_exact(N_COLUMNS).with_min_len(PORTION);
         Self {
             drawn: drawn.map(|splat| Drawn::of(splat, camera)).collect(),
         }
@@ -115,7 +118,8 @@ pub(crate) fn nearness(set: &Gaussians, cover: &Cover, motion: &[f32]) -> Option
         let moved = motion.get(row).map_or(0.0, |&m| f64::from(m) * drawn.scale);
         (share(drawn) * near.clamp(0.0, NEAREST) / (1.0 + moved / AT_REST)) as f32
     };
-    let weights = cover.drawn.iter().enumerate().map(weight).collect();
+    let rows = cover.drawn.par_iter().with_min_len(PORTION).enumerate();
+    let weights = rows.map(weight).collect();
     let logits = set.opacity_logits.val();
     let weights = column(weights, &logits.device());
     Some((sigmoid(logits) * weights).sum())

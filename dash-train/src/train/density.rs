@@ -2,11 +2,15 @@
 
 use dash_model::GaussianRows;
 use rand::Rng;
+use rayon::prelude::*;
 
 use super::config::{DensityConfig, Oversized};
 
 /// A split Gaussian's children are smaller by this factor (3DGS).
 const SPLIT_SHRINK: f32 = 1.6;
+
+/// Gaussians that a thread takes at least.
+const PORTION: usize = 4096;
 
 /// Opacity that a reset leaves at most (3DGS).
 pub(crate) const RESET_OPACITY: f32 = 0.01;
@@ -32,15 +36,17 @@ impl DensityStatistics {
     pub(crate) fn add(&mut self, v_splats: &[f32], splats: &[f32], half_size: [f32; 2]) {
         use dash_kernels::splats::{MEAN_X, MEAN_Y, N_COLUMNS, RADIUS_X};
         let rows = v_splats
-            .chunks_exact(N_COLUMNS)
-            .zip(splats.chunks_exact(N_COLUMNS));
-        for (i, (v, splat)) in rows.enumerate() {
+            .par_chunks_exact(N_COLUMNS)
+            .zip(splats.par_chunks_exact(N_COLUMNS));
+        let sums = self.gradient.par_iter_mut().zip(&mut self.seen);
+        let rows = rows.zip(sums).with_min_len(PORTION);
+        rows.for_each(|((v, splat), (gradient, seen))| {
             let (x, y) = (v[MEAN_X] * half_size[0], v[MEAN_Y] * half_size[1]);
             if splat[RADIUS_X] > 0.0 && x.is_finite() && y.is_finite() {
-                self.gradient[i] += x.hypot(y);
-                self.seen[i] += 1;
+                *gradient += x.hypot(y);
+                *seen += 1;
             }
-        }
+        });
     }
 
     fn mean(&self, row: usize) -> f32 {

@@ -31,6 +31,7 @@ mod update;
 pub(crate) mod validation;
 
 pub(crate) use optimizer::to_host;
+pub(crate) use split::continue_with;
 pub(crate) use trainer::{start_from, training_psnr};
 
 pub use checkpoint::{checkpoint_config, latest_checkpoint, load_checkpoint, save_checkpoint};

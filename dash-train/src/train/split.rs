@@ -1,7 +1,9 @@
 //! Stage changes: motion field on, split into static and dynamic.
 
+use std::sync::Arc;
+
 use dash_model::decomposition::MotionStatistics;
-use dash_model::{DeformationField, DynamicPart, GaussianRows, Gaussians, MotionField, SpaceBox};
+use dash_model::{DeformationField, DynamicPart, DynamicScene, GaussianRows, Gaussians, MotionField, SpaceBox};
 
 use super::coarse;
 use super::config::{Selection, SpaceRule};
@@ -10,6 +12,7 @@ use super::optimizer::to_host;
 use super::statistics;
 use super::trainer::{DYNAMIC, STATIC, Trainer};
 use crate::TrainError;
+use crate::dataset::Dataset;
 
 /// Share of the points on either side that a field's box may leave out.
 const BOX_TAIL: f32 = 0.01;
@@ -103,6 +106,17 @@ pub(crate) fn split(trainer: &mut Trainer) -> Result<(), TrainError> {
     let density = &mut trainer.config.density_dynamic;
     density.after_split(n, shown_at_once);
     Ok(())
+}
+
+/// Puts a run that has not begun right behind the split, with this scene and with pictures of the same views, which
+/// may be of another size.
+pub(crate) fn continue_with(trainer: &mut Trainer, scene: DynamicScene, dataset: Arc<Dataset>) {
+    let (n_static, n_dynamic) = scene.counts();
+    trainer.density_static = DensityStatistics::new(n_static);
+    trainer.density_dynamic = DensityStatistics::new(n_dynamic);
+    trainer.step = coarse::Stages::of(trainer).end + 1;
+    trainer.scene = scene;
+    trainer.dataset = dataset;
 }
 
 /// Removes dynamic Gaussians that no picture shows, such as those that strayed behind a wall.

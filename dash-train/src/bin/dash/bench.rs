@@ -5,7 +5,7 @@ use std::path::PathBuf;
 
 use clap::Args;
 use dash_model::scene_file::write_atomically;
-use dash_train::bench::{BenchOptions, Op, run as measure};
+use dash_train::bench::{BenchOptions, Measurement, Op, Pass, run as measure};
 use dash_train::device::DeviceChoice;
 
 use crate::Shared;
@@ -17,6 +17,7 @@ use crate::failure::Failure;
   dash bench --out kernels.json
   dash bench --out kernels.json --ops hash_encode,ssim --sizes 1000,10000 --device flex
   dash report kernels.json --out out/kernels
+  dash bench --out scene.json --ops scene --sizes 106600 --no-stiffness   # pictures and training steps a second
 
 Without --device every backend of this build is measured that the machine has; wgpu without a GPU runs
 on Mesa's software adapter. Times of a busy machine mean little.")]
@@ -73,10 +74,28 @@ pub fn run(args: &BenchArgs, shared: &Shared) -> Result<String, Failure> {
     let json = serde_json::to_vec_pretty(&found)
         .map_err(|e| Failure::new(format!("the measurements cannot be written as JSON: {e}")))?;
     write_atomically(&args.out, |mut file| file.write_all(&json))?;
+    let scenes = found.measurements.iter().filter(|m| m.op == Op::Scene.name());
+    let scenes: String = scenes.filter_map(scene_line).collect();
     Ok(format!(
-        "{} measurements and {} of harder inputs written to {}",
+        "{scenes}{} measurements and {} of harder inputs written to {}",
         found.measurements.len(),
         found.stiffness.len(),
         args.out.display()
+    ))
+}
+
+/// What a whole scene took, a line.
+fn scene_line(measured: &Measurement) -> Option<String> {
+    let ms = measured.time?.median_ms;
+    let what = match measured.pass {
+        Pass::Forward => "pictures",
+        Pass::Gradient => "training steps",
+    };
+    let (rate, size) = (1e3 / ms, measured.size);
+    let Measurement {
+        backend, variant, ..
+    } = measured;
+    Some(format!(
+        "{backend}: {size} Gaussians, {variant}: {ms:.2} ms, {rate:.1} {what} a second\n"
     ))
 }
