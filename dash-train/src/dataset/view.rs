@@ -200,6 +200,19 @@ impl View {
         Ok((image.rgb(background), counted))
     }
 
+    /// What `work` makes of the image's bytes `[H * W * 3]`; `None` where it has alpha or pixels that do not count.
+    ///
+    /// # Errors
+    /// As [`rgb`](Self::rgb).
+    pub(crate) fn with_plain_rgb<T>(
+        &self,
+        work: impl FnOnce(&[u8]) -> T,
+    ) -> Result<Option<T>, DatasetError> {
+        let image = self.pixels.get()?;
+        let is_plain = !image.has_alpha() && image.counted.is_none();
+        Ok(is_plain.then(|| work(&image.pixels)))
+    }
+
     /// Whether the image has alpha.
     pub fn has_alpha(&self) -> bool {
         self.has_alpha

@@ -12,6 +12,9 @@ const SPLIT_SHRINK: f32 = 1.6;
 /// Gaussians that a thread takes at least.
 const PORTION: usize = 4096;
 
+/// Columns of packed splats that hold the mean.
+pub(crate) const MEANS: usize = 2;
+
 /// Opacity that a reset leaves at most (3DGS).
 pub(crate) const RESET_OPACITY: f32 = 0.01;
 
@@ -31,17 +34,17 @@ impl DensityStatistics {
         }
     }
 
-    /// Adds one view: gradients with respect to packed splats, and the splats (for visibility).
+    /// Adds one view: gradients with respect to the means of packed splats, and the splats (for visibility).
     /// `half_size` is half the image in pixels, which makes the gradient independent of it.
-    pub(crate) fn add(&mut self, v_splats: &[f32], splats: &[f32], half_size: [f32; 2]) {
-        use dash_kernels::splats::{MEAN_X, MEAN_Y, N_COLUMNS, RADIUS_X};
-        let rows = v_splats
-            .par_chunks_exact(N_COLUMNS)
+    pub(crate) fn add(&mut self, v_means: &[f32], splats: &[f32], half_size: [f32; 2]) {
+        use dash_kernels::splats::{N_COLUMNS, RADIUS_X};
+        let rows = v_means
+            .par_chunks_exact(MEANS)
             .zip(splats.par_chunks_exact(N_COLUMNS));
         let sums = self.gradient.par_iter_mut().zip(&mut self.seen);
         let rows = rows.zip(sums).with_min_len(PORTION);
         rows.for_each(|((v, splat), (gradient, seen))| {
-            let (x, y) = (v[MEAN_X] * half_size[0], v[MEAN_Y] * half_size[1]);
+            let (x, y) = (v[0] * half_size[0], v[1] * half_size[1]);
             if splat[RADIUS_X] > 0.0 && x.is_finite() && y.is_finite() {
                 *gradient += x.hypot(y);
                 *seen += 1;

@@ -7,7 +7,7 @@ use burn::tensor::{Tensor, TensorData};
 use dash_kernels::Camera;
 use dash_kernels::photometric::photometric;
 
-use super::coarse;
+use super::{coarse, target};
 use super::cover::{Cover, nearness, visible_motion};
 use super::loss::{opacity, static_motion, weighted_error, where_counted};
 use super::optimizer::to_host;
@@ -76,13 +76,9 @@ impl Trainer {
         };
         let rendering = self.scene.rasterize(splats, camera)?;
         let image = rendering.image;
-        let (target, counted) = view.rgb_and_counted(self.scene.settings.background)?;
-        let of_moved = self.weights_of_moved(view, &target)?;
-        let target = TensorData::new(target, [camera.height, camera.width, 3]);
-        let target = Tensor::<3>::from_data(target, &self.device);
-        let (image, target) = match counted {
-            None => (image, target),
-            Some(counted) => where_counted(image, target, counted),
+        let (image, target, of_moved) = match self.plain_target(view)? {
+            Some(target) => (image, target, None),
+            None => self.with_target(image, view)?,
         };
         if let Some(weights) = of_moved {
             let error = weighted_error(image.clone(), target.clone(), weights);
@@ -110,6 +106,35 @@ impl Trainer {
             static_probe: (static_leaf, splats_on_host),
             dynamic_probe,
         })
+    }
+
+    /// A view's picture on the device, where that is all that is needed of it on the host.
+    fn plain_target(&mut self, view: &View) -> Result<Option<Tensor<3>>, TrainError> {
+        if self.looks_at_moved() {
+            return Ok(None);
+        }
+        self.moved = None;
+        Ok(target::as_bytes(view, &self.device)?)
+    }
+
+    /// A picture and that of its view, zero where the latter does not count, and the [`Moved::weights`] of its pixels.
+    ///
+    /// [`Moved::weights`]: super::moved::Moved::weights
+    fn with_target(
+        &mut self,
+        image: Tensor<3>,
+        view: &View,
+    ) -> Result<(Tensor<3>, Tensor<3>, Option<Vec<f32>>), TrainError> {
+        let camera = &view.camera;
+        let (target, counted) = view.rgb_and_counted(self.scene.settings.background)?;
+        let of_moved = self.weights_of_moved(view, &target)?;
+        let target = TensorData::new(target, [camera.height, camera.width, 3]);
+        let target = Tensor::<3>::from_data(target, &self.device);
+        let (image, target) = match counted {
+            None => (image, target),
+            Some(counted) => where_counted(image, target, counted),
+        };
+        Ok((image, target, of_moved))
     }
 
     /// Packed splats of the dynamic Gaussians; `None` without any. What keeps the field regular joins the

@@ -26,6 +26,7 @@ mod sampler;
 mod split;
 mod statistics;
 pub(crate) mod sweep;
+mod target;
 mod trainer;
 mod update;
 pub(crate) mod validation;

@@ -107,17 +107,18 @@ fn changed(start: &[f32], now: &[f32]) -> Vec<bool> {
 }
 
 impl Trainer {
+    /// Whether steps are judged by what moved, too.
+    pub(super) fn looks_at_moved(&self) -> bool {
+        self.config.loss.moved_share > 0.0 && self.motion.is_some() && self.start_part.is_some()
+    }
+
     /// The [`Moved::weights`] of a view while the coarse field looks for motion from a part of the clip on.
     pub(super) fn weights_of_moved(
         &mut self,
         view: &View,
         rgb: &[f32],
     ) -> Result<Option<Vec<f32>>, TrainError> {
-        let least = self.config.loss.moved_share;
-        let Some(part) = self
-            .start_part
-            .filter(|_| least > 0.0 && self.motion.is_some())
-        else {
+        let Some(part) = self.start_part.filter(|_| self.looks_at_moved()) else {
             self.moved = None;
             return Ok(None);
         };
@@ -129,7 +130,7 @@ impl Trainer {
                 &self.dataset,
                 &self.train_views,
                 self.scene.settings.background,
-                least,
+                self.config.loss.moved_share,
             )?,
         };
         let moved = self.moved.insert(moved);

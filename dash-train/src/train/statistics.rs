@@ -3,11 +3,12 @@
 
 use burn::module::Module;
 use burn::tensor::{Gradients, Tensor};
-use dash_kernels::splats::{DEPTH, N_COLUMNS, RADIUS_X, RED};
+use dash_kernels::splats::{DEPTH, MEAN_X, N_COLUMNS, RADIUS_X, RED};
 use dash_model::decomposition::select_dynamic;
 
 use super::coarse;
 use super::config::MotionMeasure;
+use super::density::MEANS;
 use super::forward::Forward;
 use super::optimizer::to_host;
 use super::trainer::Trainer;
@@ -35,14 +36,14 @@ pub(crate) fn gather(
     if let Some(v_splats) = leaf.grad_remove(gradients) {
         trainer
             .density_static
-            .add(&to_host(v_splats), splats, half_size);
+            .add(&of_means(v_splats), splats, half_size);
     }
     if let Some((leaf, splats)) = &forward.dynamic_probe
         && let Some(v_splats) = leaf.grad_remove(gradients)
     {
         trainer
             .density_dynamic
-            .add(&to_host(v_splats), splats, half_size);
+            .add(&of_means(v_splats), splats, half_size);
     }
     if trainer.motion_space.is_some() {
         gather_scale(trainer, splats, view);
@@ -51,6 +52,11 @@ pub(crate) fn gather(
         }
     }
     Ok(())
+}
+
+/// The columns of a gradient `[N, C]` that are those of the means, row by row.
+fn of_means(v_splats: Tensor<2>) -> Vec<f32> {
+    to_host(v_splats.narrow(1, MEAN_X, MEANS))
 }
 
 /// How large a world unit of each visible Gaussian's motion appears in this view.

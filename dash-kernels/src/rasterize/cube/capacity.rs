@@ -2,14 +2,19 @@
 //!
 //! The number that a frame needs is sent for when the frame is drawn, and taken in by the next one, which never waits
 //! for what is still on its way (CUDA, whose readings can't be asked whether they are there, waits for the number
-//! alone, sent before the frame before was blended). The first frame of a size waits for its own number, where
-//! anything can wait: in a browser it has the room of a guess.
+//! alone, sent before the frame before was blended). On wgpu a number that nobody takes keeps a thread in the driver,
+//! and a program that ends meanwhile may crash there: a thread of ours takes each as it comes. The first frame of a
+//! size waits for its own number, where anything can wait: in a browser it has the room of a guess.
 
 use std::collections::HashMap;
 use std::future::poll_fn;
 use std::pin::Pin;
+#[cfg(not(target_family = "wasm"))]
+use std::sync::mpsc::{Sender, channel};
 use std::sync::{LazyLock, Mutex, MutexGuard};
 use std::task::{Context, Poll, Waker};
+#[cfg(not(target_family = "wasm"))]
+use std::thread;
 
 use burn::tensor::try_read_sync;
 use cubecl::prelude::*;
@@ -37,13 +42,16 @@ struct Need {
     intersections: usize,
     /// A number on its way.
     reading: Option<Reading>,
+    /// Whether the thread of [`wait_apart`] has one.
+    is_awaited: bool,
     /// Whether it was said that a device's lists can't hold what frames need.
     warned: bool,
 }
 
 type Reading = Pin<Box<dyn Future<Output = Option<usize>> + Send>>;
 
-type Needs = HashMap<(String, [usize; 2]), Need>;
+type Key = (String, [usize; 2]);
+type Needs = HashMap<Key, Need>;
 
 static NEEDS: LazyLock<Mutex<Needs>> = LazyLock::new(Mutex::default);
 
@@ -63,17 +71,23 @@ pub(super) fn next(client: &Client, starts: &Buffer, n: usize, tiles: [usize; 2]
     }
     let device = format!("{:?}", client.service_id());
     let mut needs = lock(&NEEDS);
-    // Those of other sizes, too: on wgpu a number that nobody takes keeps a thread awake.
+    // Those of other sizes, too: what is done with a number should not wait for a frame that may never come.
     for (_, need) in needs.iter_mut().filter(|(key, _)| key.0 == device) {
         need.take_what_arrived(most);
     }
     let key = (device, tiles);
     let is_first = !needs.contains_key(&key);
-    let need = needs.entry(key).or_default();
+    let need = needs.entry(key.clone()).or_default();
     if is_first && let Some(needed) = try_read_sync(send_for(client, total.clone())) {
         need.take(needed, most);
-    } else if need.reading.is_none() {
-        need.reading = Some(send_for(client, total));
+    } else if need.reading.is_none() && !need.is_awaited {
+        let reading = send_for(client, total);
+        if client.name().starts_with("wgpu") {
+            need.is_awaited = true;
+            need.reading = wait_apart(key, reading, most);
+        } else {
+            need.reading = Some(reading);
+        }
     }
     let wanted = need.intersections + need.intersections / 8 * SPARE_EIGHTHS;
     fitting(wanted.max(FIRST).max(FIRST_PER_SPLAT * n), most)
@@ -87,12 +101,12 @@ impl Need {
         };
         let mut context = Context::from_waker(Waker::noop());
         if let Poll::Ready(needed) = reading.as_mut().poll(&mut context) {
-            self.reading = None;
             self.take(needed, most);
         }
     }
 
     fn take(&mut self, needed: Option<usize>, most: usize) {
+        (self.reading, self.is_awaited) = (None, false);
         let needed = needed.unwrap_or(0);
         let kept = self.intersections - self.intersections / DECAY;
         self.intersections = needed.max(kept);
@@ -101,6 +115,34 @@ impl Need {
             warn_of_slow_drawing(needed, most);
         }
     }
+}
+
+/// Has a thread wait for a number and take it in; gives it back where there is none that could.
+#[cfg(not(target_family = "wasm"))]
+fn wait_apart(key: Key, reading: Reading, most: usize) -> Option<Reading> {
+    type Awaited = (Key, Reading, usize);
+    static WAITING: LazyLock<Sender<Awaited>> = LazyLock::new(|| {
+        let (sender, receiver) = channel::<Awaited>();
+        // Without the thread its end of the channel is gone.
+        let _ = thread::Builder::new()
+            .name("dash-capacity".into())
+            .spawn(move || {
+                for (key, reading, most) in receiver {
+                    let needed = try_read_sync(reading).flatten();
+                    if let Some(need) = lock(&NEEDS).get_mut(&key) {
+                        need.take(needed, most);
+                    }
+                }
+            });
+        sender
+    });
+    let refused = WAITING.send((key, reading, most)).err();
+    refused.map(|refused| refused.0.1)
+}
+
+#[cfg(target_family = "wasm")]
+fn wait_apart(_: Key, reading: Reading, _: usize) -> Option<Reading> {
+    Some(reading)
 }
 
 fn warn_of_slow_drawing(needed: usize, most: usize) {
