@@ -41,6 +41,7 @@ pub mod photometric;
 mod poison_tests;
 pub mod project;
 pub mod rasterize;
+pub mod rows;
 pub mod splats;
 pub mod ssim;
 #[cfg(test)]

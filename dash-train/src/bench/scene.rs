@@ -143,10 +143,7 @@ fn scene(trainer: &Trainer, n: usize, device: &Device) -> Result<DynamicScene, T
     let mut settings = trainer.scene().settings.clone();
     (settings.sh_degree, settings.near_plane) = (config.sh_degree, NEAR);
     Ok(DynamicScene {
-        static_set: Gaussians::from_rows(
-            &rows(n - n_dynamic, config.sh_degree, &mut rng),
-            device,
-        ),
+        static_set: Gaussians::from_rows(&rows(n - n_dynamic, config.sh_degree, &mut rng), device),
         dynamic: (n_dynamic > 0).then(|| DynamicPart {
             gaussians: Gaussians::from_rows(&dynamic, device),
             field,
@@ -184,5 +181,7 @@ fn rows(n: usize, sh_degree: usize, rng: &mut Pcg64) -> GaussianRows {
 
 fn trajectories(n: usize, basis: TrajectoryBasis, rng: &mut Pcg64) -> Vec<f32> {
     let step = MOTION / (basis.len() as f32).sqrt();
-    (0..n * basis.len() * 3).map(|_| step * normal(rng)).collect()
+    (0..n * basis.len() * 3)
+        .map(|_| step * normal(rng))
+        .collect()
 }

@@ -7,12 +7,12 @@ use burn::tensor::{Tensor, TensorData};
 use dash_kernels::Camera;
 use dash_kernels::photometric::photometric;
 
-use super::{coarse, target};
 use super::cover::{Cover, nearness, visible_motion};
 use super::loss::{opacity, static_motion, weighted_error, where_counted};
 use super::optimizer::to_host;
 use super::regularity::{Measure, regularity};
 use super::trainer::Trainer;
+use super::{coarse, target};
 use crate::TrainError;
 use crate::dataset::View;
 

@@ -42,7 +42,9 @@ pub(crate) fn static_motion(extents: Tensor<1>, is_static: &[bool], space: &Spac
 
 /// Mean opacity of a set; `None` of an empty one, which has no mean.
 pub(crate) fn opacity(set: &Gaussians) -> Option<Tensor<1>> {
-    (!set.is_empty()).then(|| sigmoid(set.opacity_logits.val()).mean())
+    // A sum: on GPUs Burn has few units work out a mean.
+    let share = 1.0 / set.len() as f64;
+    (!set.is_empty()).then(|| sigmoid(set.opacity_logits.val()).sum() * share)
 }
 
 #[cfg(test)]

@@ -1,6 +1,7 @@
 //! What keeps the 4D field regular: Eq. 11, and bodies that go on as they went.
 
 use burn::tensor::{Int, Tensor, TensorData};
+use dash_kernels::rows::take_rows;
 use dash_model::{DynamicPart, ModelError, SceneSettings};
 use rand::Rng;
 
@@ -101,9 +102,8 @@ pub(crate) fn regularity(
     let n = ((measure.share * all as f32).ceil() as usize).min(all);
     let device = gaussians.means.val().device();
     let drawn = draw(all, n, rng);
-    let drawn = Tensor::<1, Int>::from_data(TensorData::new(drawn, [n]), &device);
     let means = gaussians.means.val().detach();
-    let unit = field.space().normalize(means.select(0, drawn.clone()));
+    let unit = field.space().normalize(take(means, &drawn)?);
     let at = |time: f32| Tensor::cat(vec![unit.clone(), Tensor::full([n, 1], time, &device)], 1);
     let mut points = Vec::new();
     if let Some(step) = measure.step {
@@ -126,9 +126,11 @@ pub(crate) fn regularity(
             unsteadiness: None,
         });
     }
-    let rows = Tensor::cat(vec![drawn.clone(); points.len()], 0);
+    let rows: Vec<i32> = drawn.iter().map(|&row| row as i32).collect();
+    let rows = rows.repeat(points.len());
+    let rows = Tensor::<1, Int>::from_data(TensorData::new(rows, [n * points.len()]), &device);
     let (features, others) = dynamic.features_and_at(time, rows, Tensor::cat(points, 0))?;
-    let own = features.clone().select(0, drawn.clone());
+    let own = take(features.clone(), &drawn)?;
     let mut others = (0..).map(|k| others.clone().narrow(0, k * n, n));
     let mut next = || others.next().expect("endless");
     let smoothness = measure.step.map(|_| {
@@ -142,7 +144,7 @@ pub(crate) fn regularity(
             .decode(Tensor::cat(vec![own, next(), next()], 0))?
             .means;
         let own = gaussians.trajectories.as_ref();
-        let own = own.map(|own| own.val().select(0, drawn));
+        let own = own.map(|own| take(own.val(), &drawn)).transpose()?;
         let at = |k: usize| {
             let offset = offsets.clone().narrow(0, k * n, n);
             Ok::<_, ModelError>(match own.clone() {
@@ -164,13 +166,21 @@ pub(crate) fn regularity(
     })
 }
 
+/// These rows of `values [N, C]`.
+fn take(values: Tensor<2>, rows: &[u32]) -> Result<Tensor<2>, ModelError> {
+    if rows.len() == values.dims()[0] {
+        return Ok(values);
+    }
+    Ok(take_rows(values, rows)?)
+}
+
 /// `n` of so many rows, in order.
-fn draw(all: usize, n: usize, rng: &mut impl Rng) -> Vec<i32> {
+fn draw(all: usize, n: usize, rng: &mut impl Rng) -> Vec<u32> {
     if n == all {
-        return (0..all as i32).collect();
+        return (0..all as u32).collect();
     }
     let drawn = rand::seq::index::sample(rng, all, n);
-    let mut drawn: Vec<i32> = drawn.into_iter().map(|row| row as i32).collect();
+    let mut drawn: Vec<u32> = drawn.into_iter().map(|row| row as u32).collect();
     drawn.sort_unstable();
     drawn
 }

@@ -3,7 +3,9 @@
 use std::sync::Arc;
 
 use dash_model::decomposition::MotionStatistics;
-use dash_model::{DeformationField, DynamicPart, DynamicScene, GaussianRows, Gaussians, MotionField, SpaceBox};
+use dash_model::{
+    DeformationField, DynamicPart, DynamicScene, GaussianRows, Gaussians, MotionField, SpaceBox,
+};
 
 use super::coarse;
 use super::config::{Selection, SpaceRule};

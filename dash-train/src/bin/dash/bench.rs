@@ -74,7 +74,10 @@ pub fn run(args: &BenchArgs, shared: &Shared) -> Result<String, Failure> {
     let json = serde_json::to_vec_pretty(&found)
         .map_err(|e| Failure::new(format!("the measurements cannot be written as JSON: {e}")))?;
     write_atomically(&args.out, |mut file| file.write_all(&json))?;
-    let scenes = found.measurements.iter().filter(|m| m.op == Op::Scene.name());
+    let scenes = found
+        .measurements
+        .iter()
+        .filter(|m| m.op == Op::Scene.name());
     let scenes: String = scenes.filter_map(scene_line).collect();
     Ok(format!(
         "{scenes}{} measurements and {} of harder inputs written to {}",

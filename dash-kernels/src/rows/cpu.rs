@@ -1,0 +1,22 @@
+//! Rows on the CPU: copied one after the other.
+
+use super::NOT_TAKEN;
+
+/// `values [N, width] -> [M, width]`, see [`take_rows`](super::take_rows).
+pub fn take_rows(values: &[f32], width: usize, rows: &[u32]) -> Vec<f32> {
+    let mut out = Vec::with_capacity(rows.len() * width);
+    for &row in rows {
+        out.extend_from_slice(&values[row as usize * width..][..width]);
+    }
+    out
+}
+
+/// `v_out [M, width]`, the place among those taken of each row, or `u32::MAX`, `[N] -> [N, width]`.
+pub fn take_rows_vjp(v_out: &[f32], width: usize, places: &[u32]) -> Vec<f32> {
+    let mut gradient = vec![0.0; places.len() * width];
+    let rows = gradient.chunks_exact_mut(width).zip(places);
+    for (row, &place) in rows.filter(|&(_, &place)| place != NOT_TAKEN) {
+        row.copy_from_slice(&v_out[place as usize * width..][..width]);
+    }
+    gradient
+}

@@ -1,0 +1,75 @@
+//! Rows on CubeCL devices.
+//!
+//! A unit owns a value of the output, backward one of the gradient of all rows. No shared memory, no atomics;
+//! deterministic.
+
+use burn_cubecl::CubeBackend;
+use burn_cubecl::tensor::CubeTensor;
+use cubecl::prelude::*;
+
+use super::{NOT_TAKEN, TakeRows, TakeRowsVjp};
+use crate::cube::{Buffer, arg, contiguous, uninitialised, units};
+
+impl TakeRows for CubeBackend {
+    fn take_rows(values: CubeTensor, rows: Vec<u32>) -> CubeTensor {
+        let values = contiguous(values);
+        let width = values.meta.shape()[1];
+        let out = uninitialised(&values, [rows.len(), width]);
+        let (count, dim) = units(&values.client, rows.len() * width);
+        take::launch(
+            &values.client,
+            count,
+            dim,
+            arg(&values),
+            Buffer::from_words(&values.client, &rows).arg(),
+            arg(&out),
+            (rows.len() * width) as u32,
+            width as u32,
+        );
+        out
+    }
+}
+
+impl TakeRowsVjp for CubeBackend {
+    fn take_rows_vjp(v_out: CubeTensor, places: Vec<u32>) -> CubeTensor {
+        let v_out = contiguous(v_out);
+        let width = v_out.meta.shape()[1];
+        let gradient = uninitialised(&v_out, [places.len(), width]);
+        let (count, dim) = units(&v_out.client, places.len() * width);
+        give_back::launch(
+            &v_out.client,
+            count,
+            dim,
+            arg(&v_out),
+            Buffer::from_words(&v_out.client, &places).arg(),
+            arg(&gradient),
+            (places.len() * width) as u32,
+            width as u32,
+        );
+        gradient
+    }
+}
+
+#[cube(launch)]
+fn take(values: &[f32], rows: &[u32], out: &mut [f32], length: u32, width: u32) {
+    if ABSOLUTE_POS >= length as usize {
+        terminate!();
+    }
+    let width = width as usize;
+    let row = rows[ABSOLUTE_POS / width] as usize;
+    out[ABSOLUTE_POS] = values[row * width + ABSOLUTE_POS % width];
+}
+
+#[cube(launch)]
+fn give_back(v_out: &[f32], places: &[u32], gradient: &mut [f32], length: u32, width: u32) {
+    if ABSOLUTE_POS >= length as usize {
+        terminate!();
+    }
+    let width = width as usize;
+    let place = places[ABSOLUTE_POS / width];
+    let mut value = 0.0f32;
+    if place != NOT_TAKEN {
+        value = v_out[place as usize * width + ABSOLUTE_POS % width];
+    }
+    gradient[ABSOLUTE_POS] = value;
+}

@@ -1,0 +1,99 @@
+//! Some rows of a matrix.
+
+mod autodiff;
+pub mod cpu;
+#[cfg(feature = "cube")]
+mod cube;
+#[cfg(test)]
+mod tests;
+
+use burn::backend::tensor::FloatTensor;
+use burn::backend::{Backend, Dispatch, backend_extension};
+use burn::tensor::Tensor;
+
+use crate::KernelError;
+use crate::host::{HostBackend, dims};
+
+/// In place of a row that was not taken.
+const NOT_TAKEN: u32 = u32::MAX;
+
+/// Some rows of a matrix, none of them twice.
+///
+/// `Tensor::select` would do, but where rows may come twice their gradients have to be added up, and on GPUs Burn has
+/// one unit go through all rows of a column: 8 ms for 21,000 rows of 32 columns on an H200, where this takes 0.03.
+///
+/// Values and gradients are moved as they are, finite or not.
+///
+/// # Shapes
+/// `values [N, C]`, `rows [M]` in ascending order `-> [M, C]`
+///
+/// # Gradient
+/// To `values`; zero for the other rows.
+///
+/// # Errors
+/// [`KernelError::Config`] when a row is not there or the rows do not ascend.
+pub fn take_rows(values: Tensor<2>, rows: &[u32]) -> Result<Tensor<2>, KernelError> {
+    let [n, width] = values.dims();
+    let refuse = |what: String| {
+        Err(KernelError::Config {
+            op: "take_rows",
+            what,
+        })
+    };
+    if let Some(pair) = rows.windows(2).find(|pair| pair[0] >= pair[1]) {
+        return refuse(format!(
+            "row {} after row {}, expected rows in ascending order",
+            pair[1], pair[0]
+        ));
+    }
+    if let Some(&row) = rows.last().filter(|&&row| row as usize >= n) {
+        return refuse(format!("row {row} of {n}"));
+    }
+    // No device binds an empty buffer.
+    if rows.is_empty() || width == 0 {
+        return Ok(Tensor::zeros([rows.len(), width], &values.device()));
+    }
+    Ok(Tensor::from_dispatch(Dispatch::take_rows(
+        values.into_dispatch(),
+        rows.to_vec(),
+    )))
+}
+
+/// Dispatch of [`take_rows`] over the enabled backends.
+#[backend_extension(Autodiff, Flex: cfg(feature = "flex"), NdArray: cfg(feature = "ndarray"), Cube: cfg(feature = "cube"))]
+pub trait TakeRows: Backend {
+    /// See [`take_rows`]; the rows have been checked.
+    fn take_rows(values: FloatTensor<Self>, rows: Vec<u32>) -> FloatTensor<Self>;
+}
+
+/// What a backend brings so that [`take_rows`] can be differentiated on it.
+pub trait TakeRowsVjp: TakeRows {
+    /// Gradient of all rows from that of those taken; `places` says for each row the place among these, or
+    /// `u32::MAX`.
+    fn take_rows_vjp(v_out: FloatTensor<Self>, places: Vec<u32>) -> FloatTensor<Self>;
+}
+
+/// The place of each of `n` rows among those taken.
+fn places(n: usize, rows: &[u32]) -> Vec<u32> {
+    let mut places = vec![NOT_TAKEN; n];
+    for (place, &row) in (0..).zip(rows) {
+        places[row as usize] = place;
+    }
+    places
+}
+
+impl<B: HostBackend> TakeRows for B {
+    fn take_rows(values: FloatTensor<B>, rows: Vec<u32>) -> FloatTensor<B> {
+        let [_, width] = dims::<2>(&values);
+        let out = cpu::take_rows(&B::values(&values), width, &rows);
+        B::tensor(out, [rows.len(), width], &values)
+    }
+}
+
+impl<B: HostBackend> TakeRowsVjp for B {
+    fn take_rows_vjp(v_out: FloatTensor<B>, places: Vec<u32>) -> FloatTensor<B> {
+        let [_, width] = dims::<2>(&v_out);
+        let gradient = cpu::take_rows_vjp(&B::values(&v_out), width, &places);
+        B::tensor(gradient, [places.len(), width], &v_out)
+    }
+}
