@@ -44,6 +44,30 @@ fn every_operation_is_measured_and_agrees_with_its_reference() {
 }
 
 #[test]
+fn a_scene_is_timed_with_the_field_of_each_preset() {
+    let options = BenchOptions {
+        ops: vec![Op::Scene],
+        sizes: vec![60],
+        devices: vec![("flex".into(), Device::flex())],
+        stiffness: true,
+    };
+    let bench = run(&options, &mut |_| {}).expect("measured");
+    let variants = ["field of quick", "field of default", "field of paper"];
+    let expected = variants.map(|v| [(v, Pass::Forward), (v, Pass::Gradient)]);
+    let found: Vec<_> = bench
+        .measurements
+        .iter()
+        .map(|m| (m.variant.as_str(), m.pass))
+        .collect();
+    assert_eq!(found, expected.as_flattened());
+    for m in &bench.measurements {
+        assert!(m.time.expect("timed").median_ms > 0.0, "{m:?}");
+        assert_eq!(m.error, ErrorStats::default(), "it has no reference");
+    }
+    assert!(bench.stiffness.is_empty());
+}
+
+#[test]
 fn needles_break_the_textbook_form_alone() {
     let bench = small(&[Op::Project], true);
     let at = |variant: &str, px: f64| {

@@ -181,6 +181,14 @@ fn fitting(wanted: usize, most: usize) -> usize {
     wanted.next_multiple_of(FIRST).min(most)
 }
 
+/// Whether a number that frames on so many tiles need is on its way, in anybody's hands.
+#[cfg(test)]
+pub(super) fn is_on_its_way(tiles: [usize; 2]) -> bool {
+    let needs = lock(&NEEDS);
+    let mut of_size = needs.iter().filter(|(key, _)| key.1 == tiles);
+    of_size.any(|(_, need)| need.is_awaited || need.reading.is_some())
+}
+
 /// Sends for the number that the memory begins with, as it is now. None arrives when the device failed.
 fn send_for(client: &Client, memory: Handle) -> Reading {
     let client = client.clone();

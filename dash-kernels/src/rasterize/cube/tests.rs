@@ -1,5 +1,8 @@
 //! What only this backend has: lists of tiles, their overflow, several ways to the same result.
 
+use std::thread::sleep;
+use std::time::{Duration, Instant};
+
 use crate::cube::tests::{cube_tensor, cube_values, words};
 use crate::rasterize::reference;
 use crate::rasterize::tests::{background, cotangents, mask_thresholds, options, random};
@@ -300,4 +303,27 @@ fn long_lists_are_walked_to_their_end() {
     let v_blue = v_splats[n * N_COLUMNS + splats::BLUE];
     // Half of every pixel but those by the corner, where some splats before it reach.
     assert!((v_blue - 0.5 * 255.0).abs() < 2.0, "{v_blue}");
+}
+
+/// On wgpu a number on its way keeps a thread in the driver, where a program that ends meanwhile may crash.
+#[test]
+fn a_number_of_intersections_arrives_without_another_frame() {
+    // Tiles that no other test has so many of.
+    let [width, height] = [9 * TILE + 1, 3 * TILE + 1];
+    let splats = random(33, 200, width, height);
+    let mut frame = || {
+        let splats = cube_tensor(&splats, [200, N_COLUMNS]);
+        rasterize_with(splats, options(width, height), tuning()).0
+    };
+    let images: Vec<_> = (0..3).map(|_| frame()).collect();
+    if images[0].client.name().starts_with("wgpu") {
+        let patience = Duration::from_secs(60);
+        let start = Instant::now();
+        while capacity::is_on_its_way([10, 4]) {
+            assert!(start.elapsed() < patience, "nobody takes the number");
+            sleep(Duration::from_millis(1));
+        }
+    }
+    let image = cube_values(&images[0]);
+    assert!(images.iter().all(|other| cube_values(other) == image));
 }
