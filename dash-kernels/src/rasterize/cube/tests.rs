@@ -311,7 +311,7 @@ fn a_number_of_intersections_arrives_without_another_frame() {
     // Tiles that no other test has so many of.
     let [width, height] = [9 * TILE + 1, 3 * TILE + 1];
     let splats = random(33, 200, width, height);
-    let mut frame = || {
+    let frame = || {
         let splats = cube_tensor(&splats, [200, N_COLUMNS]);
         rasterize_with(splats, options(width, height), tuning()).0
     };
