@@ -77,7 +77,8 @@ mod tests {
             for device in devices() {
                 let found = to_host(unpack(&pixels, [1, width, 3], &device));
                 assert_eq!(found.len(), expected.len());
-                let close = |(a, b): (&f32, &f32)| (a - b).abs() <= 2.0 * f32::EPSILON * b;
+                // A division on a GPU may be off by 2.5 units in the last place (WGSL).
+                let close = |(a, b): (&f32, &f32)| (a - b).abs() <= 2.5 * f32::EPSILON * b;
                 assert!(found.iter().zip(&expected).all(close), "{device:?}");
             }
         }
