@@ -38,7 +38,7 @@ const RADIUS: f32 = 2.0;
 const SIGMA: (f32, f32) = (3.0, 0.6);
 /// Of the trajectories over the whole clip, world units.
 const MOTION: f32 = 0.1;
-/// Frames between one picture and the next: a seventh of the clip, so that each is another time.
+/// Views between one picture and the next: another camera, eight or nine frames on.
 const STRIDE: usize = 43;
 
 const NOTE: &str = "`scene`, values: one picture of 1352 x 1014 from other cameras and at other times than the one \
