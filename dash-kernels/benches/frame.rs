@@ -5,11 +5,10 @@ mod scene;
 
 use std::time::Instant;
 
-use burn::tensor::{Device, Tensor, TensorData};
-use dash_kernels::Camera;
-use dash_kernels::project::{Activation, ProjectOptions, project};
+use burn::tensor::Device;
 use dash_kernels::rasterize::{RasterizeOptions, rasterize};
-use scene::{SIZES, Scene, Size};
+use scene::tensors::Gaussians;
+use scene::{SIZES, Size};
 
 /// Repetitions of which the median counts.
 const REPETITIONS: usize = 7;
@@ -32,90 +31,34 @@ fn main() {
 }
 
 struct Frame {
-    camera: Camera,
+    gaussians: Gaussians,
     options: RasterizeOptions,
-    means: Tensor<2>,
-    quats: Tensor<2>,
-    scales: Tensor<2>,
-    opacities: Tensor<1>,
-    sh_coeffs: Tensor<3>,
     device: Device,
 }
 
 impl Frame {
     fn new(size: Size, device: &Device) -> Self {
-        let Size(n, width, height, _) = size;
-        let scene = Scene::new(size);
-        let g = scene.gaussians();
-        let data =
-            |values: &[f32], shape: &[usize]| TensorData::new(values.to_vec(), shape.to_vec());
+        let Size(_, width, height, _) = size;
         Self {
-            camera: scene.camera.clone(),
+            gaussians: Gaussians::new(device, size),
             options: RasterizeOptions {
                 width,
                 height,
                 background: [0.0; 3],
             },
-            means: Tensor::from_data(data(g.means, &[n, 3]), device),
-            quats: Tensor::from_data(data(g.quats, &[n, 4]), device),
-            scales: Tensor::from_data(data(g.scales, &[n, 3]), device),
-            opacities: Tensor::from_data(data(g.opacities, &[n]), device),
-            sh_coeffs: Tensor::from_data(data(g.sh_coeffs, &[n, 16, 3]), device),
             device: device.clone(),
         }
     }
 
     /// Milliseconds of the forward pass, and of both.
     fn times(&self) -> (f64, f64) {
-        let forward = self.median(|| {
-            self.image(
-                self.means.clone(),
-                self.quats.clone(),
-                self.scales.clone(),
-                self.opacities.clone(),
-                self.sh_coeffs.clone(),
-            );
-        });
-        let means = self.means.clone().autodiff().require_grad();
-        let quats = self.quats.clone().autodiff().require_grad();
-        let scales = self.scales.clone().autodiff().require_grad();
-        let opacities = self.opacities.clone().autodiff().require_grad();
-        let sh_coeffs = self.sh_coeffs.clone().autodiff().require_grad();
-        let both = self.median(|| {
-            let image = self.image(
-                means.clone(),
-                quats.clone(),
-                scales.clone(),
-                opacities.clone(),
-                sh_coeffs.clone(),
-            );
-            drop(image.sum().backward());
-        });
-        (forward, both)
-    }
-
-    fn image(
-        &self,
-        means: Tensor<2>,
-        quats: Tensor<2>,
-        scales: Tensor<2>,
-        opacities: Tensor<1>,
-        sh_coeffs: Tensor<3>,
-    ) -> Tensor<3> {
-        let options = ProjectOptions {
-            activation: Activation::Linear,
-            ..ProjectOptions::default()
+        let image = |gaussians: &Gaussians| {
+            rasterize(gaussians.project(), &self.options).expect("a good size")
         };
-        let splats = project(
-            means,
-            quats,
-            scales,
-            opacities,
-            sh_coeffs,
-            &self.camera,
-            &options,
-        );
-        rasterize(splats.expect("a good scene"), &self.options).expect("a good size")
+        let forward = self.median(|| drop(image(&self.gaussians)));
+        let tracked = self.gaussians.clone().autodiff();
+        let both = self.median(|| drop(image(&tracked).sum().backward()));
+        (forward, both)
     }
 
     fn median(&self, work: impl Fn()) -> f64 {

@@ -12,19 +12,22 @@ use std::time::{Duration, Instant};
 
 use burn::tensor::activation::relu;
 use burn::tensor::module::linear;
-use burn::tensor::{Device, Distribution, Tensor, TensorData};
+use burn::tensor::{Device, Distribution, Tensor};
 use dash_kernels::adam::{AdamStep, adam_step};
+use dash_kernels::displacement::displacement;
 use dash_kernels::hash_encode::{
     HashGridConfig, HashGridLayout, Interpolation, LevelSizing, hash_encode,
 };
 use dash_kernels::mlp::{MlpLayout, mlp};
 use dash_kernels::photometric::photometric;
-use dash_kernels::project::{Activation, ProjectOptions, project};
 use dash_kernels::rasterize::{N_CHANNELS, RasterizeOptions, rasterize};
+use dash_kernels::rows::take_rows;
 use dash_kernels::splats::N_COLUMNS;
 use dash_kernels::ssim::ssim;
+use dash_kernels::trajectory::{Polyline, squared_extent};
 use dash_kernels::{limits, set_deterministic};
-use scene::{Scene, Size};
+use scene::Size;
+use scene::tensors::Gaussians;
 
 const N_POINTS: [usize; 3] = [10_000, 100_000, 1_000_000];
 const IMAGES: [(usize, usize); 3] = [(512, 512), (1352, 1014), (3840, 2160)];
@@ -33,6 +36,8 @@ const REPETITIONS: usize = 5;
 /// A size after one that took longer than this is left out.
 const TOO_LONG: Duration = Duration::from_secs(4);
 const VALUE_BYTES: usize = 4;
+/// Parts of a long trajectory.
+const N_SPANS: usize = 48;
 
 fn main() {
     // `cargo bench` passes flags of its own.
@@ -62,6 +67,7 @@ fn main() {
         bench.rasterize();
         bench.ssim();
         bench.photometric();
+        bench.trajectories();
     }
 }
 
@@ -348,60 +354,47 @@ impl Bench {
             });
         }
     }
-}
 
-/// The inputs of a projection as tensors.
-struct Gaussians {
-    scene: Scene,
-    means: Tensor<2>,
-    quats: Tensor<2>,
-    scales: Tensor<2>,
-    opacities: Tensor<1>,
-    sh_coeffs: Tensor<3>,
-}
-
-impl Gaussians {
-    fn new(device: &Device, size: Size) -> Self {
-        let scene = Scene::new(size);
-        let n = size.0;
-        let g = scene.gaussians();
-        let data =
-            |values: &[f32], shape: &[usize]| TensorData::new(values.to_vec(), shape.to_vec());
-        Self {
-            means: Tensor::from_data(data(g.means, &[n, 3]), device),
-            quats: Tensor::from_data(data(g.quats, &[n, 4]), device),
-            scales: Tensor::from_data(data(g.scales, &[n, 3]), device),
-            opacities: Tensor::from_data(data(g.opacities, &[n]), device),
-            sh_coeffs: Tensor::from_data(data(g.sh_coeffs, &[n, 16, 3]), device),
-            scene,
+    /// What is done with coefficients of trajectories.
+    fn trajectories(&self) {
+        let basis = [0.5; N_SPANS];
+        let polyline = Polyline::new(N_SPANS, 0.5).expect("a time in [0, 1]");
+        for n in N_POINTS {
+            let (all, taken) = (n * 3 * N_SPANS, n / 5 * 3 * N_SPANS);
+            self.coefficients("displacement", n, [all, n * 3], |rows| {
+                displacement(rows, &basis).expect("fits")
+            });
+            self.coefficients("squared_extent", n, [all, n], |rows| {
+                squared_extent(rows, polyline).expect("fits")
+            });
+            let rows: Vec<u32> = (0..n as u32).step_by(5).collect();
+            self.coefficients("take_rows", n, [taken, taken], |values| {
+                take_rows(values, &rows).expect("ascending")
+            });
         }
     }
 
-    fn autodiff(self) -> Self {
-        Self {
-            means: self.means.autodiff().require_grad(),
-            quats: self.quats.autodiff().require_grad(),
-            scales: self.scales.autodiff().require_grad(),
-            opacities: self.opacities.autodiff().require_grad(),
-            sh_coeffs: self.sh_coeffs.autodiff().require_grad(),
-            scene: self.scene,
+    /// Times `run` on the coefficients of `n` trajectories, of which it reads and writes so many values.
+    fn coefficients<const R: usize>(
+        &self,
+        operation: &str,
+        n: usize,
+        [read, written]: [usize; 2],
+        run: impl Fn(Tensor<2>) -> Tensor<R>,
+    ) {
+        let (width, what) = (3 * N_SPANS, format!("{operation} {n}"));
+        let fits = limits::check_values("the rows", n * width, "take fewer", &self.device);
+        if !self.wants(operation) || fits.is_err() {
+            return;
         }
-    }
-
-    fn project(&self) -> Tensor<2> {
-        let options = ProjectOptions {
-            activation: Activation::Linear,
-            ..ProjectOptions::default()
-        };
-        project(
-            self.means.clone(),
-            self.quats.clone(),
-            self.scales.clone(),
-            self.opacities.clone(),
-            self.sh_coeffs.clone(),
-            &self.scene.camera,
-            &options,
-        )
-        .expect("a good scene")
+        let rows = self.random([n, width]);
+        self.time(&format!("{what}, forward"), read + written, || {
+            drop(run(rows.clone()));
+        });
+        let rows = rows.autodiff().require_grad();
+        let values = read + 2 * written + n * width;
+        self.time(&format!("{what}, both"), values, || {
+            drop(run(rows.clone()).sum().backward());
+        });
     }
 }

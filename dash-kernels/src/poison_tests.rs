@@ -10,6 +10,7 @@ use crate::hash_encode::{HashGridConfig, HashGridLayout, Interpolation, LevelSiz
 use crate::mlp::{MlpLayout, mlp};
 use crate::project::{ProjectOptions, project};
 use crate::rasterize::{N_CHANNELS, RasterizeOptions, rasterize};
+use crate::rows::take_rows;
 use crate::splats::N_COLUMNS;
 use crate::ssim::ssim;
 use crate::testing::{assert_finite, devices, normals, poison, rng, tensor, to_f32, values};
@@ -160,7 +161,7 @@ fn similarity() {
 /// Fails unless `op` on `good[0] [N, width]` is sound with each poison value in each slot of it and of `good[1]`, the
 /// output's gradient.
 #[track_caller]
-fn assert_sound_on_trajectories<const R: usize>(
+fn assert_sound_on_rows<const R: usize>(
     good: [Vec<f32>; 2],
     width: usize,
     op: impl Fn(Tensor<2>) -> Tensor<R>,
@@ -172,11 +173,11 @@ fn assert_sound_on_trajectories<const R: usize>(
                 for value in poison() {
                     let mut bad = good.clone();
                     bad[input][slot] = value;
-                    let coefficients = tracked(&bad[0], [n, width], &device);
-                    let out = op(coefficients.clone());
+                    let rows = tracked(&bad[0], [n, width], &device);
+                    let out = op(rows.clone());
                     let name = format!("{device:?}, {value} in slot {slot} of input {input}");
                     assert_sound(&name, out, &bad[1], |grads| {
-                        vec![values(coefficients.grad(grads).expect("tracked"))]
+                        vec![values(rows.grad(grads).expect("tracked"))]
                     });
                 }
             }
@@ -189,7 +190,7 @@ fn extents_of_trajectories() {
     let (n, n_spans) = (3, 4);
     let polyline = Polyline::new(n_spans, 0.4).expect("a time in [0, 1]");
     let good = [random(12, n * 3 * n_spans), random(13, n)];
-    assert_sound_on_trajectories(good, 3 * n_spans, |coefficients| {
+    assert_sound_on_rows(good, 3 * n_spans, |coefficients| {
         squared_extent(coefficients, polyline).expect("fits")
     });
 }
@@ -198,8 +199,17 @@ fn extents_of_trajectories() {
 fn displacements_along_trajectories() {
     let (n, basis) = (3, [0.5, -1.0, 1.0, 0.0]);
     let good = [random(16, n * 3 * basis.len()), random(17, 3 * n)];
-    assert_sound_on_trajectories(good, 3 * basis.len(), |coefficients| {
+    assert_sound_on_rows(good, 3 * basis.len(), |coefficients| {
         displacement(coefficients, &basis).expect("fits")
+    });
+}
+
+#[test]
+fn taken_rows() {
+    let (n, width, rows) = (5, 3, [0, 3]);
+    let good = [random(18, n * width), random(19, rows.len() * width)];
+    assert_sound_on_rows(good, width, |values| {
+        take_rows(values, &rows).expect("ascending")
     });
 }
 

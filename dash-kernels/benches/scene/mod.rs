@@ -2,9 +2,11 @@
 
 #![allow(dead_code, reason = "each benchmark uses a part of it")]
 
+pub mod tensors;
+
 use burn::tensor::Device;
 use dash_kernels::Camera;
-use dash_kernels::project::{Activation, Gaussians, ProjectOptions, View};
+use dash_kernels::project::{self, Activation, ProjectOptions, View};
 use rand::{Rng, SeedableRng};
 use rand_pcg::Pcg64;
 
@@ -111,8 +113,8 @@ impl Scene {
         scene
     }
 
-    pub fn gaussians(&self) -> Gaussians<'_, f32> {
-        Gaussians {
+    pub fn gaussians(&self) -> project::Gaussians<'_, f32> {
+        project::Gaussians {
             means: &self.means,
             quats: &self.quats,
             scales: &self.scales,

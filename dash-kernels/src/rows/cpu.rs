@@ -1,12 +1,14 @@
 //! Rows on the CPU: copied one after the other.
 
 use super::NOT_TAKEN;
+use crate::isa::finite_or_zero;
 
 /// `values [N, width] -> [M, width]`, see [`take_rows`](super::take_rows).
 pub fn take_rows(values: &[f32], width: usize, rows: &[u32]) -> Vec<f32> {
     let mut out = Vec::with_capacity(rows.len() * width);
     for &row in rows {
-        out.extend_from_slice(&values[row as usize * width..][..width]);
+        let row = &values[row as usize * width..][..width];
+        out.extend(row.iter().map(|&value| finite_or_zero(value)));
     }
     out
 }
@@ -16,7 +18,9 @@ pub fn take_rows_vjp(v_out: &[f32], width: usize, places: &[u32]) -> Vec<f32> {
     let mut gradient = vec![0.0; places.len() * width];
     let rows = gradient.chunks_exact_mut(width).zip(places);
     for (row, &place) in rows.filter(|&(_, &place)| place != NOT_TAKEN) {
-        row.copy_from_slice(&v_out[place as usize * width..][..width]);
+        for (value, &v) in row.iter_mut().zip(&v_out[place as usize * width..]) {
+            *value = finite_or_zero(v);
+        }
     }
     gradient
 }

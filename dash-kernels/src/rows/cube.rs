@@ -8,7 +8,7 @@ use burn_cubecl::tensor::CubeTensor;
 use cubecl::prelude::*;
 
 use super::{NOT_TAKEN, TakeRows, TakeRowsVjp};
-use crate::cube::{Buffer, arg, contiguous, uninitialised, units};
+use crate::cube::{Buffer, arg, contiguous, finite_or_zero, uninitialised, units};
 
 impl TakeRows for CubeBackend {
     fn take_rows(values: CubeTensor, rows: Vec<u32>) -> CubeTensor {
@@ -57,7 +57,7 @@ fn take(values: &[f32], rows: &[u32], out: &mut [f32], length: u32, width: u32) 
     }
     let width = width as usize;
     let row = rows[ABSOLUTE_POS / width] as usize;
-    out[ABSOLUTE_POS] = values[row * width + ABSOLUTE_POS % width];
+    out[ABSOLUTE_POS] = finite_or_zero(values[row * width + ABSOLUTE_POS % width]);
 }
 
 #[cube(launch)]
@@ -69,7 +69,7 @@ fn give_back(v_out: &[f32], places: &[u32], gradient: &mut [f32], length: u32, w
     let place = places[ABSOLUTE_POS / width];
     let mut value = 0.0f32;
     if place != NOT_TAKEN {
-        value = v_out[place as usize * width + ABSOLUTE_POS % width];
+        value = finite_or_zero(v_out[place as usize * width + ABSOLUTE_POS % width]);
     }
     gradient[ABSOLUTE_POS] = value;
 }

@@ -4,6 +4,7 @@ mod autodiff;
 pub mod cpu;
 #[cfg(feature = "cube")]
 mod cube;
+pub mod reference;
 #[cfg(test)]
 mod tests;
 
@@ -22,7 +23,7 @@ const NOT_TAKEN: u32 = u32::MAX;
 /// `Tensor::select` would do, but where rows may come twice their gradients have to be added up, and on GPUs Burn has
 /// one unit go through all rows of a column: 8 ms for 21,000 rows of 32 columns on an H200.
 ///
-/// Values and gradients are moved as they are, finite or not.
+/// A value or gradient that is not finite counts as zero, as everywhere in this crate.
 ///
 /// # Shapes
 /// `values [N, C]`, `rows [M]` in ascending order `-> [M, C]`

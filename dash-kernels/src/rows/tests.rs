@@ -1,20 +1,16 @@
-use burn::tensor::{Int, Tensor, TensorData};
-
-use super::take_rows;
-use crate::testing::{devices, normals, rng, tensor, to_f32, values};
+use super::{reference, take_rows};
+use crate::testing::{
+    assert_close, central_differences, devices, normals, rng, tensor, to_f32, to_f64, values,
+};
 
 #[test]
 fn by_hand() {
-    let matrix = [1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0, f32::INFINITY];
+    let matrix = [1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0, 8.0];
     for device in devices() {
         let device = device.autodiff();
         let tracked = tensor(&matrix, [4, 2], &device).require_grad();
         let taken = take_rows(tracked.clone(), &[0, 3]).expect("ascending");
-        assert_eq!(
-            values(taken.clone().inner()),
-            [1.0, 2.0, 7.0, f32::INFINITY],
-            "{device:?}"
-        );
+        assert_eq!(values(taken.clone().inner()), [1.0, 2.0, 7.0, 8.0]);
         let weights = tensor(&[10.0, 20.0, 30.0, 40.0], [2, 2], &device);
         let grads = (taken * weights).sum().backward();
         let gradient = values(tracked.grad(&grads).expect("tracked"));
@@ -26,31 +22,66 @@ fn by_hand() {
     }
 }
 
-/// Values and gradients, bit for bit, of widths that tensors of padded rows have and have not.
 #[test]
-fn rows_are_those_that_select_gives() {
+fn what_is_not_finite_counts_as_zero() {
+    let matrix = [1.0, f32::NAN, 3.0, 4.0, f32::NEG_INFINITY, f32::MAX];
+    for device in devices() {
+        let device = device.autodiff();
+        let tracked = tensor(&matrix, [3, 2], &device).require_grad();
+        let taken = take_rows(tracked.clone(), &[0, 2]).expect("ascending");
+        assert_eq!(values(taken.clone().inner()), [1.0, 0.0, 0.0, f32::MAX]);
+        let v_out = tensor(&[f32::INFINITY, -1.0, f32::NAN, f32::MIN], [2, 2], &device);
+        let grads = (taken * v_out).sum().backward();
+        let gradient = values(tracked.grad(&grads).expect("tracked"));
+        assert_eq!(gradient, [0.0, -1.0, 0.0, 0.0, 0.0, f32::MIN]);
+    }
+}
+
+#[test]
+fn reference_vjp_matches_central_differences() {
+    let (n, width, rows) = (5, 3, [0, 2, 4]);
+    let at = normals(&mut rng(1), n * width);
+    let v_out = normals(&mut rng(2), rows.len() * width);
+    let expected = central_differences(&at, 1e-5, |at| {
+        let out = reference::take_rows(at, width, &rows);
+        out.iter().zip(&v_out).map(|(out, v)| out * v).sum()
+    });
+    let got = reference::take_rows_vjp(&v_out, n, width, &rows);
+    assert_close("gradient", &got, &expected, 1e-9, 1e-9);
+}
+
+/// Values and gradients, bit for bit: nothing is rounded. Widths that tensors of padded rows have and have not.
+#[test]
+fn backends_match_the_reference() {
     for device in devices() {
         let device = device.autodiff();
         for (n, width, step) in [(1, 1, 1), (7, 3, 2), (300, 16, 1), (1000, 147, 3)] {
             let name = format!("{device:?}, {n} rows of {width}");
             let rows: Vec<u32> = (0..n as u32).step_by(step).collect();
-            let indices: Vec<i32> = rows.iter().map(|&row| row as i32).collect();
-            let indices =
-                Tensor::<1, Int>::from_data(TensorData::new(indices, [rows.len()]), &device);
             let matrix = to_f32(&normals(&mut rng(1), n * width));
-            let weights = to_f32(&normals(&mut rng(2), rows.len() * width));
-            let weights = tensor(&weights, [rows.len(), width], &device);
-            let both = |take: &dyn Fn(Tensor<2>) -> Tensor<2>| {
-                let tracked = tensor(&matrix, [n, width], &device).require_grad();
-                let taken = take(tracked.clone());
-                let grads = (taken.clone() * weights.clone()).sum().backward();
-                let gradient = tracked.grad(&grads).expect("tracked");
-                (values(taken.inner()), values(gradient))
-            };
-            let expected = both(&|matrix| matrix.select(0, indices.clone()));
-            let found = both(&|matrix| take_rows(matrix, &rows).expect("ascending"));
-            assert_eq!(found, expected, "{name}");
+            let v_out = to_f32(&normals(&mut rng(2), rows.len() * width));
+            let tracked = tensor(&matrix, [n, width], &device).require_grad();
+            let taken = take_rows(tracked.clone(), &rows).expect("ascending");
+            let expected = reference::take_rows(&to_f64(&matrix), width, &rows);
+            assert_eq!(to_f64(&values(taken.clone().inner())), expected, "{name}");
+            let v_taken = tensor(&v_out, [rows.len(), width], &device);
+            let grads = (taken * v_taken).sum().backward();
+            let gradient = values(tracked.grad(&grads).expect("tracked"));
+            let expected = reference::take_rows_vjp(&to_f64(&v_out), n, width, &rows);
+            assert_eq!(to_f64(&gradient), expected, "{name}");
         }
+    }
+}
+
+#[test]
+fn strided_tensors_are_read() {
+    let rows = to_f32(&normals(&mut rng(3), 5 * 4));
+    for device in devices() {
+        let plain = tensor(&rows, [5, 4], &device);
+        let strided = tensor(&values(plain.clone().transpose()), [4, 5], &device).transpose();
+        let [plain, strided] =
+            [plain, strided].map(|t| values(take_rows(t, &[1, 4]).expect("ascending")));
+        assert_eq!(plain, strided, "{device:?}");
     }
 }
 

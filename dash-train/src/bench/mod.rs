@@ -8,7 +8,7 @@
 //! - this file: what is asked for and the loop over it; `file`: what is written.
 //! - `error`: errors of many values; `timing`: medians and quartiles.
 //! - `hash_encode`, `mlp`, `project`, `rasterize`, `ssim`, `photometric`, `adam`: one operation each;
-//!   `trajectories`: `displacement` and `squared_extent`; `scene`: all of them at once; `determinant`: two forms of one formula, on the host; `stiffness`: inputs made harder and harder.
+//!   `trajectories`: `displacement`, `squared_extent` and `take_rows`; `scene`: all of them at once; `determinant`: two forms of one formula, on the host; `stiffness`: inputs made harder and harder.
 
 mod adam;
 mod determinant;
@@ -67,13 +67,15 @@ pub enum Op {
     Displacement,
     /// How far trajectories go.
     SquaredExtent,
+    /// Some rows of a matrix.
+    TakeRows,
     /// A whole scene at 1352 x 1014, of which a fifth moves: pictures and training steps; times only
     Scene,
 }
 
 impl Op {
     /// Those that have a reference: all but [`Op::Scene`].
-    pub const ALL: [Self; 9] = [
+    pub const ALL: [Self; 10] = [
         Self::HashEncode,
         Self::Mlp,
         Self::Project,
@@ -83,6 +85,7 @@ impl Op {
         Self::Adam,
         Self::Displacement,
         Self::SquaredExtent,
+        Self::TakeRows,
     ];
 
     /// Its name, that in `dash-kernels` if it is there.
@@ -97,6 +100,7 @@ impl Op {
             Self::Adam => "adam",
             Self::Displacement => "displacement",
             Self::SquaredExtent => "squared_extent",
+            Self::TakeRows => "take_rows",
             Self::Scene => "scene",
         }
     }
@@ -165,6 +169,7 @@ impl Bench<'_> {
                         Op::SquaredExtent => {
                             trajectories::measure_squared_extent(self, target, size)
                         }
+                        Op::TakeRows => trajectories::measure_take_rows(self, target, size),
                         Op::Scene => scene::measure(self, target, size),
                     };
                     self.unless_too_large(measured, &format!("{name}: {op}, {size}"))?;

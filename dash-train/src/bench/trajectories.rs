@@ -1,8 +1,9 @@
-//! Trajectories of many spans: where they are at a time, and how far they go.
+//! Trajectories of many spans: where they are at a time, how far they go, and some of them.
 
 use burn::tensor::Tensor;
 use dash_kernels::KernelError;
 use dash_kernels::displacement::{self, displacement};
+use dash_kernels::rows::{self, take_rows};
 use dash_kernels::trajectory::{self, Polyline, squared_extent};
 
 use super::{
@@ -13,6 +14,8 @@ use crate::TrainError;
 
 /// As many as a long clip has.
 const SPANS: usize = 48;
+/// One in so many rows is taken.
+const STRIDE: usize = 5;
 /// In the middle of the clip, on a knot.
 const ANCHOR: f32 = 0.5;
 
@@ -49,6 +52,23 @@ pub(super) fn measure_squared_extent(
         },
     };
     case.measure(bench, target, n, [n])
+}
+
+pub(super) fn measure_take_rows(
+    bench: &mut Bench,
+    target: Target,
+    n: usize,
+) -> Result<(), TrainError> {
+    use rows::reference;
+    let (width, taken) = (3 * SPANS, n.div_ceil(STRIDE));
+    let rows: Vec<u32> = (0..n as u32).step_by(STRIDE).collect();
+    let case = Case {
+        op: Op::TakeRows,
+        run: |coefficients| take_rows(coefficients, &rows),
+        expected: |coefficients: &[f64]| reference::take_rows(coefficients, width, &rows),
+        expected_vjp: |_: &[f64], v: &[f64]| reference::take_rows_vjp(v, n, width, &rows),
+    };
+    case.measure(bench, target, n, [taken, width])
 }
 
 /// An operation on coefficients, and its reference.
