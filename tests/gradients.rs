@@ -13,6 +13,7 @@ use burn::module::{ModuleVisitor, Param};
 use burn::tensor::{Device, Gradients, Tensor, TensorData};
 use common::{devices, host, widen};
 use dash_kernels::hash_encode;
+use dash_kernels::mlp::{self, MlpLayout};
 use dash_kernels::project::{self, Activation, ProjectOptions, View};
 use dash_kernels::rasterize::{self, N_CHANNELS};
 use dash_kernels::splats::NEAR_PLANE;
@@ -190,13 +191,21 @@ impl Reference<'_> {
             panic!("the field is a hash grid");
         };
         let layout = encoder.layout();
-        let mut hidden = hash_encode::reference::hash_encode(&unit, table, layout);
-        let layer = |input: &[f64], name: &str| linear(input, parameters, name);
-        for index in 0..field.config().layers {
-            hidden = layer(&hidden, &format!("decoder.layers.{index}"));
-            hidden.iter_mut().for_each(|value| *value = value.max(0.0));
-        }
-        let offsets = layer(&hidden, "head_means");
+        let features = hash_encode::reference::hash_encode(&unit, table, layout);
+        // Heads side by side: positions, rotations, scales.
+        let mut widths = vec![layout.n_features()];
+        widths.extend([field.config().hidden].repeat(field.config().layers));
+        widths.push(3 + 4 + 3);
+        let network = MlpLayout::new(&widths).expect("good widths");
+        let decoder = &parameters["dynamic.field.decoder.parameters"];
+        let decoded = mlp::reference::mlp(&features, decoder, &network);
+        let head = |first: usize, width: usize| -> Vec<f64> {
+            let rows = decoded.chunks_exact(3 + 4 + 3);
+            rows.flat_map(|row| &row[first..first + width])
+                .copied()
+                .collect()
+        };
+        let offsets = head(0, 3);
         // The world units of the position head, as in `deformation.rs`.
         let unit = 0.1 * f64::from(space.diagonal());
         let shares = BASIS.at(TIME);
@@ -223,11 +232,8 @@ impl Reference<'_> {
                 Activation::Linear
             }
         };
-        for (values, name) in [
-            (&mut set.quats, "head_quats"),
-            (&mut set.scales, "head_scales"),
-        ] {
-            for (value, offset) in values.iter_mut().zip(layer(&hidden, name)) {
+        for (values, offsets) in [(&mut set.quats, head(3, 4)), (&mut set.scales, head(7, 3))] {
+            for (value, offset) in values.iter_mut().zip(offsets) {
                 *value += offset;
             }
         }
@@ -299,25 +305,6 @@ fn splats(set: &Set, activation: Activation) -> Vec<f64> {
     };
     let view = View::new(&camera(), &options, SH_DEGREE);
     project::reference::project(&gaussians, &view)
-}
-
-/// `x W + b` of a layer of the field.
-fn linear(input: &[f64], parameters: &Parameters, name: &str) -> Vec<f64> {
-    let part = |part: &str| &parameters[&format!("dynamic.field.{name}.{part}")];
-    let (weight, bias) = (part("weight"), part("bias"));
-    let width = weight.len() / bias.len();
-    input
-        .chunks_exact(width)
-        .flat_map(|row| {
-            (0..bias.len()).map(|j| {
-                let terms = row.iter().enumerate();
-                bias[j]
-                    + terms
-                        .map(|(i, x)| x * weight[i * bias.len() + j])
-                        .sum::<f64>()
-            })
-        })
-        .collect()
 }
 
 /// Gradients of every parameter by autodiff, and the loss.

@@ -1,32 +1,22 @@
 //! The field over space and time with its multi-head decoder.
 
+mod decoder;
 mod heads;
 
 use burn::module::Module;
-use burn::nn::Linear;
 use burn::tensor::{Device, Tensor};
 use rand::Rng;
 use serde::{Deserialize, Serialize};
 
 use crate::encoders::{Representation, SpaceTimeEncoder, TimeEmbedding};
 use crate::gaussians::to_host;
-use crate::mlp::{self, Mlp, linear};
-use crate::parameters::parameter;
 use crate::{HashEncoderConfig, ModelError, SpaceBox};
+pub(crate) use decoder::Decoder;
+use heads::{APPEARANCE, MEAN, QUAT, SCALE};
 pub use heads::{Head, Heads};
 
 /// World units per unit of the position head, as a share of the diagonal (see `motion.rs`).
 const OUTPUT_SCALE: f32 = 0.1;
-
-/// Start of the heads' weights: nothing is deformed at first.
-const INITIAL_HEAD: f32 = 1e-3;
-
-/// Outputs of the heads.
-const MEAN: u128 = 3;
-const QUAT: u128 = 4;
-const SCALE: u128 = 3;
-/// Opacity, then colour.
-const APPEARANCE: u128 = 4;
 
 /// Sizes of a [`DeformationField`].
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -89,29 +79,11 @@ impl DeformationConfig {
         let features = SpaceTimeEncoder::n_output_features_of(self);
         let (hidden, layers) = (self.hidden, self.layers.saturating_sub(1));
         let trunk = layers.saturating_mul(hidden).saturating_add(features);
-        let heads: u128 = self.head_widths().sum();
+        let heads: usize = self.heads.present().map(|(_, width)| width).sum();
         trunk
-            .saturating_add(heads as usize)
+            .saturating_add(heads)
             .saturating_mul(hidden)
             .saturating_add(SpaceTimeEncoder::multiplications(self))
-    }
-
-    /// Outputs of the heads that there are.
-    fn head_widths(&self) -> impl Iterator<Item = u128> {
-        let Heads {
-            rotation,
-            scale,
-            appearance,
-        } = self.heads;
-        [
-            (true, MEAN),
-            (rotation, QUAT),
-            (scale, SCALE),
-            (appearance, APPEARANCE),
-        ]
-        .into_iter()
-        .filter(|(present, _)| *present)
-        .map(|(_, width)| width)
     }
 
     /// How many values the parameters of a field of these sizes hold, saturating.
@@ -124,8 +96,8 @@ impl DeformationConfig {
         let features = SpaceTimeEncoder::n_output_features_of(self) as u128;
         let trunk = linear(features, hidden)
             .saturating_add(linear(hidden, hidden).saturating_mul(layers.saturating_sub(1)));
-        let heads = self.head_widths().fold(0u128, |sum, width| {
-            sum.saturating_add(linear(hidden, width))
+        let heads = self.heads.present().fold(0u128, |sum, (_, width)| {
+            sum.saturating_add(linear(hidden, width as u128))
         });
         Ok(SpaceTimeEncoder::n_values(self)?
             .saturating_add(trunk)
@@ -156,11 +128,7 @@ pub struct Offsets {
 #[derive(Module, Debug)]
 pub struct DeformationField {
     encoder: SpaceTimeEncoder,
-    decoder: Mlp,
-    head_means: Linear,
-    head_quats: Option<Linear>,
-    head_scales: Option<Linear>,
-    head_appearance: Option<Linear>,
+    decoder: Decoder,
     #[module(skip)]
     space: SpaceBox,
     #[module(skip)]
@@ -188,18 +156,9 @@ impl DeformationField {
         let encoder = SpaceTimeEncoder::new(config, rng, device)?;
         let mut widths = vec![SpaceTimeEncoder::n_output_features_of(config)];
         widths.extend(std::iter::repeat_n(hidden, config.layers));
-        let decoder = Mlp::new(&widths, rng, device);
-        let mut head = |present: bool, width: u128| {
-            present.then(|| linear(hidden, width as usize, INITIAL_HEAD, rng, device))
-        };
-        let head_means = head(true, MEAN).expect("positions always have a head");
         Ok(Self {
             encoder,
-            decoder,
-            head_means,
-            head_quats: head(config.heads.rotation, QUAT),
-            head_scales: head(config.heads.scale, SCALE),
-            head_appearance: head(config.heads.appearance, APPEARANCE),
+            decoder: Decoder::new(&widths, &config.heads, rng, device)?,
             space,
             config: config.clone(),
         })
@@ -249,19 +208,17 @@ impl DeformationField {
     /// When the features have another width, or there are more than the device holds.
     pub fn decode(&self, features: Tensor<2>) -> Result<Offsets, ModelError> {
         let n = features.dims()[0];
-        let optional = [&self.head_quats, &self.head_scales, &self.head_appearance];
-        let optional = optional.map(Option::as_ref);
-        let mut heads = vec![&self.head_means];
-        heads.extend(optional.into_iter().flatten());
-        let columns = mlp::forward(features, &self.decoder.layers, &heads)?;
+        let columns = self.decoder.forward(features)?;
         let mut first = 0;
-        let mut take = |head: &Linear| {
-            let width = head.weight.dims()[1];
+        let mut take = |width: usize| {
             first += width;
             columns.clone().narrow(1, first - width, width)
         };
-        let means = take(&self.head_means) * (OUTPUT_SCALE * self.space.diagonal());
-        let [quats, scales, appearance] = optional.map(|head| head.map(&mut take));
+        let heads = &self.config.heads;
+        let means = take(MEAN) * (OUTPUT_SCALE * self.space.diagonal());
+        let quats = heads.rotation.then(|| take(QUAT));
+        let scales = heads.scale.then(|| take(SCALE));
+        let appearance = heads.appearance.then(|| take(APPEARANCE));
         Ok(Offsets {
             means,
             quats,
@@ -276,10 +233,12 @@ impl DeformationField {
     /// The field without a head.
     pub fn without_head(&self, head: Head) -> Self {
         let mut field = self.clone();
+        let heads = &mut field.config.heads;
         match head {
-            Head::Rotation => (field.head_quats, field.config.heads.rotation) = (None, false),
-            Head::Scale => (field.head_scales, field.config.heads.scale) = (None, false),
+            Head::Rotation => heads.rotation = false,
+            Head::Scale => heads.scale = false,
         }
+        field.decoder = self.decoder.with_heads(heads);
         field
     }
 
@@ -308,29 +267,13 @@ impl DeformationField {
             )));
         }
         let reduced = encoder.without(left_out)?;
-        let first = &self.decoder.layers[0];
-        let device = first.weight.device();
-        let hidden = self.config.hidden;
-        let weights = to_host(first.weight.val());
-        let mut bias = match &first.bias {
-            Some(bias) => to_host(bias.val()),
-            None => vec![0.0; hidden],
-        };
-        let mut kept = Vec::new();
-        for (feature, (row, mean)) in weights.chunks_exact(hidden).zip(typical).enumerate() {
-            if left_out.contains(&(feature / width)) {
-                for (bias, weight) in bias.iter_mut().zip(row) {
-                    *bias += mean * weight;
-                }
-            } else {
-                kept.extend_from_slice(row);
-            }
-        }
+        let kept: Vec<bool> = (0..n_features)
+            .map(|feature| !left_out.contains(&(feature / width)))
+            .collect();
         let mut field = self.clone();
-        field.decoder.layers[0] = Linear {
-            weight: parameter(kept, [reduced.n_output_features(), hidden], &device),
-            bias: Some(parameter(bias, [hidden], &device)),
-        };
+        field.decoder = self
+            .decoder
+            .with_features(&kept, typical, &self.config.heads)?;
         field.encoder = SpaceTimeEncoder::Hash(reduced);
         // The configuration counts all levels there ever were.
         let config = &mut field.config.encoder;
@@ -368,6 +311,11 @@ impl DeformationField {
     /// The sizes it was made with.
     pub fn config(&self) -> &DeformationConfig {
         &self.config
+    }
+
+    /// Its hidden layers and heads.
+    pub(crate) fn decoder(&self) -> &Decoder {
+        &self.decoder
     }
 
     /// Its features.

@@ -539,13 +539,16 @@ fn colour_that_few_gaussians_have_is_stored_for_them_only() {
 /// The scene with a field whose offsets differ by far more than rounding.
 fn lively(scene: DynamicScene) -> DynamicScene {
     let mut parameters = dash_model::parameters::named_parameters(&scene);
-    for (name, tensor) in &mut parameters {
-        let factor = match name.as_str() {
-            "dynamic.field.encoder.table" => 1e4,
-            name if name.starts_with("dynamic.field.head_") => 1e2,
-            _ => continue,
-        };
-        for value in &mut tensor.values {
+    let field = &scene.dynamic.as_ref().expect("some move").field;
+    // Positions, rotations and scales, the last of the decoder's layers.
+    let heads = (field.config().hidden + 1) * (3 + 4 + 3);
+    for (name, n, factor) in [
+        ("dynamic.field.encoder.table", usize::MAX, 1e4),
+        ("dynamic.field.decoder.parameters", heads, 1e2),
+    ] {
+        let values = &mut parameters.get_mut(name).expect("the field's").values;
+        let first = values.len().saturating_sub(n);
+        for value in &mut values[first..] {
             *value *= factor;
         }
     }

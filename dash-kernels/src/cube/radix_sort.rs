@@ -1,29 +1,32 @@
 //! Stable radix sort of `u32` keys with a `u32` value each, least significant digit first.
 //!
 //! A unit owns `PER_UNIT` neighbouring pairs; a cube of `UNITS` units owns one block of them. Per
-//! digit three steps: every cube counts the digits of its block, the counts are turned into places
-//! by a prefix sum over (digit, block), every cube moves its block's pairs to their places. Where
-//! there are few blocks, every cube sums the counts that it needs itself: reading them takes less
-//! than another launch. Within
-//! a cube each unit counts its own pairs in a column of shared memory, so that no atomics are
-//! needed and the order of equal digits is kept whatever the width of a subgroup.
-//! Shared memory: a count per unit and digit and one per digit, 8.3 KiB. Deterministic.
+//! digit three steps: every cube counts the digits of its block, the counts of each digit are summed up over the blocks
+//! before, every cube moves its block's pairs to their places. Where there are few blocks, every cube sums the counts
+//! that it needs itself: reading them takes less than another launch. Within a cube each unit counts its own pairs in a
+//! column of shared memory, so that no atomics are needed and the order of equal digits is kept whatever the width of a
+//! subgroup.
+//! Shared memory: a count per unit and digit, two in a word, and a place per digit, 9 KiB. Deterministic.
 
 use cubecl::prelude::*;
 
-use super::scan::exclusive_scan;
 use super::{Buffer, calculate_cubes};
 
 /// Units of a cube.
-const UNITS: usize = 64;
+const UNITS: usize = 32;
 /// Neighbouring pairs that a unit sorts.
-const PER_UNIT: usize = 16;
+const PER_UNIT: usize = 32;
+/// Counts within a block fit into 16 bits.
 const BLOCK: usize = UNITS * PER_UNIT;
 /// Bits sorted at a time.
-const DIGIT_BITS: u32 = 5;
+const DIGIT_BITS: u32 = 7;
 const N_DIGITS: usize = 1 << DIGIT_BITS;
-/// Distance of a digit's counts in shared memory: one more than there are units, so that units
-/// that walk along different digits meet different banks.
+/// Words that hold a unit's counts: those of a digit of the lower half and of one of the upper half.
+const N_WORDS: usize = N_DIGITS / 2;
+/// Digits whose places a unit works out.
+const DIGITS_PER_UNIT: usize = N_DIGITS / UNITS;
+/// Distance of a word's columns in shared memory: one more than there are units, so that units
+/// that walk along different words meet different banks.
 const STRIDE: usize = UNITS + 1;
 /// Blocks whose counts every cube sums itself.
 const FEW_BLOCKS: usize = 128;
@@ -54,7 +57,8 @@ pub(crate) fn sort_pairs(
     let few = n_blocks <= FEW_BLOCKS;
     let (mut keys, mut values) = (keys, values);
     for shift in (0..key_bits).step_by(DIGIT_BITS as usize) {
-        let counts = Buffer::uninitialised(client, N_DIGITS * n_blocks);
+        // Behind those of the blocks a row of totals.
+        let counts = Buffer::uninitialised(client, N_DIGITS * (n_blocks + 1));
         count_digits::launch(
             client,
             cubes.clone(),
@@ -66,13 +70,16 @@ pub(crate) fn sort_pairs(
             n as u32,
             n_blocks as u32,
             shift,
-            few,
         );
-        let places = if few {
-            counts
-        } else {
-            exclusive_scan(client, &counts)
-        };
+        if !few {
+            sum_before::launch(
+                client,
+                calculate_cubes(client, N_DIGITS),
+                dim,
+                counts.arg(),
+                n_blocks as u32,
+            );
+        }
         let sorted_keys = Buffer::uninitialised(client, n);
         let sorted_values = Buffer::uninitialised(client, n);
         move_pairs::launch(
@@ -82,7 +89,7 @@ pub(crate) fn sort_pairs(
             keys.arg(),
             values.arg(),
             count.arg(),
-            places.arg(),
+            counts.arg(),
             sorted_keys.arg(),
             sorted_values.arg(),
             count_at,
@@ -96,9 +103,12 @@ pub(crate) fn sort_pairs(
     (keys, values)
 }
 
+/// The word of a key's digit, and by how many bits its count is shifted in there.
 #[cube]
-fn digit(key: u32, shift: u32) -> usize {
-    ((key >> shift) & comptime!(N_DIGITS as u32 - 1)) as usize
+fn place_of_count(key: u32, shift: u32) -> (usize, u32) {
+    let digit = (key >> shift) & comptime!(N_DIGITS as u32 - 1);
+    let half = comptime!(N_WORDS as u32);
+    ((digit % half) as usize, digit / half * 16u32)
 }
 
 /// The pairs of this unit, from and to.
@@ -114,14 +124,16 @@ fn own_pairs(count: &[u32], count_at: u32, n: u32) -> (usize, usize) {
 #[cube]
 fn count_own(keys: &[u32], counts: &mut Shared<[u32]>, first: usize, end: usize, shift: u32) {
     let unit = UNIT_POS as usize;
-    for d in 0..N_DIGITS {
-        counts[d * STRIDE + unit] = 0;
+    for word in 0..N_WORDS {
+        counts[word * STRIDE + unit] = 0u32;
     }
     for i in first..end {
-        counts[digit(keys[i], shift) * STRIDE + unit] += 1;
+        let (word, bits) = place_of_count(keys[i], shift);
+        counts[word * STRIDE + unit] += 1u32 << bits;
     }
 }
 
+/// Counts of each block and digit `[n_blocks, N_DIGITS]`.
 #[cube(launch)]
 fn count_digits(
     keys: &[u32],
@@ -131,40 +143,59 @@ fn count_digits(
     n: u32,
     n_blocks: u32,
     shift: u32,
-    #[comptime] few: bool,
 ) {
-    let mut counts = Shared::<[u32]>::new_slice(comptime!(N_DIGITS * STRIDE));
+    let mut counts = Shared::<[u32]>::new_slice(comptime!(N_WORDS * STRIDE));
     let (first, end) = own_pairs(count, count_at, n);
     count_own(keys, &mut counts, first, end, shift);
-    // A digit's counts are summed by one unit after all have counted.
+    // A word's counts are summed by one unit after all have counted.
     sync_cube();
-    let d = UNIT_POS as usize;
-    if d < N_DIGITS && CUBE_POS < n_blocks as usize {
-        let mut sum = 0u32;
-        for unit in 0..UNITS {
-            sum += counts[d * STRIDE + unit];
+    if CUBE_POS < n_blocks as usize {
+        let mut word = UNIT_POS as usize;
+        while word < N_WORDS {
+            let mut sum = 0u32;
+            for unit in 0..UNITS {
+                sum += counts[word * STRIDE + unit];
+            }
+            let at = CUBE_POS * N_DIGITS + word;
+            digit_counts[at] = sum & 0xffffu32;
+            digit_counts[at + N_WORDS] = sum >> 16u32;
+            word += UNITS;
         }
-        // Beside those of other digits where cubes read them all, else of other blocks.
-        let at = if comptime!(few) {
-            CUBE_POS * N_DIGITS + d
-        } else {
-            d * n_blocks as usize + CUBE_POS
-        };
-        digit_counts[at] = sum;
     }
 }
 
-/// How many pairs of a digit there are in the blocks before this one, and in all.
-#[cube]
-fn sum_blocks(digit_counts: &[u32], d: usize, n_blocks: usize) -> (u32, u32) {
-    let mut before = 0u32;
-    let mut all = 0u32;
-    for block in 0..n_blocks {
-        let own = digit_counts[block * N_DIGITS + d];
-        all += own;
-        before += select(block < CUBE_POS, own, 0u32);
+/// Puts in place of each block's count of a digit the sum of those of the blocks before; the sum of all goes behind them.
+/// A cube owns a digit.
+#[cube(launch)]
+fn sum_before(digit_counts: &mut [u32], n_blocks: u32) {
+    let mut sums = Shared::<[u32]>::new_slice(UNITS);
+    let unit = UNIT_POS as usize;
+    let n_blocks = n_blocks as usize;
+    let run = n_blocks.div_ceil(UNITS);
+    let first = usize::min(unit * run, n_blocks);
+    let mut end = usize::min(first + run, n_blocks);
+    if CUBE_POS >= N_DIGITS {
+        end = first;
     }
-    (before, all)
+    let mut sum = 0u32;
+    for block in first..end {
+        sum += digit_counts[block * N_DIGITS + CUBE_POS];
+    }
+    sums[unit] = sum;
+    sync_cube();
+    let mut before = 0u32;
+    for other in 0..unit {
+        before += sums[other];
+    }
+    for block in first..end {
+        let at = block * N_DIGITS + CUBE_POS;
+        let own = digit_counts[at];
+        digit_counts[at] = before;
+        before += own;
+    }
+    if CUBE_POS < N_DIGITS && unit == UNITS - 1 {
+        digit_counts[n_blocks * N_DIGITS + CUBE_POS] = before;
+    }
 }
 
 #[cube(launch)]
@@ -172,8 +203,8 @@ fn move_pairs(
     keys: &[u32],
     values: &[u32],
     count: &[u32],
-    // Of each digit and block; with few blocks, what `count_digits` counted.
-    places: &[u32],
+    // Of each block and digit: sums of the blocks before, and of all; with few blocks, what `count_digits` counted.
+    digit_counts: &[u32],
     sorted_keys: &mut [u32],
     sorted_values: &mut [u32],
     count_at: u32,
@@ -182,43 +213,76 @@ fn move_pairs(
     shift: u32,
     #[comptime] few: bool,
 ) {
-    let mut counts = Shared::<[u32]>::new_slice(comptime!(N_DIGITS * STRIDE));
-    let mut totals = Shared::<[u32]>::new_slice(N_DIGITS);
+    let mut counts = Shared::<[u32]>::new_slice(comptime!(N_WORDS * STRIDE));
+    let mut places = Shared::<[u32]>::new_slice(N_DIGITS);
+    let mut sums = Shared::<[u32]>::new_slice(UNITS);
+    let unit = UNIT_POS as usize;
+    let n_blocks = n_blocks as usize;
     let (first, end) = own_pairs(count, count_at, n);
     count_own(keys, &mut counts, first, end, shift);
-    let d = UNIT_POS as usize;
-    let mut place = 0u32;
-    if d < N_DIGITS {
-        if comptime!(few) {
-            let (before, all) = sum_blocks(places, d, n_blocks as usize);
-            place = before;
-            totals[d] = all;
-        } else if CUBE_POS < n_blocks as usize {
-            place = places[d * n_blocks as usize + CUBE_POS];
+
+    // Of each digit of this unit, the pairs in blocks before this one, and all.
+    let mut before = Array::<u32>::new(DIGITS_PER_UNIT);
+    let mut all = Array::<u32>::new(DIGITS_PER_UNIT);
+    let first_digit = unit * DIGITS_PER_UNIT;
+    #[unroll]
+    for k in 0..DIGITS_PER_UNIT {
+        before[k] = 0u32;
+        all[k] = 0u32;
+        if comptime!(!few) && CUBE_POS < n_blocks {
+            before[k] = digit_counts[CUBE_POS * N_DIGITS + first_digit + k];
+            all[k] = digit_counts[n_blocks * N_DIGITS + first_digit + k];
         }
     }
-    // A digit's counts are turned into places by one unit after all have counted.
-    sync_cube();
-    if d < N_DIGITS && CUBE_POS < n_blocks as usize {
-        if comptime!(few) {
-            for smaller in 0..d {
-                place += totals[smaller];
+    if comptime!(few) {
+        for block in 0..n_blocks {
+            #[unroll]
+            for k in 0..DIGITS_PER_UNIT {
+                let own = digit_counts[block * N_DIGITS + first_digit + k];
+                all[k] += own;
+                before[k] += select(block < CUBE_POS, own, 0u32);
             }
         }
-        for unit in 0..UNITS {
-            let own = counts[d * STRIDE + unit];
-            counts[d * STRIDE + unit] = place;
-            place += own;
+    }
+    let mut sum = 0u32;
+    #[unroll]
+    for k in 0..DIGITS_PER_UNIT {
+        sum += all[k];
+    }
+    sums[unit] = sum;
+    // Sums and counts of all units are complete.
+    sync_cube();
+    let mut place = 0u32;
+    for other in 0..unit {
+        place += sums[other];
+    }
+    #[unroll]
+    for k in 0..DIGITS_PER_UNIT {
+        places[first_digit + k] = place + before[k];
+        place += all[k];
+    }
+    // Counts become those of the units before.
+    let mut word = unit;
+    while word < N_WORDS {
+        let mut sum = 0u32;
+        for other in 0..UNITS {
+            let at = word * STRIDE + other;
+            let own = counts[at];
+            counts[at] = sum;
+            sum += own;
         }
+        word += UNITS;
     }
     // All places are known before any pair moves.
     sync_cube();
-    let unit = UNIT_POS as usize;
     for i in first..end {
         let key = keys[i];
-        let at = digit(key, shift) * STRIDE + unit;
-        let place = counts[at] as usize;
-        counts[at] = place as u32 + 1;
+        let (word, bits) = place_of_count(key, shift);
+        let at = word * STRIDE + unit;
+        let own = counts[at];
+        counts[at] = own + (1u32 << bits);
+        let digit = word + comptime!(N_WORDS) * (bits / 16u32) as usize;
+        let place = (places[digit] + ((own >> bits) & 0xffffu32)) as usize;
         sorted_keys[place] = key;
         sorted_values[place] = values[i];
     }

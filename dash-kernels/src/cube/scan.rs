@@ -1,8 +1,9 @@
 //! Exclusive prefix sums of `u32` values; sums that outgrow `u32` stay at its largest number.
 //!
 //! A unit owns `PER_UNIT` neighbouring values; a cube of `UNITS` units owns one block of them.
-//! Short inputs are summed by a single cube whose units own longer runs. Otherwise three launches:
-//! sums of the blocks, prefix sums of those by a single cube, prefix sums within the blocks.
+//! Short inputs are summed by a single cube whose units own longer runs. Otherwise two launches: sums of the blocks, and
+//! prefix sums within the blocks, for which every cube adds up the sums of those before its own; where these are many,
+//! a launch between the two makes prefix sums of them.
 //! Shared memory: one value per unit. No atomics; integer sums are the same in any order.
 
 use cubecl::prelude::*;
@@ -16,6 +17,8 @@ const PER_UNIT: usize = 16;
 const BLOCK: usize = UNITS * PER_UNIT;
 /// Values that a single cube takes on alone.
 const SINGLE_CUBE_MAX: usize = 8 * BLOCK;
+/// Blocks whose sums every cube adds up itself.
+const FEW_BLOCKS: usize = 1024;
 
 /// The sums of all values before each, and of all of them: `[n] -> [n + 1]`.
 pub(crate) fn exclusive_scan(client: &Client, values: &Buffer) -> Buffer {
@@ -38,15 +41,21 @@ pub(crate) fn exclusive_scan(client: &Client, values: &Buffer) -> Buffer {
         block_sums.arg(),
         n as u32,
     );
-    let block_starts = exclusive_scan(client, &block_sums);
+    let few = n_blocks <= FEW_BLOCKS;
+    let blocks = match few {
+        true => block_sums,
+        false => exclusive_scan(client, &block_sums),
+    };
     scan_blocks::launch(
         client,
         cubes,
         dim,
         values.arg(),
-        block_starts.arg(),
+        blocks.arg(),
         sums.arg(),
         n as u32,
+        n_blocks as u32,
+        few,
     );
     sums
 }
@@ -98,10 +107,31 @@ fn sum_blocks(values: &[u32], block_sums: &mut [u32], n: u32) {
 }
 
 #[cube(launch)]
-fn scan_blocks(values: &[u32], block_starts: &[u32], sums: &mut [u32], n: u32) {
+fn scan_blocks(
+    values: &[u32],
+    // Prefix sums of the blocks' sums; with few blocks, these sums.
+    blocks: &[u32],
+    sums: &mut [u32],
+    n: u32,
+    n_blocks: u32,
+    #[comptime] few: bool,
+) {
     let first = CUBE_POS * BLOCK + UNIT_POS as usize * PER_UNIT;
     let own = sum_run(values, first, PER_UNIT, n as usize);
     let (before, _) = cube_exclusive_sum(own, UNITS);
+    let block = usize::min(CUBE_POS, n_blocks as usize - 1);
+    let start = if comptime!(few) {
+        let mut own = 0u32;
+        let mut other = UNIT_POS as usize;
+        while other < block {
+            own = saturating_add(own, blocks[other]);
+            other += UNITS;
+        }
+        let (_, all) = cube_exclusive_sum(own, UNITS);
+        all
+    } else {
+        blocks[block]
+    };
     if first < n as usize {
         scan_run(
             values,
@@ -109,7 +139,7 @@ fn scan_blocks(values: &[u32], block_starts: &[u32], sums: &mut [u32], n: u32) {
             first,
             PER_UNIT,
             n as usize,
-            saturating_add(block_starts[CUBE_POS], before),
+            saturating_add(start, before),
         );
     }
 }

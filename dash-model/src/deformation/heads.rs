@@ -2,6 +2,13 @@
 
 use serde::{Deserialize, Serialize};
 
+/// Outputs of the heads.
+pub(super) const MEAN: usize = 3;
+pub(super) const QUAT: usize = 4;
+pub(super) const SCALE: usize = 3;
+/// Opacity, then colour.
+pub(super) const APPEARANCE: usize = 4;
+
 /// What a field changes beside positions.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -12,6 +19,20 @@ pub struct Heads {
     pub scale: bool,
     /// Opacities and constant colours. Not in DASH; E-D3DGS has it.
     pub appearance: bool,
+}
+
+impl Heads {
+    /// Those that there are, as files call them, with their outputs.
+    pub(super) fn present(&self) -> impl Iterator<Item = (&'static str, usize)> {
+        let all = [
+            (true, "head_means", MEAN),
+            (self.rotation, "head_quats", QUAT),
+            (self.scale, "head_scales", SCALE),
+            (self.appearance, "head_appearance", APPEARANCE),
+        ];
+        let present = all.into_iter().filter(|(present, ..)| *present);
+        present.map(|(_, name, width)| (name, width))
+    }
 }
 
 /// A head that a field can do without.

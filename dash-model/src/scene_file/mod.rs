@@ -19,7 +19,7 @@ use burn::tensor::Device;
 use rand::SeedableRng;
 use rand_pcg::Pcg64;
 use serde::{Deserialize, Serialize};
-use stored::{is_table, stored, whole};
+use stored::{is_table, join_decoder, stored, whole};
 use tensors::{Stored, read_stored, write_stored};
 pub use tensors::{read_tensors, write_tensors};
 
@@ -88,7 +88,7 @@ impl DynamicScene {
     /// [`ModelError::Io`].
     pub fn save_with(&self, folder: &Path, precision: TablePrecision) -> Result<(), ModelError> {
         fs::create_dir_all(folder).map_err(|e| ModelError::io(folder, "create the folder", e))?;
-        let tensors = stored(named_parameters(self), precision);
+        let tensors = stored(self, precision);
         let versions = tensors.values().map(Stored::version);
         let version = versions.fold(settings_version(&self.settings), u32::max);
         let description = self.describe(version);
@@ -117,15 +117,17 @@ impl DynamicScene {
             ));
         }
         let tensor_path = folder.join("scene.safetensors");
-        let parameters = whole(read_stored(&tensor_path)?, &tensor_path)?;
+        let mut parameters = whole(read_stored(&tensor_path)?, &tensor_path)?;
         description.check(&parameters, &tensor_path)?;
         // Static Gaussians have trajectories only in checkpoints, before the split.
         let static_width = description.trajectory_width(&parameters, "static_set", &tensor_path)?;
         description.check_field(&parameters, &tensor_path)?;
         let skeleton = description.skeleton(static_width, device)?;
-        with_parameters(skeleton, parameters).map_err(|found| {
-            ModelError::format(&tensor_path, "the parameters of scene.json", found)
-        })
+        join_decoder(&mut parameters, &skeleton)
+            .and_then(|()| with_parameters(skeleton, parameters))
+            .map_err(|found| {
+                ModelError::format(&tensor_path, "the parameters of scene.json", found)
+            })
     }
 
     /// The scene as it is read back after [`TablePrecision::Half`]; `None` without tables.
@@ -145,7 +147,7 @@ impl DynamicScene {
 
     /// Bytes that the scene takes on disk, names and sizes aside.
     pub fn stored_bytes(&self, precision: TablePrecision) -> usize {
-        let tensors = stored(named_parameters(self), precision);
+        let tensors = stored(self, precision);
         tensors.values().map(Stored::bytes).sum()
     }
 

@@ -5,11 +5,16 @@ use std::path::Path;
 
 use super::tensors::Stored;
 use super::{TablePrecision, marks, tensors};
-use crate::parameters::HostTensor;
-use crate::{HashEncoder, ModelError};
+use crate::parameters::{HostTensor, named_parameters};
+use crate::{DynamicScene, HashEncoder, ModelError};
 
 /// Sets whose higher colour coefficients may be stored for some Gaussians only.
 const SETS: [&str; 2] = ["static_set", "dynamic.gaussians"];
+
+/// What the decoder's layers and heads are called behind.
+const FIELD: &str = "dynamic.field.";
+/// The one parameter that the decoder has of them.
+const DECODER: &str = "dynamic.field.decoder.parameters";
 
 /// Whether a parameter of a scene is a table of its field's features.
 pub(super) fn is_table(name: &str) -> bool {
@@ -25,10 +30,14 @@ fn rows_of(name: &str) -> String {
 }
 
 /// A scene's parameters as they are stored.
-pub(super) fn stored(
-    parameters: BTreeMap<String, HostTensor>,
-    precision: TablePrecision,
-) -> BTreeMap<String, Stored> {
+pub(super) fn stored(scene: &DynamicScene, precision: TablePrecision) -> BTreeMap<String, Stored> {
+    let mut parameters = named_parameters(scene);
+    if let Some(dynamic) = &scene.dynamic
+        && let Some(decoder) = parameters.remove(DECODER)
+    {
+        let parts = dynamic.field.decoder().parts();
+        parameters.extend(parts.split(FIELD, &decoder.values));
+    }
     let mut tensors = BTreeMap::new();
     for (name, tensor) in parameters {
         if is_table(&name) {
@@ -56,7 +65,23 @@ pub(super) fn stored(
     tensors
 }
 
-/// The parameters of what was stored.
+/// Joins the stored parameters of the decoder of a scene of this structure.
+///
+/// # Errors
+/// What is missing or of another shape.
+pub(super) fn join_decoder(
+    parameters: &mut BTreeMap<String, HostTensor>,
+    skeleton: &DynamicScene,
+) -> Result<(), String> {
+    if let Some(dynamic) = &skeleton.dynamic {
+        let values = dynamic.field.decoder().parts().join(FIELD, parameters)?;
+        let shape = vec![values.len()];
+        parameters.insert(DECODER.into(), HostTensor { shape, values });
+    }
+    Ok(())
+}
+
+/// The parameters of what was stored, those of the decoder by layer and head.
 pub(super) fn whole(
     mut stored: BTreeMap<String, Stored>,
     path: &Path,

@@ -214,7 +214,7 @@ fn lost_entries_of_tables_and_networks_start_from_zero() {
         let mut trainer = trained(SPLIT + 3, &device);
         for (tensor, row) in [
             ("scene.dynamic.field.encoder.table", 3),
-            ("scene.dynamic.field.head_means.weight", 0),
+            ("scene.dynamic.field.decoder.parameters", 0),
         ] {
             let width = match row {
                 3 => 2,
