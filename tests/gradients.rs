@@ -14,7 +14,7 @@ use burn::tensor::{Device, Gradients, Tensor, TensorData};
 use common::{devices, host, widen};
 use dash_kernels::hash_encode;
 use dash_kernels::mlp::{self, MlpLayout};
-use dash_kernels::project::{self, Activation, ProjectOptions, View};
+use dash_kernels::project::{self, Activation, ProjectOptions, ShSlices, View};
 use dash_kernels::rasterize::{self, N_CHANNELS};
 use dash_kernels::splats::NEAR_PLANE;
 use dash_kernels::ssim::{self, ssim};
@@ -268,24 +268,20 @@ struct Set {
     quats: Vec<f64>,
     scales: Vec<f64>,
     opacities: Vec<f64>,
-    sh_coeffs: Vec<f64>,
+    sh_dc: Vec<f64>,
+    sh_rest: Vec<f64>,
 }
 
 impl Set {
     fn of(name: &str, parameters: &Parameters) -> Self {
         let part = |part: &str| parameters[&format!("{name}.{part}")].clone();
-        let (dc, rest) = (part("sh_dc"), part("sh_rest"));
-        let width = 3 * ((SH_DEGREE + 1).pow(2) - 1);
         Self {
             means: part("means"),
             quats: part("quats"),
             scales: part("log_scales"),
             opacities: part("opacity_logits"),
-            sh_coeffs: dc
-                .chunks_exact(3)
-                .zip(rest.chunks_exact(width))
-                .flat_map(|(dc, rest)| [dc, rest].concat())
-                .collect(),
+            sh_dc: part("sh_dc"),
+            sh_rest: part("sh_rest"),
         }
     }
 }
@@ -296,8 +292,7 @@ fn splats(set: &Set, activation: Activation) -> Vec<f64> {
         quats: &set.quats,
         scales: &set.scales,
         opacities: &set.opacities,
-        sh_coeffs: &set.sh_coeffs,
-        n_coeffs: (SH_DEGREE + 1).pow(2),
+        sh_coeffs: ShSlices::apart(&set.sh_dc, &set.sh_rest, (SH_DEGREE + 1).pow(2)),
     };
     let options = ProjectOptions {
         activation,

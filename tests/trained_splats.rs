@@ -66,20 +66,13 @@ fn reference(rows: &GaussianRows, camera: &Camera) -> Vec<f64> {
     /// Rows of pixels that one task draws.
     const STRIP: usize = 8;
     let n_coeffs = rows.sh_rest_width / 3 + 1;
-    let rest = rows.sh_rest.chunks_exact(rows.sh_rest_width);
-    let sh_coeffs: Vec<f32> = rows
-        .sh_dc
-        .iter()
-        .zip(rest)
-        .flat_map(|(dc, rest)| dc.iter().chain(rest).copied())
-        .collect();
+    let (dc, rest) = (widen(rows.sh_dc.as_flattened()), widen(&rows.sh_rest));
     let gaussians = project::Gaussians {
         means: &widen(rows.means.as_flattened()),
         quats: &widen(rows.quats.as_flattened()),
         scales: &widen(rows.log_scales.as_flattened()),
         opacities: &widen(&rows.opacity_logits),
-        sh_coeffs: &widen(&sh_coeffs),
-        n_coeffs,
+        sh_coeffs: project::ShSlices::apart(&dc, &rest, n_coeffs),
     };
     let view = View::<f64>::new(camera, &ProjectOptions::default(), SH_DEGREE);
     let splats = project::reference::project(&gaussians, &view);

@@ -42,6 +42,7 @@ mod poison_tests;
 pub mod project;
 pub mod rasterize;
 pub mod rows;
+pub mod space_time;
 pub mod splats;
 pub mod ssim;
 #[cfg(test)]

@@ -10,7 +10,8 @@ use crate::hash_encode::{HashGridConfig, HashGridLayout, Interpolation, LevelSiz
 use crate::mlp::{MlpLayout, mlp};
 use crate::project::{ProjectOptions, project};
 use crate::rasterize::{N_CHANNELS, RasterizeOptions, rasterize};
-use crate::rows::take_rows;
+use crate::rows::{join_rows, take_rows};
+use crate::space_time::{Bounds, space_time};
 use crate::splats::N_COLUMNS;
 use crate::ssim::ssim;
 use crate::testing::{assert_finite, devices, normals, poison, rng, tensor, to_f32, values};
@@ -205,11 +206,36 @@ fn displacements_along_trajectories() {
 }
 
 #[test]
+fn points_of_the_unit_cube() {
+    for clamp in [false, true] {
+        let bounds = Bounds {
+            min: [-1.0, 0.0, -3.0],
+            scale: [0.5, 2.0, 1e-3],
+            clamp,
+        };
+        let good = [random(20, 2 * 3), random(21, 2 * 4)];
+        assert_sound_on_rows(good, 3, |positions| {
+            space_time(positions, &bounds, 0.5).expect("three axes")
+        });
+    }
+}
+
+#[test]
 fn taken_rows() {
     let (n, width, rows) = (5, 3, [0, 3]);
     let good = [random(18, n * width), random(19, rows.len() * width)];
     assert_sound_on_rows(good, width, |values| {
         take_rows(values, &rows).expect("ascending")
+    });
+}
+
+#[test]
+fn joined_rows() {
+    let (n, width) = (5, 2);
+    let good = [random(22, n * width), random(23, n * width)];
+    assert_sound_on_rows(good, width, |rows| {
+        let (first, second) = (rows.clone().narrow(0, 0, 3), rows.narrow(0, 3, 2));
+        join_rows(first, second).expect("of one width")
     });
 }
 

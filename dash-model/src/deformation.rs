@@ -178,10 +178,7 @@ impl DeformationField {
         embeddings: Option<Tensor<2>>,
         time: f32,
     ) -> Result<Tensor<2>, ModelError> {
-        let n = means.dims()[0];
-        let unit = self.space.normalize(means);
-        let times = Tensor::full([n, 1], time, &unit.device());
-        self.features_at(Tensor::cat(vec![unit, times], 1), embeddings)
+        self.features_at(self.space.points_at(means, time)?, embeddings)
     }
 
     /// The features at points of the 4D unit cube.

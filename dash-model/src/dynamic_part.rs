@@ -3,7 +3,8 @@
 use burn::module::{Module, Param};
 use burn::tensor::activation::sigmoid;
 use burn::tensor::{Int, Tensor};
-use dash_kernels::project::Activation;
+use dash_kernels::project::{Activation, ShCoeffs};
+use dash_kernels::rows::join_rows;
 
 use crate::gaussians::to_host;
 use crate::unseen::turn;
@@ -32,8 +33,8 @@ pub struct Deformed {
     pub scales: Tensor<2>,
     /// `[N]`, logits or not as `activation` says.
     pub opacities: Tensor<1>,
-    /// Colour coefficients `[N, K, 3]`.
-    pub sh_coeffs: Tensor<3>,
+    /// Colour coefficients, of which the constant ones may change.
+    pub sh_coeffs: ShCoeffs,
     /// What projection applies to scales and opacities.
     pub activation: Activation,
 }
@@ -50,7 +51,10 @@ impl Deformed {
             quats: between(self.quats, other.quats, share),
             scales: between(self.scales, other.scales, share),
             opacities: between(self.opacities, other.opacities, share),
-            sh_coeffs: between(self.sh_coeffs, other.sh_coeffs, share),
+            sh_coeffs: ShCoeffs {
+                dc: between(self.sh_coeffs.dc, other.sh_coeffs.dc, share),
+                rest: self.sh_coeffs.rest,
+            },
             activation: self.activation,
         }
     }
@@ -225,15 +229,13 @@ impl DynamicPart {
         points: Tensor<2>,
     ) -> Result<(Tensor<2>, Tensor<2>), ModelError> {
         let canonical = &self.gaussians;
-        let unit = self.field.space().normalize(canonical.means.val());
-        let [n, m] = [unit.dims()[0], points.dims()[0]];
-        let times = Tensor::full([n, 1], time, &unit.device());
-        let own = Tensor::cat(vec![unit, times], 1);
+        let own = self.field.space().points_at(canonical.means.val(), time)?;
+        let [n, m] = [own.dims()[0], points.dims()[0]];
         let embeddings = canonical.embeddings.as_ref().map(|embeddings| {
             let own = embeddings.val();
             Tensor::cat(vec![own.clone(), own.select(0, rows)], 0)
         });
-        let all = Tensor::cat(vec![own, points], 0);
+        let all = join_rows(own, points)?;
         let features = self.field.features_at(all, embeddings)?;
         Ok((features.clone().narrow(0, 0, n), features.narrow(0, n, m)))
     }
@@ -261,7 +263,11 @@ impl DynamicPart {
         let canonical = &self.gaussians;
         let means = self.coarse_means(settings, time)? + offsets.means;
         let opacity_logits = plus(canonical.opacity_logits.val(), offsets.opacity_logits);
-        let sh_coeffs = canonical.sh_coeffs_with(plus(canonical.sh_dc.val(), offsets.sh_dc));
+        let own = canonical.sh_coeffs();
+        let sh_coeffs = ShCoeffs {
+            dc: plus(own.dc, offsets.sh_dc),
+            rest: own.rest,
+        };
         Ok(match settings.offsets {
             OffsetPlacement::BeforeActivation => Deformed {
                 means,

@@ -2,6 +2,7 @@
 
 use burn::module::{Module, Param};
 use burn::tensor::{Device, Tensor};
+use dash_kernels::project::ShCoeffs;
 use kiddo::{ImmutableKdTree, SquaredEuclidean};
 
 use crate::parameters::parameter;
@@ -92,17 +93,12 @@ impl Gaussians {
         }
     }
 
-    /// Colour coefficients `[N, K, 3]`.
-    pub fn sh_coeffs(&self) -> Tensor<3> {
-        self.sh_coeffs_with(self.sh_dc.val())
-    }
-
-    /// Colour coefficients `[N, K, 3]` with other constant ones `[N, 1, 3]`.
-    pub(crate) fn sh_coeffs_with(&self, sh_dc: Tensor<3>) -> Tensor<3> {
-        if self.sh_rest.dims()[1] == 0 {
-            return sh_dc;
+    /// Colour coefficients.
+    pub fn sh_coeffs(&self) -> ShCoeffs {
+        ShCoeffs {
+            dc: self.sh_dc.val(),
+            rest: self.sh_rest.val(),
         }
-        Tensor::cat(vec![sh_dc, self.sh_rest.val()], 1)
     }
 
     /// Copies every row to the host.

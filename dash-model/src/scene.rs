@@ -5,7 +5,8 @@ use burn::tensor::{Bool, Tensor};
 use dash_kernels::Camera;
 use dash_kernels::project::{Activation, ProjectOptions, project};
 use dash_kernels::rasterize::{RasterizeOptions, rasterize};
-use dash_kernels::splats::{MEAN_X, MEAN_Y, NEAR_PLANE};
+use dash_kernels::rows::join_rows;
+use dash_kernels::splats::{MEAN_X, MEAN_Y, N_COLUMNS, NEAR_PLANE};
 use serde::{Deserialize, Serialize};
 
 use crate::gaussians::LOGIT_LIMIT;
@@ -235,20 +236,18 @@ impl DynamicScene {
         time: f32,
         layer: Layer,
     ) -> Result<Rendering, ModelError> {
-        let mut parts = Vec::new();
-        if layer != Layer::Dynamic {
-            parts.push(self.static_splats(camera)?);
-        }
-        if layer != Layer::Static {
-            parts.extend(self.dynamic_splats(camera, time)?);
-        }
-        let splats = match parts.len() {
-            0 => {
-                let device = self.static_set.means.device();
-                Tensor::zeros([0, dash_kernels::splats::N_COLUMNS], &device)
-            }
-            1 => parts.swap_remove(0),
-            _ => Tensor::cat(parts, 0),
+        let still = match layer {
+            Layer::Dynamic => None,
+            Layer::Full | Layer::Static => Some(self.static_splats(camera)?),
+        };
+        let moving = match layer {
+            Layer::Static => None,
+            Layer::Full | Layer::Dynamic => self.dynamic_splats(camera, time)?,
+        };
+        let splats = match (still, moving) {
+            (Some(still), Some(moving)) => join_rows(still, moving)?,
+            (Some(splats), None) | (None, Some(splats)) => splats,
+            (None, None) => Tensor::zeros([0, N_COLUMNS], &self.static_set.means.device()),
         };
         self.rasterize(self.within_limit(splats, camera), camera)
     }
@@ -276,7 +275,7 @@ impl DynamicScene {
             quats: Param::from_tensor(deformed.quats.detach()),
             log_scales: Param::from_tensor(log_scales.detach()),
             opacity_logits: Param::from_tensor(opacity_logits.detach()),
-            sh_dc: Param::from_tensor(deformed.sh_coeffs.narrow(1, 0, 1).detach()),
+            sh_dc: Param::from_tensor(deformed.sh_coeffs.dc.detach()),
             trajectories: None,
             embeddings: None,
             ..dynamic.gaussians.clone()

@@ -1,7 +1,9 @@
 //! The box of space that a field covers, and the coarse trajectories in it.
 
 use burn::tensor::{Tensor, TensorData};
+use dash_kernels::KernelError;
 use dash_kernels::displacement::displacement;
+use dash_kernels::space_time::{Bounds, space_time};
 use dash_kernels::trajectory::{Polyline, squared_extent};
 use serde::{Deserialize, Serialize};
 
@@ -75,6 +77,26 @@ impl SpaceBox {
             .sqrt()
     }
 
+    fn scale(&self) -> [f32; 3] {
+        std::array::from_fn(|a| 1.0 / (self.max[a] - self.min[a]))
+    }
+
+    /// World positions in the unit cube, and a time as the fourth coordinate.
+    ///
+    /// # Shapes
+    /// `[N, 3] -> [N, 4]`
+    ///
+    /// # Errors
+    /// When there are other than three coordinates, or the box or the time is not finite.
+    pub fn points_at(&self, positions: Tensor<2>, time: f32) -> Result<Tensor<2>, KernelError> {
+        let bounds = Bounds {
+            min: self.min,
+            scale: self.scale(),
+            clamp: self.clamp,
+        };
+        space_time(positions, &bounds, time)
+    }
+
     /// World positions in the unit cube.
     ///
     /// # Shapes
@@ -84,8 +106,7 @@ impl SpaceBox {
         let row = |values: [f32; 3]| {
             Tensor::<2>::from_data(TensorData::new(values.to_vec(), [1, 3]), &device)
         };
-        let scale: [f32; 3] = std::array::from_fn(|a| 1.0 / (self.max[a] - self.min[a]));
-        let unit = (positions - row(self.min)) * row(scale);
+        let unit = (positions - row(self.min)) * row(self.scale());
         if self.clamp {
             unit.clamp(0.0, 1.0)
         } else {

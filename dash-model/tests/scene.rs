@@ -343,7 +343,7 @@ fn deformed(scene: &DynamicScene, time: f32) -> [Vec<f32>; 5] {
         flat(deformed.quats.reshape([-1])),
         flat(deformed.scales.reshape([-1])),
         flat(deformed.opacities),
-        flat(deformed.sh_coeffs.reshape([-1])),
+        flat(deformed.sh_coeffs.joined().reshape([-1])),
     ]
 }
 

@@ -17,6 +17,9 @@ pub const SIZES: [Size; 3] = [
     Size(100_000, 1352, 1014, 3.0),
 ];
 
+/// Colour coefficients of a channel.
+pub const N_COEFFS: usize = 16;
+
 /// Gaussians, image width and height, and standard deviation in pixels.
 #[derive(Debug, Clone, Copy)]
 pub struct Size(pub usize, pub usize, pub usize, pub f32);
@@ -54,7 +57,8 @@ pub struct Scene {
     quats: Vec<f32>,
     scales: Vec<f32>,
     opacities: Vec<f32>,
-    sh_coeffs: Vec<f32>,
+    pub sh_dc: Vec<f32>,
+    pub sh_rest: Vec<f32>,
     pub view: View<f32>,
     pub camera: Camera,
 }
@@ -77,7 +81,8 @@ impl Scene {
             quats: Vec::new(),
             scales: Vec::new(),
             opacities: Vec::new(),
-            sh_coeffs: Vec::new(),
+            sh_dc: Vec::new(),
+            sh_rest: Vec::new(),
             view: View::new(
                 &camera,
                 &ProjectOptions {
@@ -103,11 +108,9 @@ impl Scene {
                 .extend((0..3).map(|_| size * (0.6 * normal(&mut rng)).exp()));
             scene.quats.extend((0..4).map(|_| normal(&mut rng)));
             scene.opacities.push(rng.random_range(0.05..0.95));
+            scene.sh_dc.extend((0..3).map(|_| 0.8 * normal(&mut rng)));
             scene
-                .sh_coeffs
-                .extend((0..3).map(|_| 0.8 * normal(&mut rng)));
-            scene
-                .sh_coeffs
+                .sh_rest
                 .extend((3..48).map(|_| 0.05 * normal(&mut rng)));
         }
         scene
@@ -119,8 +122,7 @@ impl Scene {
             quats: &self.quats,
             scales: &self.scales,
             opacities: &self.opacities,
-            sh_coeffs: &self.sh_coeffs,
-            n_coeffs: 16,
+            sh_coeffs: project::ShSlices::apart(&self.sh_dc, &self.sh_rest, N_COEFFS),
         }
     }
 }

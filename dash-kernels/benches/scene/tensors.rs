@@ -2,9 +2,9 @@
 
 use burn::tensor::{Device, Tensor, TensorData};
 use dash_kernels::Camera;
-use dash_kernels::project::{Activation, ProjectOptions, project};
+use dash_kernels::project::{Activation, ProjectOptions, ShCoeffs, project};
 
-use super::{Scene, Size};
+use super::{N_COEFFS, Scene, Size};
 
 /// The inputs of a projection as tensors.
 #[derive(Clone)]
@@ -14,7 +14,7 @@ pub struct Gaussians {
     quats: Tensor<2>,
     scales: Tensor<2>,
     opacities: Tensor<1>,
-    sh_coeffs: Tensor<3>,
+    sh_coeffs: ShCoeffs,
 }
 
 impl Gaussians {
@@ -29,7 +29,10 @@ impl Gaussians {
             quats: Tensor::from_data(data(g.quats, &[n, 4]), device),
             scales: Tensor::from_data(data(g.scales, &[n, 3]), device),
             opacities: Tensor::from_data(data(g.opacities, &[n]), device),
-            sh_coeffs: Tensor::from_data(data(g.sh_coeffs, &[n, 16, 3]), device),
+            sh_coeffs: ShCoeffs {
+                dc: Tensor::from_data(data(&scene.sh_dc, &[n, 1, 3]), device),
+                rest: Tensor::from_data(data(&scene.sh_rest, &[n, N_COEFFS - 1, 3]), device),
+            },
             camera: scene.camera,
         }
     }
@@ -41,7 +44,10 @@ impl Gaussians {
             quats: self.quats.autodiff().require_grad(),
             scales: self.scales.autodiff().require_grad(),
             opacities: self.opacities.autodiff().require_grad(),
-            sh_coeffs: self.sh_coeffs.autodiff().require_grad(),
+            sh_coeffs: ShCoeffs {
+                dc: self.sh_coeffs.dc.autodiff().require_grad(),
+                rest: self.sh_coeffs.rest.autodiff().require_grad(),
+            },
             camera: self.camera,
         }
     }

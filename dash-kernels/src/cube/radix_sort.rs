@@ -127,9 +127,11 @@ fn count_own(keys: &[u32], counts: &mut Shared<[u32]>, first: usize, end: usize,
     for word in 0..N_WORDS {
         counts[word * STRIDE + unit] = 0u32;
     }
-    for i in first..end {
+    let mut i = first;
+    while i < end {
         let (word, bits) = place_of_count(keys[i], shift);
         counts[word * STRIDE + unit] += 1u32 << bits;
+        i += 1;
     }
 }
 

@@ -11,13 +11,13 @@ use super::{GaussianTensors, Project, ProjectVjp, View};
 #[derive(Debug)]
 struct ProjectBackward;
 
-impl<B: ProjectVjp> Backward<B, 5> for ProjectBackward {
+impl<B: ProjectVjp> Backward<B, 6> for ProjectBackward {
     type State = (GaussianTensors<B>, View<f32>, FloatTensor<B>);
 
-    fn backward(self, ops: Ops<Self::State, 5>, grads: &mut Gradients, _: &mut Checkpointer) {
+    fn backward(self, ops: Ops<Self::State, 6>, grads: &mut Gradients, _: &mut Checkpointer) {
         let v_splats = grads.consume::<B>(&ops.node);
         let (gaussians, view, splats) = ops.state;
-        let with_sh_coeffs = ops.parents[4].is_some();
+        let with_sh_coeffs = ops.parents[4..].iter().any(Option::is_some);
         let gradients = B::project_vjp(gaussians, view, splats, v_splats, with_sh_coeffs);
         for (parent, gradient) in ops.parents.into_iter().zip(gradients) {
             if let (Some(node), Some(gradient)) = (parent, gradient) {
@@ -33,20 +33,23 @@ impl<B: ProjectVjp, C: CheckpointStrategy> Project for Autodiff<B, C> {
         quats: FloatTensor<Self>,
         scales: FloatTensor<Self>,
         opacities: FloatTensor<Self>,
-        sh_coeffs: FloatTensor<Self>,
+        sh_dc: FloatTensor<Self>,
+        sh_rest: FloatTensor<Self>,
         view: View<f32>,
     ) -> FloatTensor<Self> {
         let (means, means_node) = means.into_parts();
         let (quats, quats_node) = quats.into_parts();
         let (scales, scales_node) = scales.into_parts();
         let (opacities, opacities_node) = opacities.into_parts();
-        let (sh_coeffs, sh_coeffs_node) = sh_coeffs.into_parts();
+        let (sh_dc, sh_dc_node) = sh_dc.into_parts();
+        let (sh_rest, sh_rest_node) = sh_rest.into_parts();
         let nodes = [
             means_node,
             quats_node,
             scales_node,
             opacities_node,
-            sh_coeffs_node,
+            sh_dc_node,
+            sh_rest_node,
         ];
         match ProjectBackward
             .prepare::<C>(nodes)
@@ -59,15 +62,24 @@ impl<B: ProjectVjp, C: CheckpointStrategy> Project for Autodiff<B, C> {
                     quats,
                     scales,
                     opacities,
-                    sh_coeffs,
+                    sh_dc,
+                    sh_rest,
                 };
                 let g = gaussians.clone();
-                let splats = B::project(g.means, g.quats, g.scales, g.opacities, g.sh_coeffs, view);
+                let splats = B::project(
+                    g.means,
+                    g.quats,
+                    g.scales,
+                    g.opacities,
+                    g.sh_dc,
+                    g.sh_rest,
+                    view,
+                );
                 prep.finish((gaussians, view, splats.clone()), splats)
             }
-            OpsKind::UnTracked(prep) => {
-                prep.finish(B::project(means, quats, scales, opacities, sh_coeffs, view))
-            }
+            OpsKind::UnTracked(prep) => prep.finish(B::project(
+                means, quats, scales, opacities, sh_dc, sh_rest, view,
+            )),
         }
     }
 }

@@ -57,7 +57,8 @@ pub fn project_vjp(
         v_quats: vec![0.0; 4 * n],
         v_scales: vec![0.0; 3 * n],
         v_opacities: vec![0.0; n],
-        v_sh_coeffs: Vec::new(),
+        v_sh_dc: Vec::new(),
+        v_sh_rest: Vec::new(),
     };
     (
         out.v_means.par_chunks_mut(3 * PIECE),
@@ -81,7 +82,7 @@ pub fn project_vjp(
             }
         });
     if with_sh_coeffs {
-        out.v_sh_coeffs = sh_coeffs_vjp(gaussians, view, splats, v_splats);
+        [out.v_sh_dc, out.v_sh_rest] = sh_coeffs_vjp(gaussians, view, splats, v_splats);
     }
     out
 }
@@ -91,16 +92,23 @@ fn sh_coeffs_vjp(
     view: &View<f32>,
     splats: &[f32],
     v_splats: &[f32],
-) -> Vec<f32> {
-    let width = 3 * gaussians.n_coeffs;
+) -> [Vec<f32>; 2] {
+    let n = gaussians.opacities.len();
+    let width = 3 * (gaussians.sh_coeffs.n_coeffs() - 1);
     let n_active = (view.sh_degree + 1) * (view.sh_degree + 1);
-    let mut v_sh_coeffs = vec![0.0; gaussians.opacities.len() * width];
-    v_sh_coeffs
-        .par_chunks_mut(width * PIECE)
+    let (mut v_dc, mut v_rest) = (vec![0.0; 3 * n], vec![0.0; width * n]);
+    // Nothing of nothing where there are only constant ones.
+    let mut pieces: Vec<&mut [f32]> = match width {
+        0 => (0..n.div_ceil(PIECE)).map(|_| Default::default()).collect(),
+        _ => v_rest.chunks_mut(width * PIECE).collect(),
+    };
+    v_dc.par_chunks_mut(3 * PIECE)
+        .zip(&mut pieces)
         .enumerate()
-        .for_each(|(piece, v_rows)| {
-            for (k, v_coeffs) in v_rows.chunks_exact_mut(width).enumerate() {
+        .for_each(|(piece, (v_dc, v_rest))| {
+            for (k, v_dc) in v_dc.chunks_exact_mut(3).enumerate() {
                 let i = piece * PIECE + k;
+                let v_rest = &mut v_rest[k * width..(k + 1) * width];
                 let row = row(splats, i);
                 if row[splats::RADIUS_X] <= 0.0 {
                     continue;
@@ -111,14 +119,15 @@ fn sh_coeffs_vjp(
                 }
                 let (direction, _) = direction(gaussians, i, view);
                 let basis = sh_basis(direction, view.sh_degree);
-                for (v, b) in v_coeffs.chunks_exact_mut(3).zip(&basis[..n_active]) {
+                let v_coeffs = std::iter::once(v_dc).chain(v_rest.chunks_exact_mut(3));
+                for (v, b) in v_coeffs.zip(&basis[..n_active]) {
                     for (v, v_channel) in v.iter_mut().zip(v_colour) {
                         *v = b * v_channel;
                     }
                 }
             }
         });
-    v_sh_coeffs
+    [v_dc, v_rest]
 }
 
 /// Without a branch per value, unlike [`Iterator::all`].
@@ -259,10 +268,9 @@ fn project_one(gaussians: &Gaussians<f32>, i: usize, view: &View<f32>) -> Option
     let (direction, _) = direction(gaussians, i, view);
     let basis = sh_basis(direction, view.sh_degree);
     let n_active = (view.sh_degree + 1) * (view.sh_degree + 1);
-    let width = 3 * gaussians.n_coeffs;
-    let coeffs = &gaussians.sh_coeffs[i * width..i * width + 3 * n_active];
-    let mut colour = [0.5; 3];
-    for (coeffs, b) in coeffs.chunks_exact(3).zip(&basis[..n_active]) {
+    let (dc, rest) = gaussians.sh_coeffs.row(i, view.sh_degree);
+    let mut colour = dc.map(|coeff| 0.5 + basis[0] * coeff);
+    for (coeffs, b) in rest.chunks_exact(3).zip(&basis[1..n_active]) {
         for (value, coeff) in colour.iter_mut().zip(coeffs) {
             *value += b * coeff;
         }

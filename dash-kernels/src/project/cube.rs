@@ -27,11 +27,13 @@ impl Project for CubeBackend {
         quats: CubeTensor,
         scales: CubeTensor,
         opacities: CubeTensor,
-        sh_coeffs: CubeTensor,
+        sh_dc: CubeTensor,
+        sh_rest: CubeTensor,
         view: View<f32>,
     ) -> CubeTensor {
-        let [means, quats, scales, opacities, sh_coeffs] =
-            [means, quats, scales, opacities, sh_coeffs].map(contiguous);
+        let [means, quats, scales, opacities] = [means, quats, scales, opacities].map(contiguous);
+        let form = form(&view, &sh_rest);
+        let [sh_dc, sh_rest] = bound(sh_dc, sh_rest);
         let n = means.meta.shape()[0];
         let splats = uninitialised(&means, [n, N_COLUMNS]);
         let (count, dim) = units(&means.client, n);
@@ -43,11 +45,12 @@ impl Project for CubeBackend {
             arg(&quats),
             arg(&scales),
             arg(&opacities),
-            arg(&sh_coeffs),
+            arg(&sh_dc),
+            arg(&sh_rest),
             arg(&splats),
             constants(&view),
             n as u32,
-            form(&view, &sh_coeffs),
+            form,
         );
         splats
     }
@@ -60,24 +63,25 @@ impl ProjectVjp for CubeBackend {
         splats: CubeTensor,
         v_splats: CubeTensor,
         with_sh_coeffs: bool,
-    ) -> [Option<CubeTensor>; 5] {
+    ) -> [Option<CubeTensor>; 6] {
         let means = contiguous(gaussians.means);
         let quats = contiguous(gaussians.quats);
         let scales = contiguous(gaussians.scales);
-        let sh_coeffs = contiguous(gaussians.sh_coeffs);
+        let form = form(&view, &gaussians.sh_rest);
+        let [_, sh_rest] = bound(gaussians.sh_dc, gaussians.sh_rest);
         let [splats, v_splats] = [splats, v_splats].map(contiguous);
         let n = means.meta.shape()[0];
         let v_means = uninitialised(&means, [n, 3]);
         let v_quats = uninitialised(&means, [n, 4]);
         let v_scales = uninitialised(&means, [n, 3]);
         let v_opacities = uninitialised(&means, [n]);
-        let n_coeffs = sh_coeffs.meta.shape()[1];
-        // Bound even where it is not written to.
-        let v_sh_coeffs = if with_sh_coeffs {
-            zeros(&means, [n, n_coeffs, 3])
-        } else {
-            uninitialised(&means, [1, 1, 1])
+        let others = form.n_coeffs - 1;
+        // Bound even where they are not written to.
+        let gradient = |width| match with_sh_coeffs && width > 0 {
+            true => zeros(&means, [n, width, 3]),
+            false => uninitialised(&means, [1, 1, 1]),
         };
+        let (v_sh_dc, v_sh_rest) = (gradient(1), gradient(others));
         let (count, dim) = units(&means.client, n);
         project_vjp_kernel::launch(
             &means.client,
@@ -86,17 +90,18 @@ impl ProjectVjp for CubeBackend {
             arg(&means),
             arg(&quats),
             arg(&scales),
-            arg(&sh_coeffs),
+            arg(&sh_rest),
             arg(&splats),
             arg(&v_splats),
             arg(&v_means),
             arg(&v_quats),
             arg(&v_scales),
             arg(&v_opacities),
-            arg(&v_sh_coeffs),
+            arg(&v_sh_dc),
+            arg(&v_sh_rest),
             constants(&view),
             n as u32,
-            form(&view, &sh_coeffs),
+            form,
             with_sh_coeffs,
         );
         [
@@ -104,7 +109,8 @@ impl ProjectVjp for CubeBackend {
             Some(v_quats),
             Some(v_scales),
             Some(v_opacities),
-            with_sh_coeffs.then_some(v_sh_coeffs),
+            with_sh_coeffs.then_some(v_sh_dc),
+            (with_sh_coeffs && others > 0).then_some(v_sh_rest),
         ]
     }
 }
@@ -118,11 +124,22 @@ struct Form {
     n_coeffs: usize,
 }
 
-fn form(view: &View<f32>, sh_coeffs: &CubeTensor) -> Form {
+/// Coefficients as kernels take them: no device binds an empty buffer, and where there are only constant ones nothing
+/// of the second is read.
+fn bound(sh_dc: CubeTensor, sh_rest: CubeTensor) -> [CubeTensor; 2] {
+    let sh_dc = contiguous(sh_dc);
+    let sh_rest = match sh_rest.meta.num_elements() {
+        0 => sh_dc.clone(),
+        _ => contiguous(sh_rest),
+    };
+    [sh_dc, sh_rest]
+}
+
+fn form(view: &View<f32>, sh_rest: &CubeTensor) -> Form {
     Form {
         exp: view.activation == Activation::Exp,
         sh_degree: view.sh_degree,
-        n_coeffs: sh_coeffs.meta.shape()[1],
+        n_coeffs: 1 + sh_rest.meta.shape()[1],
     }
 }
 
@@ -165,7 +182,8 @@ fn project_kernel(
     quats: &[f32],
     scales: &[f32],
     opacities: &[f32],
-    sh_coeffs: &[f32],
+    sh_dc: &[f32],
+    sh_rest: &[f32],
     splats: &mut [f32],
     view: ViewConstants,
     n: u32,
@@ -199,7 +217,15 @@ fn project_kernel(
         && x - radius_x < view.width
         && y + radius_y > 0.0f32
         && y - radius_y < view.height;
-    let raw = colour(means, sh_coeffs, i, &view, form.sh_degree, form.n_coeffs);
+    let raw = colour(
+        means,
+        sh_dc,
+        sh_rest,
+        i,
+        &view,
+        form.sh_degree,
+        form.n_coeffs,
+    );
     row[splats::MEAN_X] = x;
     row[splats::MEAN_Y] = y;
     row[splats::CONIC_A] = yy / det;

@@ -1,6 +1,7 @@
 //! Projection of 3D Gaussians to 2D splats (EWA) with view-dependent colour.
 
 mod autodiff;
+mod coeffs;
 pub mod cpu;
 #[cfg(feature = "cube")]
 mod cube;
@@ -18,6 +19,7 @@ use crate::host::{HostBackend, dims};
 use crate::limits::check_values;
 use crate::splats::{N_COLUMNS, NEAR_PLANE};
 use crate::{Camera, KernelError};
+pub use coeffs::{ShCoeffs, ShSlices};
 pub use view::View;
 
 const OP: &str = "project";
@@ -66,12 +68,12 @@ impl Default for ProjectOptions {
 /// shorter than 1e-6, or any of its inputs or outputs is not finite.
 ///
 /// # Shapes
-/// `means [N, 3]`, `quats [N, 4]`, `scales [N, 3]`, `opacities [N]`, `sh_coeffs [N, K, 3]` with K
-/// of 1, 4, 9 or 16 -> `[N, C]`. Scales and opacities are logarithms and logits unless
+/// `means [N, 3]`, `quats [N, 4]`, `scales [N, 3]`, `opacities [N]`, `sh_coeffs [N, K, 3]`, in one
+/// or apart (see [`ShCoeffs`]), with K of 1, 4, 9 or 16 -> `[N, C]`. Scales and opacities are logarithms and logits unless
 /// [`Activation::Linear`] is chosen.
 ///
 /// # Gradient
-/// To the five tensors. Zero to a colour where it was clamped, zero through the radii, zero
+/// To all tensors. Zero to a colour where it was clamped, zero through the radii, zero
 /// through the direction of the Jacobian beyond the border.
 ///
 /// # Errors
@@ -87,17 +89,17 @@ pub fn project(
     quats: Tensor<2>,
     scales: Tensor<2>,
     opacities: Tensor<1>,
-    sh_coeffs: Tensor<3>,
+    sh_coeffs: impl Into<ShCoeffs>,
     camera: &Camera,
     options: &ProjectOptions,
 ) -> Result<Tensor<2>, KernelError> {
     let [n, _] = means.dims();
-    let [_, k, _] = sh_coeffs.dims();
+    let sh_coeffs = sh_coeffs.into();
     check_shape("means", &means.dims(), &[n, 3])?;
     check_shape("quats", &quats.dims(), &[n, 4])?;
     check_shape("scales", &scales.dims(), &[n, 3])?;
     check_shape("opacities", &opacities.dims(), &[n])?;
-    check_shape("sh_coeffs", &sh_coeffs.dims(), &[n, k, 3])?;
+    let k = sh_coeffs.check(n)?;
     let sh_degree = check_degree(k, options.sh_degree)?;
     check_camera(camera, options)?;
     let remedy = "lower the SH degree or the number of Gaussians";
@@ -109,7 +111,8 @@ pub fn project(
         quats.into_dispatch(),
         scales.into_dispatch(),
         opacities.into_dispatch(),
-        sh_coeffs.into_dispatch(),
+        sh_coeffs.dc.into_dispatch(),
+        sh_coeffs.rest.into_dispatch(),
         view,
     )))
 }
@@ -191,9 +194,7 @@ pub struct Gaussians<'a, T> {
     /// `[N]`.
     pub opacities: &'a [T],
     /// `[N, K, 3]`.
-    pub sh_coeffs: &'a [T],
-    /// K.
-    pub n_coeffs: usize,
+    pub sh_coeffs: ShSlices<'a, T>,
 }
 
 /// Gradients of the inputs of [`project`], row-major.
@@ -207,8 +208,23 @@ pub struct GaussianGradients<T> {
     pub v_scales: Vec<T>,
     /// `[N]`.
     pub v_opacities: Vec<T>,
+    /// `[N, 1, 3]`, or empty where it was not asked for.
+    pub v_sh_dc: Vec<T>,
+    /// `[N, K - 1, 3]`, or empty where it was not asked for.
+    pub v_sh_rest: Vec<T>,
+}
+
+impl<T: Copy> GaussianGradients<T> {
     /// `[N, K, 3]`, or empty where it was not asked for.
-    pub v_sh_coeffs: Vec<T>,
+    pub fn v_sh_coeffs(&self) -> Vec<T> {
+        let n = self.v_sh_dc.len() / 3;
+        let width = self.v_sh_rest.len().checked_div(n).unwrap_or(0);
+        let row = |i: usize| {
+            let rest = &self.v_sh_rest[i * width..(i + 1) * width];
+            self.v_sh_dc[3 * i..3 * i + 3].iter().chain(rest)
+        };
+        (0..n).flat_map(row).copied().collect()
+    }
 }
 
 /// The tensors of a projection.
@@ -222,8 +238,10 @@ pub struct GaussianTensors<B: Backend> {
     pub scales: FloatTensor<B>,
     /// `[N]`.
     pub opacities: FloatTensor<B>,
-    /// `[N, K, 3]`.
-    pub sh_coeffs: FloatTensor<B>,
+    /// `[N, 1, 3]`.
+    pub sh_dc: FloatTensor<B>,
+    /// `[N, K - 1, 3]`.
+    pub sh_rest: FloatTensor<B>,
 }
 
 /// Dispatch of [`project`] over the enabled backends.
@@ -235,22 +253,23 @@ pub trait Project: Backend {
         quats: FloatTensor<Self>,
         scales: FloatTensor<Self>,
         opacities: FloatTensor<Self>,
-        sh_coeffs: FloatTensor<Self>,
+        sh_dc: FloatTensor<Self>,
+        sh_rest: FloatTensor<Self>,
         view: View<f32>,
     ) -> FloatTensor<Self>;
 }
 
 /// What a backend brings so that [`project`] can be differentiated on it.
 pub trait ProjectVjp: Project {
-    /// Gradients of means, quats, scales, opacities and SH coefficients, in that order, from the
-    /// gradient of `splats`, the output; the last only when `with_sh_coeffs`.
+    /// Gradients of means, quats, scales, opacities and SH coefficients, constant ones first, in that order, from the
+    /// gradient of `splats`, the output; those of SH coefficients only when `with_sh_coeffs` and there are any.
     fn project_vjp(
         gaussians: GaussianTensors<Self>,
         view: View<f32>,
         splats: FloatTensor<Self>,
         v_splats: FloatTensor<Self>,
         with_sh_coeffs: bool,
-    ) -> [Option<FloatTensor<Self>>; 5];
+    ) -> [Option<FloatTensor<Self>>; 6];
 }
 
 impl<B: HostBackend> Project for B {
@@ -259,18 +278,18 @@ impl<B: HostBackend> Project for B {
         quats: FloatTensor<B>,
         scales: FloatTensor<B>,
         opacities: FloatTensor<B>,
-        sh_coeffs: FloatTensor<B>,
+        sh_dc: FloatTensor<B>,
+        sh_rest: FloatTensor<B>,
         view: View<f32>,
     ) -> FloatTensor<B> {
-        let [n, k, _] = dims::<3>(&sh_coeffs);
+        let [n, others, _] = dims::<3>(&sh_rest);
         let splats = cpu::project(
             &Gaussians {
                 means: &B::values(&means),
                 quats: &B::values(&quats),
                 scales: &B::values(&scales),
                 opacities: &B::values(&opacities),
-                sh_coeffs: &B::values(&sh_coeffs),
-                n_coeffs: k,
+                sh_coeffs: ShSlices::apart(&B::values(&sh_dc), &B::values(&sh_rest), 1 + others),
             },
             &view,
         );
@@ -285,23 +304,23 @@ impl<B: HostBackend> ProjectVjp for B {
         splats: FloatTensor<B>,
         v_splats: FloatTensor<B>,
         with_sh_coeffs: bool,
-    ) -> [Option<FloatTensor<B>>; 5] {
+    ) -> [Option<FloatTensor<B>>; 6] {
         let GaussianTensors {
             means,
             quats,
             scales,
             opacities,
-            sh_coeffs,
+            sh_dc,
+            sh_rest,
         } = &gaussians;
-        let [n, k, _] = dims::<3>(sh_coeffs);
+        let [n, others, _] = dims::<3>(sh_rest);
         let gradients = cpu::project_vjp(
             &Gaussians {
                 means: &B::values(means),
                 quats: &B::values(quats),
                 scales: &B::values(scales),
                 opacities: &B::values(opacities),
-                sh_coeffs: &B::values(sh_coeffs),
-                n_coeffs: k,
+                sh_coeffs: ShSlices::apart(&B::values(sh_dc), &B::values(sh_rest), 1 + others),
             },
             &view,
             &B::values(&splats),
@@ -313,7 +332,9 @@ impl<B: HostBackend> ProjectVjp for B {
             Some(B::tensor(gradients.v_quats, [n, 4], means)),
             Some(B::tensor(gradients.v_scales, [n, 3], means)),
             Some(B::tensor(gradients.v_opacities, [n], means)),
-            with_sh_coeffs.then(|| B::tensor(gradients.v_sh_coeffs, [n, k, 3], means)),
+            with_sh_coeffs.then(|| B::tensor(gradients.v_sh_dc, [n, 1, 3], means)),
+            (with_sh_coeffs && others > 0)
+                .then(|| B::tensor(gradients.v_sh_rest, [n, others, 3], means)),
         ]
     }
 }

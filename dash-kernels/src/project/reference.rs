@@ -14,7 +14,7 @@ type Mat3<T> = [[T; 3]; 3];
 pub fn project<T: Float>(gaussians: &Gaussians<T>, view: &View<T>) -> Vec<T> {
     (0..gaussians.opacities.len())
         .flat_map(
-            |i| match Projection::new(&Gaussian::at(gaussians, i), view) {
+            |i| match Projection::new(&Gaussian::at(gaussians, i, view.sh_degree), view) {
                 Some(projection) => projection.row,
                 None => [T::zero(); N_COLUMNS],
             },
@@ -28,22 +28,26 @@ pub fn project_vjp<T: Float>(
     view: &View<T>,
     v_splats: &[T],
 ) -> GaussianGradients<T> {
+    let width = (gaussians.sh_coeffs.n_coeffs() - 1) * 3;
     let zeros = |like: &[T]| vec![T::zero(); like.len()];
     let mut out = GaussianGradients {
         v_means: zeros(gaussians.means),
         v_quats: zeros(gaussians.quats),
         v_scales: zeros(gaussians.scales),
         v_opacities: zeros(gaussians.opacities),
-        v_sh_coeffs: zeros(gaussians.sh_coeffs),
+        v_sh_dc: zeros(gaussians.means),
+        v_sh_rest: vec![T::zero(); gaussians.opacities.len() * width],
     };
-    let width = gaussians.n_coeffs * 3;
     for (i, v_row) in v_splats.chunks_exact(N_COLUMNS).enumerate() {
-        let gaussian = Gaussian::at(gaussians, i);
+        let gaussian = Gaussian::at(gaussians, i, view.sh_degree);
         let Some(projection) = Projection::new(&gaussian, view) else {
             continue;
         };
-        let v_sh_coeffs = &mut out.v_sh_coeffs[i * width..(i + 1) * width];
-        let v = projection.vjp(&gaussian, view, v_row, v_sh_coeffs);
+        let mut v_sh_coeffs = vec![T::zero(); 3 + width];
+        let v = projection.vjp(&gaussian, view, v_row, &mut v_sh_coeffs);
+        let (v_dc, v_rest) = v_sh_coeffs.split_at(3);
+        out.v_sh_dc[3 * i..3 * i + 3].copy_from_slice(v_dc);
+        out.v_sh_rest[i * width..(i + 1) * width].copy_from_slice(v_rest);
         out.v_means[3 * i..3 * i + 3].copy_from_slice(&v.0);
         out.v_quats[4 * i..4 * i + 4].copy_from_slice(&v.1);
         out.v_scales[3 * i..3 * i + 3].copy_from_slice(&v.2);
@@ -52,23 +56,24 @@ pub fn project_vjp<T: Float>(
     out
 }
 
-struct Gaussian<'a, T> {
+struct Gaussian<T> {
     mean: [T; 3],
     quat: [T; 4],
     scale: [T; 3],
     opacity: T,
-    sh_coeffs: &'a [T],
+    /// Those of the degree that is seen.
+    sh_coeffs: Vec<T>,
 }
 
-impl<'a, T: Float> Gaussian<'a, T> {
-    fn at(all: &Gaussians<'a, T>, i: usize) -> Self {
-        let width = all.n_coeffs * 3;
+impl<T: Float> Gaussian<T> {
+    fn at(all: &Gaussians<T>, i: usize, sh_degree: usize) -> Self {
+        let (dc, rest) = all.sh_coeffs.row(i, sh_degree);
         Self {
             mean: std::array::from_fn(|k| all.means[3 * i + k]),
             quat: std::array::from_fn(|k| all.quats[4 * i + k]),
             scale: std::array::from_fn(|k| all.scales[3 * i + k]),
             opacity: all.opacities[i],
-            sh_coeffs: &all.sh_coeffs[i * width..(i + 1) * width],
+            sh_coeffs: [dc, rest].concat(),
         }
     }
 }

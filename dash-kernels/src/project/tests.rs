@@ -3,9 +3,7 @@ mod edges;
 use burn::tensor::{Device, Tensor};
 use rand::Rng;
 
-use super::{
-    Activation, GaussianGradients, Gaussians, ProjectOptions, View, cpu, project, reference,
-};
+use super::{Activation, Gaussians, ProjectOptions, ShSlices, View, cpu, project, reference};
 use crate::Camera;
 use crate::KernelError;
 use crate::splats::{self, N_COLUMNS, N_DIFFERENTIABLE};
@@ -65,8 +63,7 @@ impl Set {
             quats: &self.quats,
             scales: &self.scales,
             opacities: &self.opacities,
-            sh_coeffs: &self.sh_coeffs,
-            n_coeffs: self.n_coeffs,
+            sh_coeffs: ShSlices::joined(&self.sh_coeffs, self.n_coeffs),
         }
     }
 
@@ -217,14 +214,9 @@ fn reference_gradient_against_central_differences() {
             .filter(|row| row[splats::RADIUS_X] > 0.0)
             .count();
         assert!(n_drawn >= 8, "the case is too poor: {n_drawn} drawn");
-        let GaussianGradients {
-            v_means,
-            v_quats,
-            v_scales,
-            v_opacities,
-            v_sh_coeffs,
-        } = reference::project_vjp(&set.gaussians(), &view, &v_splats);
-        let gradients = [v_means, v_quats, v_scales, v_opacities, v_sh_coeffs];
+        let v = reference::project_vjp(&set.gaussians(), &view, &v_splats);
+        let v_sh_coeffs = v.v_sh_coeffs();
+        let gradients = [v.v_means, v.v_quats, v.v_scales, v.v_opacities, v_sh_coeffs];
         for (part, gradient) in gradients.iter().enumerate() {
             let at = set.clone().parts()[part].clone();
             let expected = central_differences(&at, 1e-6, |moved| {
@@ -342,7 +334,7 @@ fn assert_kernels_agree(name: &str, set: &Set, options: &ProjectOptions, v_splat
             (
                 "sh_coeffs",
                 inputs.sh_coeffs.grad(&gradients).map(values),
-                &e.v_sh_coeffs,
+                &e.v_sh_coeffs(),
             ),
         ] {
             let got = got.expect("the input was tracked");
@@ -391,8 +383,7 @@ impl Narrow {
             quats,
             scales,
             opacities,
-            sh_coeffs,
-            n_coeffs: self.n_coeffs,
+            sh_coeffs: ShSlices::joined(sh_coeffs, self.n_coeffs),
         }
     }
 }

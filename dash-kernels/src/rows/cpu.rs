@@ -24,3 +24,18 @@ pub fn take_rows_vjp(v_out: &[f32], width: usize, places: &[u32]) -> Vec<f32> {
     }
     gradient
 }
+
+/// `first [N, width]`, `second [M, width] -> [N + M, width]`, see [`join_rows`](super::join_rows).
+pub fn join_rows(first: &[f32], second: &[f32]) -> Vec<f32> {
+    let mut out = Vec::with_capacity(first.len() + second.len());
+    for part in [first, second] {
+        out.extend(part.iter().map(|&value| finite_or_zero(value)));
+    }
+    out
+}
+
+/// The first `n_first` values of `v_out`, and the others.
+pub fn join_rows_vjp(v_out: &[f32], n_first: usize) -> [Vec<f32>; 2] {
+    let (first, second) = v_out.split_at(n_first);
+    [first, second].map(|part| part.iter().map(|&v| finite_or_zero(v)).collect())
+}

@@ -1,13 +1,13 @@
 //! Rows on CubeCL devices.
 //!
-//! A unit owns a value of the output, backward one of the gradient of all rows. No shared memory, no atomics;
+//! A unit owns a value of the output, backward one of the gradient of all rows or of what was joined. No shared memory, no atomics;
 //! deterministic.
 
 use burn_cubecl::CubeBackend;
 use burn_cubecl::tensor::CubeTensor;
 use cubecl::prelude::*;
 
-use super::{NOT_TAKEN, TakeRows, TakeRowsVjp};
+use super::{JoinRows, JoinRowsVjp, NOT_TAKEN, TakeRows, TakeRowsVjp};
 use crate::cube::{Buffer, arg, contiguous, finite_or_zero, uninitialised, units};
 
 impl TakeRows for CubeBackend {
@@ -47,6 +47,77 @@ impl TakeRowsVjp for CubeBackend {
             width as u32,
         );
         gradient
+    }
+}
+
+impl JoinRows for CubeBackend {
+    fn join_rows(first: CubeTensor, second: CubeTensor) -> CubeTensor {
+        let [first, second] = [first, second].map(contiguous);
+        let [n, width] = [0, 1].map(|axis| first.meta.shape()[axis]);
+        let m = second.meta.shape()[0];
+        let out = uninitialised(&first, [n + m, width]);
+        let (count, dim) = units(&first.client, (n + m) * width);
+        join::launch(
+            &first.client,
+            count,
+            dim,
+            arg(&first),
+            arg(&second),
+            arg(&out),
+            (n * width) as u32,
+            ((n + m) * width) as u32,
+        );
+        out
+    }
+}
+
+impl JoinRowsVjp for CubeBackend {
+    fn join_rows_vjp(v_out: CubeTensor, n: usize) -> [CubeTensor; 2] {
+        let v_out = contiguous(v_out);
+        let [all, width] = [0, 1].map(|axis| v_out.meta.shape()[axis]);
+        let first = uninitialised(&v_out, [n, width]);
+        let second = uninitialised(&v_out, [all - n, width]);
+        let (count, dim) = units(&v_out.client, all * width);
+        part::launch(
+            &v_out.client,
+            count,
+            dim,
+            arg(&v_out),
+            arg(&first),
+            arg(&second),
+            (n * width) as u32,
+            (all * width) as u32,
+        );
+        [first, second]
+    }
+}
+
+#[cube(launch)]
+fn join(first: &[f32], second: &[f32], out: &mut [f32], n_first: u32, length: u32) {
+    let at = ABSOLUTE_POS;
+    let n_first = n_first as usize;
+    if at >= length as usize {
+        terminate!();
+    }
+    if at < n_first {
+        out[at] = finite_or_zero(first[at]);
+    } else {
+        out[at] = finite_or_zero(second[at - n_first]);
+    }
+}
+
+#[cube(launch)]
+fn part(v_out: &[f32], first: &mut [f32], second: &mut [f32], n_first: u32, length: u32) {
+    let at = ABSOLUTE_POS;
+    let n_first = n_first as usize;
+    if at >= length as usize {
+        terminate!();
+    }
+    let v = finite_or_zero(v_out[at]);
+    if at < n_first {
+        first[at] = v;
+    } else {
+        second[at - n_first] = v;
     }
 }
 

@@ -16,3 +16,13 @@ pub fn take_rows_vjp(v_out: &[f64], n: usize, width: usize, rows: &[u32]) -> Vec
     }
     gradient
 }
+
+/// `first [N, width]`, `second [M, width] -> [N + M, width]`.
+pub fn join_rows(first: &[f64], second: &[f64]) -> Vec<f64> {
+    [first, second].concat()
+}
+
+/// Gradients of the first, of `n_first` values, and of the second.
+pub fn join_rows_vjp(v_out: &[f64], n_first: usize) -> [Vec<f64>; 2] {
+    [v_out[..n_first].to_vec(), v_out[n_first..].to_vec()]
+}

@@ -1,4 +1,6 @@
-use super::{reference, take_rows};
+use burn::tensor::Tensor;
+
+use super::{join_rows, reference, take_rows};
 use crate::testing::{
     assert_close, central_differences, devices, normals, rng, tensor, to_f32, to_f64, values,
 };
@@ -105,5 +107,63 @@ fn rows_that_are_not_there_and_rows_twice_are_refused() {
         assert!(refused(&[0, 3]).contains("row 3 of 3"));
         assert!(refused(&[1, 1]).contains("ascending"));
         assert!(refused(&[2, 0]).contains("row 0 after row 2"));
+    }
+}
+
+#[test]
+fn joined_rows_and_their_gradients_are_the_references() {
+    for device in devices() {
+        let device = device.autodiff();
+        for (n, m, width) in [(1, 1, 1), (2, 3, 5), (700, 90, 12)] {
+            let name = format!("{device:?}, {n} and {m} rows of {width}");
+            let random = |seed, rows| to_f32(&normals(&mut rng(seed), rows * width));
+            let (first, second, v_out) = (random(4, n), random(5, m), random(6, n + m));
+            for tracked in [[true, true], [true, false], [false, true]] {
+                let [a, b] = [(&first, n, tracked[0]), (&second, m, tracked[1])].map(
+                    |(rows, n, tracked)| {
+                        tensor(rows, [n, width], &device).set_require_grad(tracked)
+                    },
+                );
+                let joined = join_rows(a.clone(), b.clone()).expect("of one width");
+                let expected = reference::join_rows(&to_f64(&first), &to_f64(&second));
+                assert_eq!(to_f64(&values(joined.clone().inner())), expected, "{name}");
+                let weights = tensor(&v_out, [n + m, width], &device);
+                let grads = (joined * weights).sum().backward();
+                let expected = reference::join_rows_vjp(&to_f64(&v_out), n * width);
+                for ((part, expected), tracked) in [a, b].into_iter().zip(expected).zip(tracked) {
+                    let found = part.grad(&grads).map(|gradient| to_f64(&values(gradient)));
+                    assert_eq!(found, tracked.then_some(expected), "{name}");
+                }
+            }
+        }
+    }
+}
+
+#[test]
+fn reference_vjp_of_joined_rows_matches_central_differences() {
+    let at = normals(&mut rng(7), 5 * 2);
+    let v_out = normals(&mut rng(8), 5 * 2);
+    let expected = central_differences(&at, 1e-5, |at| {
+        let out = reference::join_rows(&at[..6], &at[6..]);
+        out.iter().zip(&v_out).map(|(out, v)| out * v).sum()
+    });
+    let got = reference::join_rows_vjp(&v_out, 6).concat();
+    assert_close("gradient", &got, &expected, 1e-9, 1e-9);
+}
+
+#[test]
+fn nothing_joined_is_the_other_and_widths_must_agree() {
+    for device in devices() {
+        let none = || Tensor::<2>::zeros([0, 2], &device);
+        let some = || tensor(&[1.0, 2.0], [1, 2], &device);
+        for (first, second) in [(none(), some()), (some(), none())] {
+            let joined = join_rows(first, second).expect("of one width");
+            assert_eq!(values(joined), [1.0, 2.0]);
+        }
+        assert_eq!(
+            join_rows(none(), none()).expect("of one width").dims(),
+            [0, 2]
+        );
+        assert!(join_rows(some(), tensor(&[1.0], [1, 1], &device)).is_err());
     }
 }

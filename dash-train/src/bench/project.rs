@@ -2,7 +2,9 @@
 
 use burn::tensor::Tensor;
 use dash_kernels::Camera;
-use dash_kernels::project::{Activation, Gaussians, ProjectOptions, View, project, reference};
+use dash_kernels::project::{
+    Activation, Gaussians, ProjectOptions, ShSlices, View, project, reference,
+};
 use dash_kernels::splats::{N_COLUMNS, N_DIFFERENTIABLE};
 use rand::Rng;
 
@@ -107,8 +109,7 @@ impl Cloud {
             quats,
             scales,
             opacities,
-            sh_coeffs,
-            n_coeffs: N_COEFFS,
+            sh_coeffs: ShSlices::joined(sh_coeffs, N_COEFFS),
         })
     }
 
@@ -196,7 +197,7 @@ pub(super) fn measure(bench: &mut Bench, target: Target, n: usize) -> Result<(),
         (&leaves.quats, &expected.v_quats),
         (&leaves.scales, &expected.v_scales),
         (&leaves.opacities, &expected.v_opacities),
-        (&leaves.sh_coeffs, &expected.v_sh_coeffs),
+        (&leaves.sh_coeffs, &expected.v_sh_coeffs()),
     ] {
         errors.add(&gradient(leaf, &gradients)?, expected);
     }

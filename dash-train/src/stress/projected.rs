@@ -2,7 +2,7 @@
 
 use burn::tensor::Device;
 use dash_kernels::Camera;
-use dash_kernels::project::{Gaussians, ProjectOptions, View, project, reference, sh};
+use dash_kernels::project::{Gaussians, ProjectOptions, ShSlices, View, project, reference, sh};
 use dash_kernels::splats::{N_COLUMNS, N_DIFFERENTIABLE, RADIUS_X};
 use rand::Rng;
 
@@ -109,12 +109,12 @@ pub(super) fn compare(set: &Set, near_plane: f64, device: &Device) -> Result<Com
         quats: &wide[1],
         scales: &wide[2],
         opacities: &wide[3],
-        sh_coeffs: &wide[4],
-        n_coeffs: k,
+        sh_coeffs: ShSlices::joined(&wide[4], k),
     };
     let view = View::<f64>::new(&camera(), &options, set.sh_degree);
     let expected = reference::project(&gaussians, &view);
     let v = reference::project_vjp(&gaussians, &view, &widen(&v_splats));
+    let v_sh_coeffs = v.v_sh_coeffs();
     let drawn = |row: usize| {
         let at = row * N_COLUMNS + RADIUS_X;
         [splats[at] > 0.0, expected[at] > 0.0]
@@ -133,7 +133,7 @@ pub(super) fn compare(set: &Set, near_plane: f64, device: &Device) -> Result<Com
             "sh_coeffs",
             3 * k,
             gradient(&sh_coeffs, &gradients),
-            v.v_sh_coeffs,
+            v_sh_coeffs,
         ),
     ];
     Ok(Compared {

@@ -213,15 +213,7 @@ fn pictures(makes: &[Make], device: &Device) -> Result<Measured, TrainError> {
 
 fn reference_splats(rows: &GaussianRows, scene: &DynamicScene, camera: &Camera) -> Vec<f64> {
     let n_coeffs = 1 + rows.sh_rest_width / 3;
-    let mut sh_coeffs = Vec::with_capacity(rows.len() * 3 * n_coeffs);
-    for (dc, rest) in rows
-        .sh_dc
-        .iter()
-        .zip(rows.sh_rest.chunks(rows.sh_rest_width.max(1)))
-    {
-        sh_coeffs.extend(widen(dc));
-        sh_coeffs.extend(widen(rest));
-    }
+    let (dc, rest) = (widen(rows.sh_dc.as_flattened()), widen(&rows.sh_rest));
     let options = ProjectOptions {
         near_plane: scene.settings.near_plane,
         ..ProjectOptions::default()
@@ -233,8 +225,7 @@ fn reference_splats(rows: &GaussianRows, scene: &DynamicScene, camera: &Camera) 
             quats: &widen(rows.quats.as_flattened()),
             scales: &widen(rows.log_scales.as_flattened()),
             opacities: &widen(&rows.opacity_logits),
-            sh_coeffs: &sh_coeffs,
-            n_coeffs,
+            sh_coeffs: project::ShSlices::apart(&dc, &rest, n_coeffs),
         },
         &view,
     )

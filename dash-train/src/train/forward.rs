@@ -6,6 +6,7 @@ use std::ops::RangeInclusive;
 use burn::tensor::{Tensor, TensorData};
 use dash_kernels::Camera;
 use dash_kernels::photometric::photometric;
+use dash_kernels::rows::join_rows;
 
 use super::cover::{Cover, nearness, visible_motion};
 use super::loss::{opacity, static_motion, weighted_error, where_counted};
@@ -71,7 +72,7 @@ impl Trainer {
                 let leaf = self.probe(&splats);
                 let probed = splats + leaf.clone();
                 dynamic_probe = Some((leaf, on_host));
-                Tensor::cat(vec![joined, probed], 0)
+                join_rows(joined, probed)?
             }
         };
         let rendering = self.scene.rasterize(splats, camera)?;

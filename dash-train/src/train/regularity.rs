@@ -103,8 +103,8 @@ pub(crate) fn regularity(
     let device = gaussians.means.val().device();
     let drawn = draw(all, n, rng);
     let means = gaussians.means.val().detach();
-    let unit = field.space().normalize(take(means, &drawn)?);
-    let at = |time: f32| Tensor::cat(vec![unit.clone(), Tensor::full([n, 1], time, &device)], 1);
+    let taken = take(means, &drawn)?;
+    let at = |time: f32| field.space().points_at(taken.clone(), time);
     let mut points = Vec::new();
     if let Some(step) = measure.step {
         let steps: Vec<f32> = (0..4 * n)
@@ -114,10 +114,10 @@ pub(crate) fn regularity(
             })
             .collect();
         let steps = Tensor::<2>::from_data(TensorData::new(steps, [n, 4]), &device);
-        points.push((at(time) + steps).clamp(0.0, 1.0));
+        points.push((at(time)? + steps).clamp(0.0, 1.0));
     }
     if let Some(around) = measure.around {
-        points.extend([at(around.before), at(around.after)]);
+        points.extend([at(around.before)?, at(around.after)?]);
     }
     if points.is_empty() || n == 0 {
         return Ok(Regularity {

@@ -3,6 +3,7 @@
 
 use burn::module::Module;
 use burn::tensor::{Gradients, Tensor};
+use dash_kernels::rows::join_rows;
 use dash_kernels::splats::{DEPTH, MEAN_X, N_COLUMNS, RADIUS_X, RED};
 use dash_model::decomposition::select_dynamic;
 
@@ -137,9 +138,11 @@ pub(crate) fn splat_gradient(
 ) -> Result<Vec<f32>, TrainError> {
     // Without the graph: nothing would free what leads to splats through which no gradient flows.
     let scene = trainer.scene.valid();
-    let mut splats = vec![scene.static_splats(&view.camera)?];
-    splats.extend(scene.dynamic_splats(&view.camera, view.time)?);
-    let leaf = Tensor::from_inner(Tensor::cat(splats, 0)).require_grad();
+    let mut splats = scene.static_splats(&view.camera)?;
+    if let Some(moving) = scene.dynamic_splats(&view.camera, view.time)? {
+        splats = join_rows(splats, moving)?;
+    }
+    let leaf = Tensor::from_inner(splats).require_grad();
     let image = scene.rasterize(leaf.clone(), &view.camera)?.image;
     let gradients = number(image).backward();
     Ok(leaf.grad(&gradients).map_or_else(Vec::new, to_host))

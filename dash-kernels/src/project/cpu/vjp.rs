@@ -136,11 +136,10 @@ fn direction_vjp(
     if view.sh_degree == 0 {
         return [0.0; 3];
     }
-    let n_active = (view.sh_degree + 1) * (view.sh_degree + 1);
-    let width = 3 * gaussians.n_coeffs;
-    let coeffs = &gaussians.sh_coeffs[i * width..i * width + 3 * n_active];
+    let (_, rest) = gaussians.sh_coeffs.row(i, view.sh_degree);
+    // The constant function has no direction.
     let mut v_basis = [0.0; 16];
-    for (v, coeffs) in v_basis.iter_mut().zip(coeffs.chunks_exact(3)) {
+    for (v, coeffs) in v_basis[1..].iter_mut().zip(rest.chunks_exact(3)) {
         *v = v_colour[0] * coeffs[0] + v_colour[1] * coeffs[1] + v_colour[2] * coeffs[2];
     }
     let (direction, distance) = direction(gaussians, i, view);

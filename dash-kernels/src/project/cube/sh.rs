@@ -93,17 +93,18 @@ fn basis_vjp(direction: &Vec3, v: &Array<f32>, #[comptime] degree: usize) -> Vec
     }
 }
 
-/// A coefficient of the three channels.
+/// A coefficient, but for the constant one, of the three channels.
 #[cube]
-fn coefficient(sh_coeffs: &[f32], i: usize, k: usize, #[comptime] n_coeffs: usize) -> Vec3 {
-    Vec3::read(sh_coeffs, i * n_coeffs + k)
+fn coefficient(sh_rest: &[f32], i: usize, k: usize, #[comptime] n_coeffs: usize) -> Vec3 {
+    Vec3::read(sh_rest, i * comptime!(n_coeffs - 1) + k - 1)
 }
 
 /// The colour before it is clamped at zero.
 #[cube]
 pub(super) fn colour(
     means: &[f32],
-    sh_coeffs: &[f32],
+    sh_dc: &[f32],
+    sh_rest: &[f32],
     i: usize,
     view: &ViewConstants,
     #[comptime] degree: usize,
@@ -112,12 +113,13 @@ pub(super) fn colour(
     let offset = view.offset(&Vec3::read(means, i));
     let direction = offset.scaled(1.0f32 / offset.dot(&offset).sqrt());
     let basis = basis_at(&direction, degree);
-    let mut red = 0.5f32;
-    let mut green = 0.5f32;
-    let mut blue = 0.5f32;
+    let constant = Vec3::read(sh_dc, i);
+    let mut red = 0.5f32 + constant.x * basis[0];
+    let mut green = 0.5f32 + constant.y * basis[0];
+    let mut blue = 0.5f32 + constant.z * basis[0];
     #[unroll]
-    for k in 0..comptime!((degree + 1) * (degree + 1)) {
-        let coefficient = coefficient(sh_coeffs, i, k, n_coeffs);
+    for k in 1..comptime!((degree + 1) * (degree + 1)) {
+        let coefficient = coefficient(sh_rest, i, k, n_coeffs);
         red += coefficient.x * basis[k];
         green += coefficient.y * basis[k];
         blue += coefficient.z * basis[k];
@@ -130,12 +132,13 @@ pub(super) fn colour(
 }
 
 /// Gradient of the mean through the direction it is seen from; that of the coefficients is written
-/// to `v_sh_coeffs` where it is asked for and `v_colour` is finite.
+/// to `v_sh_dc` and `v_sh_rest` where it is asked for and `v_colour` is finite.
 #[cube]
 pub(super) fn colour_vjp(
     means: &[f32],
-    sh_coeffs: &[f32],
-    v_sh_coeffs: &mut [f32],
+    sh_rest: &[f32],
+    v_sh_dc: &mut [f32],
+    v_sh_rest: &mut [f32],
     i: usize,
     view: &ViewConstants,
     v_colour: &Vec3,
@@ -148,12 +151,15 @@ pub(super) fn colour_vjp(
     let direction = offset.scaled(inverse_distance);
     if comptime!(with_sh_coeffs) && v_colour.is_finite() {
         let basis = basis_at(&direction, degree);
+        v_sh_dc[3 * i] = basis[0] * v_colour.x;
+        v_sh_dc[3 * i + 1] = basis[0] * v_colour.y;
+        v_sh_dc[3 * i + 2] = basis[0] * v_colour.z;
         #[unroll]
-        for k in 0..comptime!((degree + 1) * (degree + 1)) {
-            let at = 3 * (i * n_coeffs + k);
-            v_sh_coeffs[at] = basis[k] * v_colour.x;
-            v_sh_coeffs[at + 1] = basis[k] * v_colour.y;
-            v_sh_coeffs[at + 2] = basis[k] * v_colour.z;
+        for k in 1..comptime!((degree + 1) * (degree + 1)) {
+            let at = 3 * (i * comptime!(n_coeffs - 1) + k - 1);
+            v_sh_rest[at] = basis[k] * v_colour.x;
+            v_sh_rest[at + 1] = basis[k] * v_colour.y;
+            v_sh_rest[at + 2] = basis[k] * v_colour.z;
         }
     }
     let mut v_mean = Vec3 {
@@ -162,10 +168,11 @@ pub(super) fn colour_vjp(
         z: 0.0f32,
     };
     if comptime!(degree > 0) {
+        // The constant function has no direction.
         let mut v_basis = Array::<f32>::new(MAX_BASIS);
         #[unroll]
-        for k in 0..comptime!((degree + 1) * (degree + 1)) {
-            v_basis[k] = coefficient(sh_coeffs, i, k, n_coeffs).dot(v_colour);
+        for k in 1..comptime!((degree + 1) * (degree + 1)) {
+            v_basis[k] = coefficient(sh_rest, i, k, n_coeffs).dot(v_colour);
         }
         let v_direction = basis_vjp(&direction, &v_basis, degree);
         let along = v_direction.dot(&direction);

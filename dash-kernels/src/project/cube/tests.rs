@@ -3,7 +3,7 @@
 use burn::backend::Backend;
 
 use crate::cube::tests::{cube_tensor, cube_values};
-use crate::project::{Gaussians, ProjectOptions, reference};
+use crate::project::{Gaussians, ProjectOptions, ShSlices, reference};
 use crate::testing::*;
 
 use super::*;
@@ -42,8 +42,7 @@ fn gaussians<'a, T>(inputs: &'a [Vec<T>; 5]) -> Gaussians<'a, T> {
         quats: &inputs[1],
         scales: &inputs[2],
         opacities: &inputs[3],
-        sh_coeffs: &inputs[4],
-        n_coeffs: 4,
+        sh_coeffs: ShSlices::joined(&inputs[4], 4),
     }
 }
 
@@ -54,15 +53,26 @@ fn poison_in_every_slot() {
     let camera = Camera::new(50.0, 55.0, 31.0, 25.0, 64, 48);
     let options = ProjectOptions::default();
     let view = View::new(&camera, &options, 1);
+    // Constant coefficients, then the others.
+    let (dc, rest): (Vec<_>, Vec<_>) = inputs[4].chunks(12).map(|row| row.split_at(3)).unzip();
     let tensors = || GaussianTensors::<CubeBackend> {
         means: cube_tensor(&inputs[0], [n, 3]),
         quats: cube_tensor(&inputs[1], [n, 4]),
         scales: cube_tensor(&inputs[2], [n, 3]),
         opacities: cube_tensor(&inputs[3], [n]),
-        sh_coeffs: cube_tensor(&inputs[4], [n, 4, 3]),
+        sh_dc: cube_tensor(&dc.concat(), [n, 1, 3]),
+        sh_rest: cube_tensor(&rest.concat(), [n, 3, 3]),
     };
     let g = tensors();
-    let splats = CubeBackend::project(g.means, g.quats, g.scales, g.opacities, g.sh_coeffs, view);
+    let splats = CubeBackend::project(
+        g.means,
+        g.quats,
+        g.scales,
+        g.opacities,
+        g.sh_dc,
+        g.sh_rest,
+        view,
+    );
     let got = cube_values(&splats);
     assert_finite("splats", &got);
 

@@ -115,14 +115,8 @@ fn culls_what_is_not_drawn() {
         let narrow = Narrow::new(&set);
         let splats = cpu::project(&narrow.gaussians(), &view);
         let v = cpu::project_vjp(&narrow.gaussians(), &view, &splats, &[1.0; N_COLUMNS], true);
-        let all = [
-            v.v_means,
-            v.v_quats,
-            v.v_scales,
-            v.v_opacities,
-            v.v_sh_coeffs,
-        ]
-        .concat();
+        let v_sh_coeffs = v.v_sh_coeffs();
+        let all = [v.v_means, v.v_quats, v.v_scales, v.v_opacities, v_sh_coeffs].concat();
         assert!(all.iter().all(|&value| value == 0.0), "{name}: {all:?}");
     }
 }
@@ -169,13 +163,8 @@ fn poison_gives_finite_splats_and_gradients() {
                     assert_finite(&name, &splats);
                     let v_splats = [1.0; N_COLUMNS];
                     let v = cpu::project_vjp(&bad.gaussians(), &view, &splats, &v_splats, true);
-                    let all = [
-                        v.v_means,
-                        v.v_quats,
-                        v.v_scales,
-                        v.v_opacities,
-                        v.v_sh_coeffs,
-                    ];
+                    let v_sh_coeffs = v.v_sh_coeffs();
+                    let all = [v.v_means, v.v_quats, v.v_scales, v.v_opacities, v_sh_coeffs];
                     assert_finite(&name, &all.concat());
                 }
             }
@@ -289,13 +278,8 @@ fn same_bits_for_any_thread_count() {
     assert_same_for_any_thread_count("project", || {
         let mut all = cpu::project(&narrow.gaussians(), &view);
         let v = cpu::project_vjp(&narrow.gaussians(), &view, &all, &v_splats, true);
-        for part in [
-            v.v_means,
-            v.v_quats,
-            v.v_scales,
-            v.v_opacities,
-            v.v_sh_coeffs,
-        ] {
+        let v_sh_coeffs = v.v_sh_coeffs();
+        for part in [v.v_means, v.v_quats, v.v_scales, v.v_opacities, v_sh_coeffs] {
             all.extend(part);
         }
         all
