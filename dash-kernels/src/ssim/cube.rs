@@ -1,9 +1,12 @@
 //! Structural similarity on CubeCL devices.
 //!
-//! A cube of 64 units owns a tile of 16 x 16 pixels of one channel. Moments are blurred along rows
-//! and then along columns in shared memory (forward 11.8 KiB, backward 24.8 KiB), a unit taking a
-//! run of half a row or column, so that it reads each value once for all its neighbours; a barrier
-//! parts the steps. No atomics; deterministic.
+//! A cube of 256 units owns a tile of 16 x 16 pixels of one channel. Moments are blurred along rows
+//! and then along columns in shared memory (forward 11.8 KiB, backward 24.8 KiB), a value by a unit, neighbours by
+//! neighbours; a barrier parts the steps. No atomics; deterministic.
+//!
+//! So much shared memory lets few cubes run at once, so that a cube has as many units as every device can have. With 64,
+//! each of which kept a run of values in registers for all windows on it, both passes took twice as long on an H200
+//! through Vulkan, though less by a third on llvmpipe.
 //!
 //! Variances are differences of large numbers where an image is flat. The CPU forms them in f64;
 //! here both images are first shifted by their values in the middle of the tile, which changes
@@ -20,14 +23,14 @@ use crate::cube::{arg, calculate_cubes, contiguous, finite_or_zero, is_finite, u
 use super::window::RADIUS;
 use super::{Ssim, SsimVjp};
 use tile::{
-    Frame, FrameLaunch, Tile, blur_moments_along_rows, blurred_at, column_run, column_values,
-    gradient_at, load, own_tile, pixel, terms,
+    Frame, FrameLaunch, Tile, blur_moments_along_rows, blurred_from, gradient_at, load, own_tile,
+    pixel, terms,
 };
 
 /// Side of a tile in pixels.
 const TILE: usize = 16;
-/// As many as a step has runs, nearly.
-const UNITS: usize = 64;
+/// Of a cube.
+const UNITS: usize = 256;
 /// Side of the region that the moments of a tile reach into, and its moments' moments.
 const REACH: usize = TILE + 2 * RADIUS;
 const FAR_REACH: usize = TILE + 4 * RADIUS;
@@ -108,29 +111,21 @@ fn forward(x: &[f32], y: &[f32], out: &mut [f32], frame: Frame) {
     sync_cube();
     let plane = comptime!(REACH * TILE);
     let mut item = UNIT_POS as usize;
-    while item < comptime!(2 * TILE) {
-        let from = column_run(item, TILE);
-        let means_x = column_values(&blurred, from, TILE);
-        let means_y = column_values(&blurred, from + plane, TILE);
-        let squares = column_values(&blurred, from + comptime!(2 * plane), TILE);
-        let products = column_values(&blurred, from + comptime!(3 * plane), TILE);
-        #[unroll]
-        for k in 0..comptime!(TILE / 2) {
-            let row = tile.top as u32 + (from / TILE) as u32 + comptime!(k as u32);
-            let column = tile.left as u32 + (from % TILE) as u32;
-            if row < frame.height && column < frame.width {
-                let t = terms(
-                    blurred_at(&means_x, k),
-                    blurred_at(&means_y, k),
-                    blurred_at(&squares, k),
-                    blurred_at(&products, k),
-                    &tile,
-                );
-                let luminance = t.luminance / t.luminance_norm;
-                let contrast = t.contrast / t.contrast_norm;
-                let at = (row * frame.width + column) * frame.channels + tile.channel;
-                out[at as usize] = f32::clamp(luminance * contrast, -1.0f32, 1.0f32);
-            }
+    while item < comptime!(TILE * TILE) {
+        let row = tile.top as u32 + (item / TILE) as u32;
+        let column = tile.left as u32 + (item % TILE) as u32;
+        if row < frame.height && column < frame.width {
+            let t = terms(
+                blurred_from(&blurred, item, TILE),
+                blurred_from(&blurred, item + plane, TILE),
+                blurred_from(&blurred, item + comptime!(2 * plane), TILE),
+                blurred_from(&blurred, item + comptime!(3 * plane), TILE),
+                &tile,
+            );
+            let luminance = t.luminance / t.luminance_norm;
+            let contrast = t.contrast / t.contrast_norm;
+            let at = (row * frame.width + column) * frame.channels + tile.channel;
+            out[at as usize] = f32::clamp(luminance * contrast, -1.0f32, 1.0f32);
         }
         item += UNITS;
     }
@@ -163,24 +158,18 @@ fn backward(x: &[f32], y: &[f32], v_out: &[f32], v_x: &mut [f32], frame: Frame) 
     sync_cube();
     let plane = comptime!(REACH * TILE);
     let mut item = UNIT_POS as usize;
-    while item < comptime!(2 * TILE) {
-        let from = column_run(item, TILE);
-        let v_means = column_values(&blurred, from, TILE);
-        let v_squares = column_values(&blurred, from + plane, TILE);
-        let v_products = column_values(&blurred, from + comptime!(2 * plane), TILE);
-        #[unroll]
-        for k in 0..comptime!(TILE / 2) {
-            let row = tile.top as u32 + (from / TILE) as u32 + comptime!(k as u32);
-            let column = tile.left as u32 + (from % TILE) as u32;
-            if row < frame.height && column < frame.width {
-                let a = pixel(x, row as i32, column as i32, tile.channel, &frame) - tile.shift_x;
-                let b = pixel(y, row as i32, column as i32, tile.channel, &frame) - tile.shift_y;
-                let at = (row * frame.width + column) * frame.channels + tile.channel;
-                let v = blurred_at(&v_means, k)
-                    + 2.0f32 * a * blurred_at(&v_squares, k)
-                    + b * blurred_at(&v_products, k);
-                v_x[at as usize] = select(is_finite(x[at as usize]), finite_or_zero(v), 0.0f32);
-            }
+    while item < comptime!(TILE * TILE) {
+        let row = tile.top as u32 + (item / TILE) as u32;
+        let column = tile.left as u32 + (item % TILE) as u32;
+        if row < frame.height && column < frame.width {
+            let v_mean = blurred_from(&blurred, item, TILE);
+            let v_square = blurred_from(&blurred, item + plane, TILE);
+            let v_product = blurred_from(&blurred, item + comptime!(2 * plane), TILE);
+            let a = pixel(x, row as i32, column as i32, tile.channel, &frame) - tile.shift_x;
+            let b = pixel(y, row as i32, column as i32, tile.channel, &frame) - tile.shift_y;
+            let at = (row * frame.width + column) * frame.channels + tile.channel;
+            let v = v_mean + 2.0f32 * a * v_square + b * v_product;
+            v_x[at as usize] = select(is_finite(x[at as usize]), finite_or_zero(v), 0.0f32);
         }
         item += UNITS;
     }
@@ -198,48 +187,33 @@ fn moments_vjp(
     let plane = comptime!(FAR_REACH * REACH);
     let v_plane = comptime!(REACH * REACH);
     let mut item = UNIT_POS as usize;
-    while item < comptime!(2 * REACH) {
-        let from = column_run(item, REACH);
-        let means_x = column_values(blurred, from, REACH);
-        let means_y = column_values(blurred, from + plane, REACH);
-        let squares = column_values(blurred, from + comptime!(2 * plane), REACH);
-        let products = column_values(blurred, from + comptime!(3 * plane), REACH);
-        let column = tile.left + (from % REACH) as i32 - comptime!(RADIUS as i32);
-        let first_row = tile.top + (from / REACH) as i32 - comptime!(RADIUS as i32);
-        #[unroll]
-        for k in 0..comptime!(REACH / 2) {
-            let t = terms(
-                blurred_at(&means_x, k),
-                blurred_at(&means_y, k),
-                blurred_at(&squares, k),
-                blurred_at(&products, k),
-                tile,
-            );
-            // Outside the image there is no similarity, and no gradient of it.
-            let v = gradient_at(
-                v_out,
-                first_row + comptime!(k as i32),
-                column,
-                tile.channel,
-                frame,
-            );
-            let luminance = t.luminance / t.luminance_norm;
-            let contrast = t.contrast / t.contrast_norm;
-            let similarity = luminance * contrast;
-            let v_product = 2.0f32 * v * luminance / t.contrast_norm;
-            let v_square = select(
-                t.variance > 0.0f32,
-                -(v * similarity) / t.contrast_norm,
-                0.0f32,
-            );
-            let through_luminance =
-                2.0f32 * v * (t.mean_y * contrast - t.mean_x * similarity) / t.luminance_norm;
-            let at = from + comptime!(k * REACH);
-            gradients[at] =
-                through_luminance - v_product * t.shifted_y - 2.0f32 * t.shifted_x * v_square;
-            gradients[at + v_plane] = v_square;
-            gradients[at + comptime!(2 * v_plane)] = v_product;
-        }
+    while item < v_plane {
+        let t = terms(
+            blurred_from(blurred, item, REACH),
+            blurred_from(blurred, item + plane, REACH),
+            blurred_from(blurred, item + comptime!(2 * plane), REACH),
+            blurred_from(blurred, item + comptime!(3 * plane), REACH),
+            tile,
+        );
+        // Outside the image there is no similarity, and no gradient of it.
+        let row = tile.top + (item / REACH) as i32 - comptime!(RADIUS as i32);
+        let column = tile.left + (item % REACH) as i32 - comptime!(RADIUS as i32);
+        let v = gradient_at(v_out, row, column, tile.channel, frame);
+        let luminance = t.luminance / t.luminance_norm;
+        let contrast = t.contrast / t.contrast_norm;
+        let similarity = luminance * contrast;
+        let v_product = 2.0f32 * v * luminance / t.contrast_norm;
+        let v_square = select(
+            t.variance > 0.0f32,
+            -(v * similarity) / t.contrast_norm,
+            0.0f32,
+        );
+        let through_luminance =
+            2.0f32 * v * (t.mean_y * contrast - t.mean_x * similarity) / t.luminance_norm;
+        gradients[item] =
+            through_luminance - v_product * t.shifted_y - 2.0f32 * t.shifted_x * v_square;
+        gradients[item + v_plane] = v_square;
+        gradients[item + comptime!(2 * v_plane)] = v_product;
         item += UNITS;
     }
 }
@@ -247,20 +221,10 @@ fn moments_vjp(
 /// Blurs the three planes of gradients along their rows.
 #[cube]
 fn blur_gradients_along_rows(gradients: &Shared<[f32]>, blurred: &mut Shared<[f32]>) {
-    let run = comptime!(TILE / 2);
     let mut item = UNIT_POS as usize;
-    while item < comptime!(3 * 2 * REACH) {
-        let line = item / 2;
-        let first = item % 2 * run;
-        let mut values = Array::<f32>::new(comptime!(run + 2 * RADIUS));
-        #[unroll]
-        for k in 0..comptime!(run + 2 * RADIUS) {
-            values[k] = gradients[line * REACH + first + k];
-        }
-        #[unroll]
-        for k in 0..run {
-            blurred[line * TILE + first + k] = blurred_at(&values, k);
-        }
+    while item < comptime!(3 * REACH * TILE) {
+        let first = item / TILE * REACH + item % TILE;
+        blurred[item] = blurred_from(gradients, first, 1usize);
         item += UNITS;
     }
 }

@@ -83,13 +83,13 @@ pub(super) fn load(
     }
 }
 
-/// The blurred value whose window starts at place `k`.
+/// The blurred value whose window starts at a place, with such steps from one value to the next.
 #[cube]
-pub(super) fn blurred_at(values: &Array<f32>, #[comptime] k: usize) -> f32 {
+pub(super) fn blurred_from(values: &Shared<[f32]>, first: usize, #[comptime] step: usize) -> f32 {
     let mut sum = 0.0f32;
     #[unroll]
     for tap in 0..TAPS {
-        sum += comptime!(window()[tap] as f32) * values[comptime!(k + tap)];
+        sum += comptime!(window()[tap] as f32) * values[first + comptime!(tap * step)];
     }
     sum
 }
@@ -102,55 +102,30 @@ pub(super) fn blur_moments_along_rows(
     #[comptime] side: usize,
 ) {
     let kept = comptime!(side - 2 * RADIUS);
-    let run = comptime!(kept / 2);
     let count = comptime!(side * kept);
     let mut item = UNIT_POS as usize;
-    while item < comptime!(2 * side) {
-        let row = item / 2;
-        let first = item % 2 * run;
-        let mut a = Array::<f32>::new(comptime!(run + 2 * RADIUS));
-        let mut b = Array::<f32>::new(comptime!(run + 2 * RADIUS));
-        let mut squares = Array::<f32>::new(comptime!(run + 2 * RADIUS));
-        let mut products = Array::<f32>::new(comptime!(run + 2 * RADIUS));
+    while item < count {
+        let first = item / kept * side + item % kept;
+        let mut mean_x = 0.0f32;
+        let mut mean_y = 0.0f32;
+        let mut squares = 0.0f32;
+        let mut products = 0.0f32;
         #[unroll]
-        for k in 0..comptime!(run + 2 * RADIUS) {
-            let at = row * side + first + k;
-            a[k] = pixels[at];
-            b[k] = pixels[at + comptime!(side * side)];
-            squares[k] = a[k] * a[k] + b[k] * b[k];
-            products[k] = a[k] * b[k];
+        for tap in 0..TAPS {
+            let weight = comptime!(window()[tap] as f32);
+            let a = pixels[first + comptime!(tap)];
+            let b = pixels[first + comptime!(tap + side * side)];
+            mean_x += weight * a;
+            mean_y += weight * b;
+            squares += weight * (a * a + b * b);
+            products += weight * (a * b);
         }
-        let at = row * kept + first;
-        #[unroll]
-        for k in 0..run {
-            blurred[at + k] = blurred_at(&a, k);
-            blurred[at + comptime!(count + k)] = blurred_at(&b, k);
-            blurred[at + comptime!(2 * count + k)] = blurred_at(&squares, k);
-            blurred[at + comptime!(3 * count + k)] = blurred_at(&products, k);
-        }
+        blurred[item] = mean_x;
+        blurred[item + count] = mean_y;
+        blurred[item + comptime!(2 * count)] = squares;
+        blurred[item + comptime!(3 * count)] = products;
         item += UNITS;
     }
-}
-
-/// A run of half a column of a square of `kept` pixels: its first place.
-#[cube]
-pub(super) fn column_run(item: usize, #[comptime] kept: usize) -> usize {
-    item / kept * comptime!(kept / 2 * kept) + item % kept
-}
-
-/// The values of a plane along a column, from a run's first place on.
-#[cube]
-pub(super) fn column_values(
-    plane: &Shared<[f32]>,
-    from: usize,
-    #[comptime] kept: usize,
-) -> Array<f32> {
-    let mut values = Array::<f32>::new(comptime!(kept / 2 + 2 * RADIUS));
-    #[unroll]
-    for k in 0..comptime!(kept / 2 + 2 * RADIUS) {
-        values[k] = plane[from + comptime!(k * kept)];
-    }
-    values
 }
 
 /// The factors of the similarity at a pixel; means are those of the shifted images.
