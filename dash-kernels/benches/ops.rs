@@ -8,7 +8,6 @@
 mod scene;
 
 use std::cell::Cell;
-use std::time::{Duration, Instant};
 
 use burn::tensor::activation::relu;
 use burn::tensor::module::linear;
@@ -21,20 +20,18 @@ use dash_kernels::hash_encode::{
 use dash_kernels::mlp::{MlpLayout, mlp};
 use dash_kernels::photometric::photometric;
 use dash_kernels::rasterize::{N_CHANNELS, RasterizeOptions, rasterize};
-use dash_kernels::rows::take_rows;
+use dash_kernels::rows::{join_rows, take_rows};
+use dash_kernels::space_time::{Bounds, space_time};
 use dash_kernels::splats::N_COLUMNS;
 use dash_kernels::ssim::ssim;
 use dash_kernels::trajectory::{Polyline, squared_extent};
 use dash_kernels::{limits, set_deterministic};
 use scene::Size;
+use scene::clock::{TOO_LONG, bandwidth, median};
 use scene::tensors::Gaussians;
 
 const N_POINTS: [usize; 3] = [10_000, 100_000, 1_000_000];
 const IMAGES: [(usize, usize); 3] = [(512, 512), (1352, 1014), (3840, 2160)];
-/// Runs of which the median counts.
-const REPETITIONS: usize = 5;
-/// A size after one that took longer than this is left out.
-const TOO_LONG: Duration = Duration::from_secs(4);
 const VALUE_BYTES: usize = 4;
 /// Parts of a long trajectory.
 const N_SPANS: usize = 48;
@@ -69,42 +66,6 @@ fn main() {
         bench.photometric();
         bench.trajectories();
     }
-}
-
-/// Bytes per second, read and written: the better of adding a number to a large tensor and of an
-/// Adam step in place, which needs no new memory.
-fn bandwidth(device: &Device) -> f64 {
-    let n = 1 << 24;
-    let zeros = || Tensor::<1>::zeros([n], device);
-    let tensor = zeros();
-    let add = median(device, || drop(tensor.clone() + 1.0));
-    let state = Cell::new(Some((zeros(), zeros(), zeros())));
-    let adam = median(device, || {
-        let (param, first, second) = state.take().expect("put back");
-        let settings = AdamStep::default();
-        let stepped = adam_step(param, tensor.clone(), first, second, &settings);
-        state.set(Some(stepped.expect("equal shapes")));
-    });
-    let rate = |values: usize, time: Duration| (values * VALUE_BYTES) as f64 / time.as_secs_f64();
-    rate(2 * n, add).max(rate(7 * n, adam))
-}
-
-fn median(device: &Device, work: impl Fn()) -> Duration {
-    let once = || {
-        let start = Instant::now();
-        work();
-        device.sync().expect("the device answers");
-        start.elapsed()
-    };
-    // The first runs compile kernels and find the lists' capacity.
-    once();
-    let second = once();
-    if second > TOO_LONG / 4 {
-        return second;
-    }
-    let mut times: Vec<Duration> = (0..REPETITIONS).map(|_| once()).collect();
-    times.sort();
-    times[REPETITIONS / 2]
 }
 
 struct Bench {
@@ -355,34 +316,46 @@ impl Bench {
         }
     }
 
-    /// What is done with coefficients of trajectories.
+    /// What is done with coefficients of trajectories, rows and positions.
     fn trajectories(&self) {
+        let width = 3 * N_SPANS;
+        let bounds = Bounds {
+            min: [0.1; 3],
+            scale: [1.25; 3],
+            clamp: true,
+        };
         let basis = [0.5; N_SPANS];
         let polyline = Polyline::new(N_SPANS, 0.5).expect("a time in [0, 1]");
         for n in N_POINTS {
-            let (all, taken) = (n * 3 * N_SPANS, n / 5 * 3 * N_SPANS);
-            self.coefficients("displacement", n, [all, n * 3], |rows| {
+            let (all, taken, splats) = (n * width, n / 5 * width, 2 * n * N_COLUMNS);
+            self.rows("displacement", [n, width], [all, n * 3], |rows| {
                 displacement(rows, &basis).expect("fits")
             });
-            self.coefficients("squared_extent", n, [all, n], |rows| {
+            self.rows("squared_extent", [n, width], [all, n], |rows| {
                 squared_extent(rows, polyline).expect("fits")
             });
             let rows: Vec<u32> = (0..n as u32).step_by(5).collect();
-            self.coefficients("take_rows", n, [taken, taken], |values| {
+            self.rows("take_rows", [n, width], [taken, taken], |values| {
                 take_rows(values, &rows).expect("ascending")
+            });
+            self.rows("join_rows", [n, N_COLUMNS], [splats, splats], |rows| {
+                join_rows(rows.clone(), rows).expect("of one width")
+            });
+            self.rows("space_time", [n, 3], [3 * n, 4 * n], |positions| {
+                space_time(positions, &bounds, 0.5).expect("three axes")
             });
         }
     }
 
-    /// Times `run` on the coefficients of `n` trajectories, of which it reads and writes so many values.
-    fn coefficients<const R: usize>(
+    /// Times `run` on `n` rows, of which it reads and writes so many values.
+    fn rows<const R: usize>(
         &self,
         operation: &str,
-        n: usize,
+        [n, width]: [usize; 2],
         [read, written]: [usize; 2],
         run: impl Fn(Tensor<2>) -> Tensor<R>,
     ) {
-        let (width, what) = (3 * N_SPANS, format!("{operation} {n}"));
+        let what = format!("{operation} {n}");
         let fits = limits::check_values("the rows", n * width, "take fewer", &self.device);
         if !self.wants(operation) || fits.is_err() {
             return;

@@ -2,6 +2,7 @@
 
 #![allow(dead_code, reason = "each benchmark uses a part of it")]
 
+pub mod clock;
 pub mod tensors;
 
 use burn::tensor::Device;

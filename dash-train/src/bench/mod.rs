@@ -8,7 +8,7 @@
 //! - this file: what is asked for and the loop over it; `file`: what is written.
 //! - `error`: errors of many values; `timing`: medians and quartiles.
 //! - `hash_encode`, `mlp`, `project`, `rasterize`, `ssim`, `photometric`, `adam`: one operation each;
-//!   `trajectories`: `displacement`, `squared_extent` and `take_rows`; `scene`: all of them at once; `determinant`: two forms of one formula, on the host; `stiffness`: inputs made harder and harder.
+//!   `trajectories`: `displacement`, `squared_extent`, `take_rows`, `join_rows`, `space_time`; `scene`: all of them at once; `determinant`: two forms of one formula, on the host; `stiffness`: inputs made harder and harder.
 
 mod adam;
 mod determinant;
@@ -69,13 +69,17 @@ pub enum Op {
     SquaredExtent,
     /// Some rows of a matrix.
     TakeRows,
+    /// The rows of two matrices.
+    JoinRows,
+    /// Positions as points of the unit cube.
+    SpaceTime,
     /// A whole scene at 1352 x 1014, of which a fifth moves: pictures and training steps; times only
     Scene,
 }
 
 impl Op {
     /// Those that have a reference: all but [`Op::Scene`].
-    pub const ALL: [Self; 10] = [
+    pub const ALL: [Self; 12] = [
         Self::HashEncode,
         Self::Mlp,
         Self::Project,
@@ -86,6 +90,8 @@ impl Op {
         Self::Displacement,
         Self::SquaredExtent,
         Self::TakeRows,
+        Self::JoinRows,
+        Self::SpaceTime,
     ];
 
     /// Its name, that in `dash-kernels` if it is there.
@@ -101,6 +107,8 @@ impl Op {
             Self::Displacement => "displacement",
             Self::SquaredExtent => "squared_extent",
             Self::TakeRows => "take_rows",
+            Self::JoinRows => "join_rows",
+            Self::SpaceTime => "space_time",
             Self::Scene => "scene",
         }
     }
@@ -170,6 +178,8 @@ impl Bench<'_> {
                             trajectories::measure_squared_extent(self, target, size)
                         }
                         Op::TakeRows => trajectories::measure_take_rows(self, target, size),
+                        Op::JoinRows => trajectories::measure_join_rows(self, target, size),
+                        Op::SpaceTime => trajectories::measure_space_time(self, target, size),
                         Op::Scene => scene::measure(self, target, size),
                     };
                     self.unless_too_large(measured, &format!("{name}: {op}, {size}"))?;

@@ -1,9 +1,11 @@
-//! Trajectories of many spans: where they are at a time, how far they go, and some of them.
+//! Trajectories of many spans: where they are at a time, how far they go, and some of them; positions as points of the
+//! unit cube.
 
 use burn::tensor::Tensor;
 use dash_kernels::KernelError;
 use dash_kernels::displacement::{self, displacement};
-use dash_kernels::rows::{self, take_rows};
+use dash_kernels::rows::{self, join_rows, take_rows};
+use dash_kernels::space_time::{self, Bounds, space_time};
 use dash_kernels::trajectory::{self, Polyline, squared_extent};
 
 use super::{
@@ -14,6 +16,8 @@ use crate::TrainError;
 
 /// As many as a long clip has.
 const SPANS: usize = 48;
+/// Of a trajectory's row.
+const WIDTH: usize = 3 * SPANS;
 /// One in so many rows is taken.
 const STRIDE: usize = 5;
 /// In the middle of the clip, on a knot.
@@ -29,6 +33,7 @@ pub(super) fn measure_displacement(
     let wide = to_f64(&basis);
     let case = Case {
         op: Op::Displacement,
+        width: WIDTH,
         run: |coefficients| displacement(coefficients, &basis),
         expected: |coefficients: &[f64]| reference::displacement(coefficients, &wide),
         expected_vjp: |_: &[f64], v: &[f64]| reference::displacement_vjp(v, &wide),
@@ -45,6 +50,7 @@ pub(super) fn measure_squared_extent(
     let (polyline, anchor) = (Polyline::new(SPANS, ANCHOR)?, f64::from(ANCHOR));
     let case = Case {
         op: Op::SquaredExtent,
+        width: WIDTH,
         run: |coefficients| squared_extent(coefficients, polyline),
         expected: |coefficients: &[f64]| reference::squared_extent(coefficients, SPANS, anchor),
         expected_vjp: |coefficients: &[f64], v: &[f64]| {
@@ -60,20 +66,66 @@ pub(super) fn measure_take_rows(
     n: usize,
 ) -> Result<(), TrainError> {
     use rows::reference;
-    let (width, taken) = (3 * SPANS, n.div_ceil(STRIDE));
+    let taken = n.div_ceil(STRIDE);
     let rows: Vec<u32> = (0..n as u32).step_by(STRIDE).collect();
     let case = Case {
         op: Op::TakeRows,
+        width: WIDTH,
         run: |coefficients| take_rows(coefficients, &rows),
-        expected: |coefficients: &[f64]| reference::take_rows(coefficients, width, &rows),
-        expected_vjp: |_: &[f64], v: &[f64]| reference::take_rows_vjp(v, n, width, &rows),
+        expected: |coefficients: &[f64]| reference::take_rows(coefficients, WIDTH, &rows),
+        expected_vjp: |_: &[f64], v: &[f64]| reference::take_rows_vjp(v, n, WIDTH, &rows),
     };
-    case.measure(bench, target, n, [taken, width])
+    case.measure(bench, target, n, [taken, WIDTH])
 }
 
-/// An operation on coefficients, and its reference.
+pub(super) fn measure_join_rows(
+    bench: &mut Bench,
+    target: Target,
+    n: usize,
+) -> Result<(), TrainError> {
+    use rows::reference;
+    let case = Case {
+        op: Op::JoinRows,
+        width: WIDTH,
+        run: |rows: Tensor<2>| join_rows(rows.clone(), rows),
+        expected: |rows: &[f64]| reference::join_rows(rows, rows),
+        expected_vjp: |_: &[f64], v: &[f64]| {
+            let [first, second] = reference::join_rows_vjp(v, n * WIDTH);
+            first.iter().zip(second).map(|(a, b)| a + b).collect()
+        },
+    };
+    case.measure(bench, target, n, [2 * n, WIDTH])
+}
+
+pub(super) fn measure_space_time(
+    bench: &mut Bench,
+    target: Target,
+    n: usize,
+) -> Result<(), TrainError> {
+    use space_time::reference;
+    let bounds = Bounds {
+        min: [-0.2, -0.1, -0.3],
+        scale: [2.5, 5.0, 1.5],
+        clamp: true,
+    };
+    let time = f64::from(ANCHOR);
+    let case = Case {
+        op: Op::SpaceTime,
+        width: 3,
+        run: |positions| space_time(positions, &bounds, ANCHOR),
+        expected: |positions: &[f64]| reference::space_time(positions, &bounds, time),
+        expected_vjp: |positions: &[f64], v: &[f64]| {
+            reference::space_time_vjp(positions, v, &bounds)
+        },
+    };
+    case.measure(bench, target, n, [n, 4])
+}
+
+/// An operation on rows, and its reference.
 struct Case<F, E, G> {
     op: Op,
+    /// Of a row.
+    width: usize,
     run: F,
     expected: E,
     expected_vjp: G,
@@ -94,9 +146,11 @@ where
     where
         F: Fn(Tensor<2>) -> Result<Tensor<R>, KernelError>,
     {
-        let shape = [n, 3 * SPANS];
+        let shape = [n, self.width];
         let mut rng = generator(11);
-        let coefficients: Vec<f32> = (0..n * 3 * SPANS).map(|_| 0.1 * normal(&mut rng)).collect();
+        let coefficients: Vec<f32> = (0..n * self.width)
+            .map(|_| 0.1 * normal(&mut rng))
+            .collect();
         let wide = to_f64(&coefficients);
         let tensor = target.tensor(&coefficients, shape);
         let got = values((self.run)(tensor.clone())?)?;
