@@ -213,6 +213,13 @@ impl Optimizer {
         steps: BTreeMap<String, u64>,
         device: &Device,
     ) -> Result<Self, String> {
+        let of_parts = |name: &&String| DECODER_PARTS.iter().any(|part| name.starts_with(part));
+        if let Some(name) = steps.keys().find(of_parts) {
+            return Err(format!(
+                "moments of `{name}`, which is one parameter with the rest of the decoder now: go on with the version of \
+                 dash that the run was begun with, or begin anew"
+            ));
+        }
         let mut moments = BTreeMap::new();
         for (name, steps) in steps {
             let mut take = |suffix: &str| {
@@ -235,6 +242,12 @@ impl Optimizer {
         Ok(Self { moments })
     }
 }
+
+/// Parameters that the field's decoder had in earlier checkpoints.
+const DECODER_PARTS: [&str; 2] = [
+    "scene.dynamic.field.decoder.layers.",
+    "scene.dynamic.field.head_",
+];
 
 fn upload(values: Vec<f32>, device: &Device) -> Tensor<1> {
     let n = values.len();
@@ -338,6 +351,22 @@ mod tests {
             module = optimizer.step("", module, &mut loss.backward(), |_| pace);
         }
         to_host(module.values.val())
+    }
+
+    #[test]
+    fn moments_of_a_decoder_in_parts_are_refused() {
+        for name in [
+            "scene.dynamic.field.decoder.layers.0.weight",
+            "scene.dynamic.field.head_means.bias",
+        ] {
+            let steps = BTreeMap::from([(name.to_string(), 3)]);
+            let refused = Optimizer::from_tensors(BTreeMap::new(), steps, &Device::flex());
+            let refused = refused.err().expect("refused");
+            assert!(
+                refused.contains(name) && refused.contains("begin anew"),
+                "{refused}"
+            );
+        }
     }
 
     #[test]
