@@ -33,35 +33,31 @@ impl Mlp {
     /// # Errors
     /// When the input has another width, or outgrows the device.
     pub fn forward(&self, input: Tensor<2>) -> Result<Tensor<2>, KernelError> {
-        let last = self.layers.len() - 1;
-        forward(input, &self.layers[..last], &[&self.layers[last]])
+        forward(input, self.layers.iter())
     }
 }
 
-/// What `heads` give side by side, each of what comes out of the layers of `trunk`, with ReLU behind each of these.
+/// What comes out of the last of some layers, with ReLU behind each of the others.
 ///
 /// # Shapes
-/// `[N, first width] -> [N, sum of the heads' widths]`
+/// `[N, first width] -> [N, last width]`
 ///
 /// # Errors
 /// When the widths do not fit, or the device can't hold so many rows.
-pub(crate) fn forward(
+pub(crate) fn forward<'a>(
     input: Tensor<2>,
-    trunk: &[Linear],
-    heads: &[&Linear],
+    layers: impl Iterator<Item = &'a Linear>,
 ) -> Result<Tensor<2>, KernelError> {
     let device = input.device();
-    let mut widths = Vec::with_capacity(trunk.len() + 2);
-    let mut parameters = Vec::with_capacity(2 * trunk.len() + 2);
-    for layer in trunk {
-        widths.push(layer.weight.dims()[0]);
+    let (mut widths, mut parameters) = (Vec::new(), Vec::new());
+    for layer in layers {
+        let [n_inputs, n_outputs] = layer.weight.dims();
+        if widths.is_empty() {
+            widths.push(n_inputs);
+        }
+        widths.push(n_outputs);
         parameters.extend([layer.weight.val().flatten(0, 1), biases(layer, &device)]);
     }
-    let weights: Vec<_> = heads.iter().map(|head| head.weight.val()).collect();
-    let biases = heads.iter().map(|head| biases(head, &device)).collect();
-    let weights = Tensor::cat(weights, 1);
-    widths.extend(weights.dims());
-    parameters.extend([weights.flatten(0, 1), Tensor::cat(biases, 0)]);
     mlp(input, Tensor::cat(parameters, 0), &MlpLayout::new(&widths)?)
 }
 

@@ -70,7 +70,8 @@ impl MotionField {
     /// When a shape does not fit.
     pub fn coefficients(&self, means: Tensor<2>) -> Result<Tensor<2>, ModelError> {
         let features = self.encoder.forward(self.space.normalize(means.detach()))?;
-        let out = mlp::forward(features, &self.trunk.layers, &[&self.head])?;
+        let layers = self.trunk.layers.iter().chain([&self.head]);
+        let out = mlp::forward(features, layers)?;
         Ok(out * (OUTPUT_SCALE * self.space.diagonal()))
     }
 
