@@ -10,6 +10,7 @@ use std::sync::Arc;
 use dash_train::dataset::{self, Layout, LoadOptions, Split};
 use dash_train::device::DeviceChoice;
 use dash_train::evaluate::evaluate;
+use dash_train::process;
 use dash_train::render::{
     PictureFormat, PictureLayer, RenderJob, at_times, test_shots, write_pictures,
 };
@@ -18,6 +19,7 @@ use dash_train::train::{Preset, TrainConfig, Trainer};
 type Failure = Box<dyn std::error::Error + Send + Sync>;
 
 fn main() -> Result<(), Failure> {
+    process::prepare();
     // On a thread of the pool: from outside, every parallel loop would wake one and wait for it.
     rayon::scope(|_| run())
 }

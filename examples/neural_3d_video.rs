@@ -9,6 +9,7 @@ use std::sync::Arc;
 use dash_train::dataset::{self, Layout, LoadOptions, Split};
 use dash_train::device::DeviceChoice;
 use dash_train::evaluate::{Process, evaluate_run};
+use dash_train::process;
 use dash_train::render::{PictureLayer, RenderJob, spiral_shots, write_video};
 use dash_train::train::{
     DataConfig, Preset, RunConfig, RunFolder, TrainConfig, TrainOptions, train,
@@ -17,6 +18,7 @@ use dash_train::train::{
 type Failure = Box<dyn std::error::Error + Send + Sync>;
 
 fn main() -> Result<(), Failure> {
+    process::prepare();
     // On a thread of the pool: from outside, every parallel loop would wake one and wait for it.
     rayon::scope(|_| run())
 }

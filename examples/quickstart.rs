@@ -9,6 +9,7 @@ use std::sync::Arc;
 use dash_train::dataset::{self, LoadOptions, Split};
 use dash_train::device::DeviceChoice;
 use dash_train::evaluate::{Process, evaluate_run};
+use dash_train::process;
 use dash_train::render::{
     PictureFormat, PictureLayer, RenderJob, spiral_shots, test_shots, write_overview,
     write_pictures, write_video,
@@ -22,6 +23,7 @@ use dash_train::video::ffmpeg_available;
 type Failure = Box<dyn std::error::Error + Send + Sync>;
 
 fn main() -> Result<(), Failure> {
+    process::prepare();
     // On a thread of the pool: from outside, every parallel loop would wake one and wait for it.
     rayon::scope(|_| run())
 }

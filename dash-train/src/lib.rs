@@ -8,7 +8,7 @@
 //! - `stress`: extreme inputs for all of it.
 //! - `doctor`: what is wrong with a dataset, and how to mend it.
 //! - `compare`: other methods on the same data, at the same cost.
-//! - `device`: devices by name; `evaluate`: `results.json`; `render`: pictures of a scene.
+//! - `process`: what a program sets up first; `device`: devices by name; `evaluate`: `results.json`; `render`: pictures of a scene.
 //! - `bench`: errors and times of kernels; `report`: what was measured, as a page, CSV and PNG.
 //! - `metrics`: picture quality; `video`: pictures and videos on disk.
 //!
@@ -27,6 +27,7 @@ pub mod fuzzing;
 pub mod metrics;
 pub mod ply;
 pub mod prepare;
+pub mod process;
 pub mod render;
 pub mod report;
 pub mod stress;

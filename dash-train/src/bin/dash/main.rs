@@ -93,34 +93,8 @@ enum Command {
     Stress(stress::StressArgs),
 }
 
-/// Makes the allocator keep what is freed. A training step takes and gives back gradients as large as
-/// the hash tables, and clearing their pages anew each time can cost more than the step.
-#[cfg(all(target_os = "linux", target_env = "gnu"))]
-fn keep_freed_memory() {
-    /// Blocks above this, in bytes, still go back to the system.
-    const LARGEST_KEPT: libc::c_int = 1 << 30;
-    // SAFETY: `mallopt` changes parameters of the allocator, before there is a second thread.
-    unsafe {
-        libc::mallopt(libc::M_MMAP_THRESHOLD, LARGEST_KEPT);
-        libc::mallopt(libc::M_TRIM_THRESHOLD, libc::c_int::MAX);
-    }
-}
-
-#[cfg(not(all(target_os = "linux", target_env = "gnu")))]
-fn keep_freed_memory() {}
-
-/// Keeps Mesa's layer for choosing among GPUs out of a session without a display, in which it
-/// writes an error about that to stderr whenever GPUs are looked for.
-fn quieten_vulkan() {
-    if std::env::var_os("XDG_RUNTIME_DIR").is_none() {
-        // SAFETY: the environment is changed before there is a second thread.
-        unsafe { std::env::set_var("NODEVICE_SELECT", "1") };
-    }
-}
-
 fn main() -> ExitCode {
-    keep_freed_memory();
-    quieten_vulkan();
+    dash_train::process::prepare();
     report_faults_on_one_line();
     let cli = Cli::parse();
     let outcome = std::panic::catch_unwind(|| run(&cli));

@@ -1,0 +1,56 @@
+//! What a program that trains or renders sets up first.
+
+/// Prepares the process for training and rendering: call it first in `main`. The allocator keeps what is freed: a
+/// training step takes and gives back gradients as large as the hash tables, and clearing their pages anew each time
+/// can cost more than the step. And where Linux runs without a session, Mesa's layer for choosing among GPUs is left
+/// out, which writes an error about that to stderr whenever GPUs are looked for.
+///
+/// Both change what all threads share, so where there is a second thread nothing is done; nor on other systems than Linux, and
+/// to the allocator only where it is glibc's.
+pub fn prepare() {
+    #[cfg(target_os = "linux")]
+    if is_alone() {
+        #[cfg(target_env = "gnu")]
+        keep_freed_memory();
+        quieten_vulkan();
+    }
+}
+
+#[cfg(target_os = "linux")]
+fn is_alone() -> bool {
+    std::fs::read_dir("/proc/self/task").is_ok_and(|threads| threads.count() == 1)
+}
+
+#[cfg(all(target_os = "linux", target_env = "gnu"))]
+fn keep_freed_memory() {
+    /// Blocks above this, in bytes, still go back to the system.
+    const LARGEST_KEPT: libc::c_int = 1 << 30;
+    // SAFETY: `mallopt` changes parameters of the allocator, and there is no second thread.
+    unsafe {
+        libc::mallopt(libc::M_MMAP_THRESHOLD, LARGEST_KEPT);
+        libc::mallopt(libc::M_TRIM_THRESHOLD, libc::c_int::MAX);
+    }
+}
+
+#[cfg(target_os = "linux")]
+fn quieten_vulkan() {
+    if std::env::var_os("XDG_RUNTIME_DIR").is_none() {
+        // SAFETY: there is no second thread that could read the environment.
+        unsafe { std::env::set_var("NODEVICE_SELECT", "1") };
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    #[test]
+    fn the_environment_is_left_alone_where_other_threads_run() {
+        let variable = || std::env::var_os("NODEVICE_SELECT");
+        let (done, wait) = std::sync::mpsc::channel::<()>();
+        let other = std::thread::spawn(move || wait.recv());
+        let before = variable();
+        super::prepare();
+        assert_eq!(variable(), before);
+        drop(done);
+        assert!(other.join().expect("no panic").is_err(), "nothing is sent");
+    }
+}
