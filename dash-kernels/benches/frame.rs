@@ -3,15 +3,11 @@
 
 mod scene;
 
-use std::time::Instant;
-
 use burn::tensor::Device;
 use dash_kernels::rasterize::{RasterizeOptions, rasterize};
+use scene::clock::median;
 use scene::tensors::Gaussians;
 use scene::{SIZES, Size};
-
-/// Repetitions of which the median counts.
-const REPETITIONS: usize = 7;
 
 fn main() {
     // `cargo bench` passes flags of its own; a word picks the backends whose names hold it.
@@ -55,24 +51,13 @@ impl Frame {
         let image = |gaussians: &Gaussians| {
             rasterize(gaussians.project(), &self.options).expect("a good size")
         };
-        let forward = self.median(|| drop(image(&self.gaussians)));
+        let forward = self.ms(|| drop(image(&self.gaussians)));
         let tracked = self.gaussians.clone().autodiff();
-        let both = self.median(|| drop(image(&tracked).sum().backward()));
+        let both = self.ms(|| drop(image(&tracked).sum().backward()));
         (forward, both)
     }
 
-    fn median(&self, work: impl Fn()) -> f64 {
-        let mut times: Vec<f64> = (0..REPETITIONS + 2)
-            .map(|_| {
-                let start = Instant::now();
-                work();
-                self.device.sync().expect("the device answers");
-                start.elapsed().as_secs_f64() * 1e3
-            })
-            // The first runs compile kernels and find the lists' capacity.
-            .skip(2)
-            .collect();
-        times.sort_by(f64::total_cmp);
-        times[REPETITIONS / 2]
+    fn ms(&self, work: impl Fn()) -> f64 {
+        median(&self.device, work).as_secs_f64() * 1e3
     }
 }

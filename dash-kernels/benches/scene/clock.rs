@@ -7,8 +7,10 @@ use burn::tensor::{Device, Tensor};
 use dash_kernels::adam::{AdamStep, adam_step};
 
 const VALUE_BYTES: usize = 4;
-/// Runs of which the median counts.
+/// Runs of which the median counts, at least; of short ones as many as [`ENOUGH`] takes.
 const REPETITIONS: usize = 5;
+/// Half of this warms the device up: clocks that fell while it idled, memory it has yet to find.
+const ENOUGH: Duration = Duration::from_millis(200);
 /// A size after one that took longer than this is left out.
 pub const TOO_LONG: Duration = Duration::from_secs(4);
 
@@ -44,7 +46,14 @@ pub fn median(device: &Device, work: impl Fn()) -> Duration {
     if second > TOO_LONG / 4 {
         return second;
     }
-    let mut times: Vec<Duration> = (0..REPETITIONS).map(|_| once()).collect();
+    let warm = Instant::now();
+    while warm.elapsed() < ENOUGH / 2 {
+        once();
+    }
+    let (start, mut times) = (Instant::now(), Vec::new());
+    while times.len() < REPETITIONS || start.elapsed() < ENOUGH {
+        times.push(once());
+    }
     times.sort();
-    times[REPETITIONS / 2]
+    times[times.len() / 2]
 }
