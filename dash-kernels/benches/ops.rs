@@ -33,6 +33,8 @@ use scene::tensors::Gaussians;
 const N_POINTS: [usize; 3] = [10_000, 100_000, 1_000_000];
 const IMAGES: [(usize, usize); 3] = [(512, 512), (1352, 1014), (3840, 2160)];
 const VALUE_BYTES: usize = 4;
+/// Width of a decoder's hidden layers.
+const N_HIDDEN: usize = 64;
 /// Parts of a long trajectory.
 const N_SPANS: usize = 48;
 
@@ -103,11 +105,11 @@ impl Bench {
         }
     }
 
-    /// Whether the device has a buffer for the colours of `n` Gaussians.
-    fn holds(&self, n: usize) -> bool {
-        let fits = limits::check_values("the colours", n * 48, "take fewer", &self.device);
+    /// Whether the device has a buffer for `what` in `n` rows of so many values.
+    fn holds(&self, what: &'static str, n: usize, n_values: usize) -> bool {
+        let fits = limits::check_values(what, n * n_values, "take fewer", &self.device);
         if let Err(error) = &fits {
-            println!("{:8} {n} Gaussians: {error}", self.name);
+            println!("{:8} {n} rows: {error}", self.name);
         }
         fits.is_ok()
     }
@@ -182,7 +184,7 @@ impl Bench {
             return;
         }
         for n in N_POINTS {
-            if !self.holds(n) {
+            if !self.holds("the colours", n, 3 * scene::N_COEFFS) {
                 continue;
             }
             let inputs = Gaussians::new(&self.device, Size(n, 1352, 1014, 3.0));
@@ -202,9 +204,13 @@ impl Bench {
         if !self.wants("mlp") {
             return;
         }
-        let layout = MlpLayout::new(&[16, 64, 64, 10]).expect("good widths");
+        let layout = MlpLayout::new(&[16, N_HIDDEN, N_HIDDEN, 10]).expect("good widths");
         let parameters = self.random([layout.n_parameters()]) * 0.2;
         for n in N_POINTS {
+            // What is kept for the backward pass is the widest layer of every row.
+            if !self.holds("the network", n, N_HIDDEN) {
+                continue;
+            }
             let input = self.random([n, layout.n_inputs()]);
             let values = n * (layout.n_inputs() + layout.n_outputs());
             self.time(&format!("mlp {n}, forward"), values, || {
@@ -250,7 +256,7 @@ impl Bench {
         for (width, height) in IMAGES {
             self.too_long.set(false);
             for n in N_POINTS {
-                if !self.holds(n) {
+                if !self.holds("the colours", n, 3 * scene::N_COEFFS) {
                     continue;
                 }
                 let splats = Gaussians::new(&self.device, Size(n, width, height, 3.0)).project();
@@ -356,8 +362,7 @@ impl Bench {
         run: impl Fn(Tensor<2>) -> Tensor<R>,
     ) {
         let what = format!("{operation} {n}");
-        let fits = limits::check_values("the rows", n * width, "take fewer", &self.device);
-        if !self.wants(operation) || fits.is_err() {
+        if !self.wants(operation) || !self.holds("the tensor", n, width) {
             return;
         }
         let rows = self.random([n, width]);
