@@ -8,9 +8,11 @@ use serde::{Deserialize, Serialize};
 use crate::TrainError;
 
 /// How the times are taken, for the file.
-pub(super) const RULE: &str = "median and quartiles of up to 15 runs after two that do not count, the device synchronised before the \
+pub(super) const RULE: &str = "median and quartiles of up to 15 runs after at least two, and 0.1 s of them, that do not count, the device synchronised before the \
      clock stops; fewer runs, at least one, where they take longer than 2 s together";
 const WARM_UPS: usize = 2;
+/// Clocks that fell while a device idled have risen by then.
+const WARM: Duration = Duration::from_millis(100);
 const RUNS: usize = 15;
 /// No run begins after this.
 const ENOUGH: Duration = Duration::from_secs(2);
@@ -48,11 +50,10 @@ pub(super) fn time(
         Ok::<f64, TrainError>(start.elapsed().as_secs_f64() * 1e3)
     };
     let start = Instant::now();
-    for _ in 0..WARM_UPS {
+    let mut n_warm_ups = 0;
+    while (n_warm_ups < WARM_UPS || start.elapsed() < WARM) && start.elapsed() < ENOUGH {
         once()?;
-        if start.elapsed() > ENOUGH {
-            break;
-        }
+        n_warm_ups += 1;
     }
     let start = Instant::now();
     let mut runs = vec![once()?];
