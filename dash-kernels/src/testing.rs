@@ -10,6 +10,9 @@ pub const P99: f64 = 1e-3;
 /// Smallest cosine between a kernel's gradient and the reference's.
 pub const COSINE: f64 = 0.999_99;
 
+/// Largest norm of what differs from the reference, as a share of the reference's norm.
+pub const RELATIVE_L2: f64 = 1e-3;
+
 /// The devices of the enabled backends.
 pub fn devices() -> Vec<Device> {
     vec![
@@ -96,6 +99,14 @@ pub fn cosine(a: &[f64], b: &[f64]) -> f64 {
     dot(a, b) / norms
 }
 
+/// The norm of the difference over the expectation's.
+pub fn relative_l2(got: &[f64], expected: &[f64]) -> f64 {
+    let square = |v: f64| v * v;
+    let off: f64 = got.iter().zip(expected).map(|(g, e)| square(g - e)).sum();
+    let norm: f64 = expected.iter().copied().map(square).sum();
+    (off / norm.max(f64::MIN_POSITIVE)).sqrt()
+}
+
 /// The 99th percentile of `|got - expected| / (|expected| + floor)`, where `floor` is a thousandth
 /// of the expectation's root mean square: relative errors of values next to zero say nothing.
 pub fn p99(got: &[f64], expected: &[f64]) -> f64 {
@@ -111,13 +122,14 @@ pub fn p99(got: &[f64], expected: &[f64]) -> f64 {
 }
 
 /// Fails unless `got` agrees with the reference as the house asks for: 99th percentile of the
-/// relative error, and cosine.
+/// relative error, cosine, and norm of the difference.
 #[track_caller]
 pub fn assert_agrees(name: &str, got: &[f32], expected: &[f64]) {
     assert_eq!(got.len(), expected.len(), "{name}: lengths differ");
     assert_finite(name, got);
     let got = to_f64(got);
     let (p99, cosine) = (p99(&got, expected), cosine(&got, expected));
+    let off = relative_l2(&got, expected);
     let worst = (0..got.len())
         .max_by(|&a, &b| {
             let error = |i: usize| (got[i] - expected[i]).abs();
@@ -125,8 +137,8 @@ pub fn assert_agrees(name: &str, got: &[f32], expected: &[f64]) {
         })
         .map(|i| format!("[{i}]: got {}, expected {}", got[i], expected[i]));
     assert!(
-        p99 <= P99 && cosine >= COSINE,
-        "{name}: p99 {p99:e}, cosine {cosine}; largest difference at {worst:?}"
+        p99 <= P99 && cosine >= COSINE && off <= RELATIVE_L2,
+        "{name}: p99 {p99:e}, cosine {cosine}, relative L2 {off:e}; largest difference at {worst:?}"
     );
 }
 

@@ -9,6 +9,8 @@ use rand_pcg::Pcg64;
 pub const P99_RELATIVE: f64 = 1e-3;
 /// Cosine between an f32 kernel's values and the f64 reference's.
 pub const MIN_COSINE: f64 = 0.999_99;
+/// Largest norm of what differs from the reference, as a share of the reference's norm.
+pub const RELATIVE_L2: f64 = 1e-3;
 /// Central differences of a smooth f64 function with a step of 1e-6 to 1e-5 are this good.
 pub const DIFFERENCES_RELATIVE: f64 = 1e-6;
 
@@ -121,7 +123,17 @@ pub fn disagreement(got: &[f32], expected: &[f64]) -> Option<String> {
     if norm + rms > 0.0 && (cosine.is_nan() || cosine < MIN_COSINE) {
         return Some(format!("cosine is {cosine}"));
     }
-    None
+    let off = relative_l2(got, expected);
+    (off > RELATIVE_L2).then(|| format!("relative L2 error is {off:e}"))
+}
+
+/// The norm of the difference over the expectation's.
+pub fn relative_l2(got: &[f32], expected: &[f64]) -> f64 {
+    let square = |v: f64| v * v;
+    let pairs = got.iter().zip(expected);
+    let off: f64 = pairs.map(|(&g, e)| square(f64::from(g) - e)).sum();
+    let norm: f64 = expected.iter().copied().map(square).sum();
+    (off / norm.max(f64::MIN_POSITIVE)).sqrt()
 }
 
 #[track_caller]

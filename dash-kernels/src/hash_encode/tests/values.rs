@@ -4,6 +4,9 @@ use super::{Case, every_layout, small_layout};
 use crate::hash_encode::{Interpolation, cpu, hash_encode, reference};
 use crate::testing_hash::*;
 
+/// Largest norm of what features are off, as a share of theirs.
+const FEATURES_L2: f64 = 1e-6;
+
 /// One level of 2x2 cells: the middle of the lower left cell sees its four corners equally, a
 /// quarter along x sees them 3 : 1.
 #[test]
@@ -119,7 +122,10 @@ fn backends_match_the_reference() {
             let table = tensor(&case.table, [layout.n_entries(), 2], &device).require_grad();
             let v_out = tensor(&case.v_out, [n, layout.n_features()], &device);
             let out = hash_encode(positions.clone(), table.clone(), layout).expect("fits");
-            assert_agrees(&values(out.clone().inner()), &case.reference());
+            let (features, expected) = (values(out.clone().inner()), case.reference());
+            assert_agrees(&features, &expected);
+            let off = relative_l2(&features, &expected);
+            assert!(off <= FEATURES_L2, "{dims}D: relative L2 error {off:e}");
             let grads = (out * v_out).sum().backward();
             let (v_positions, v_table) = case.reference_vjp();
             assert_agrees(
