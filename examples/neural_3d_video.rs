@@ -50,7 +50,7 @@ fn run() -> Result<(), Failure> {
     // The quick preset with more Gaussians and steps: some minutes on a CPU at a small size.
     let mut train_config = TrainConfig::preset(Preset::Quick);
     train_config.set("iterations=8000")?;
-    train_config.set("density_static.max_gaussians=20000")?;
+    train_config.set("densify.static.max_gaussians=20000")?;
     let config = RunConfig::new(data, train_config);
     let run = RunFolder::create(Path::new(out), &config)?;
     let device = choice.device()?;

@@ -493,7 +493,7 @@ fn help_shows_examples_and_wrong_usage_exits_with_two() {
         &["synth", "out", "--size", "32"],
         &["synth", "out", "--cameras", "0"],
         &["synth", "out", "--frames", "0"],
-        &["train", "room", "--out", "run", "--set", "loss.dsim=1"],
+        &["train", "room", "--out", "run", "--set", "dsim=1"],
         &["train", "room", "--out", "run", "--memory", "lots"],
         &["train", "room", "--out", "run", "--downscale", "0.5"],
         &["render", "run", "--time", "0.5", "--frames", "3"],

@@ -37,11 +37,11 @@ fn arguments(run: &str) -> Vec<&str> {
     args.extend(TINY);
     for assignment in [
         "checkpoint_interval=3",
-        "density_static.interval=10",
-        "density_static.opacity_reset_interval=40",
-        "density_dynamic.interval=10",
-        "density_dynamic.opacity_reset_interval=40",
-        "stages.averaged=0.25",
+        "densify.static.interval=10",
+        "densify.static.opacity_reset_interval=40",
+        "densify.dynamic.interval=10",
+        "densify.dynamic.opacity_reset_interval=40",
+        "extensions.averaging.share=0.25",
     ] {
         args.extend(["--set", assignment]);
     }

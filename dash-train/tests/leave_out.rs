@@ -68,8 +68,8 @@ fn where_nothing_moves_there_is_no_byte_of_a_4d_field() {
 #[test]
 fn what_moves_keeps_its_field_and_the_run_says_why() {
     // Levels that all have more entries than so few Gaussians read.
-    let tables = "field.deformation.encoder.log2_hashmap_size=14";
-    let levels = "field.deformation.encoder.base_resolution=[16,16,16,3]";
+    let tables = "method.field.log2_hashmap_size=14";
+    let levels = "method.field.resolution=[16,16]";
     let bench = trained("bounce", &["--set", tables, "--set", levels]);
     assert!(holds(&bench, "run/scene/scene.safetensors", "dynamic."));
     let told = bench.ok(&["info", "run"]);

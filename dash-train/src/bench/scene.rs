@@ -17,7 +17,8 @@ use rand_pcg::Pcg64;
 use super::{Bench, Measurement, Op, Pass, Target, generator, normal, time};
 use crate::TrainError;
 use crate::dataset::{Dataset, Layout, View};
-use crate::train::{Preset, TrainConfig, Trainer, continue_with};
+use crate::train::paper::Trajectories;
+use crate::train::{Keep, Preset, TrainConfig, Trainer};
 
 /// Pixels of a picture: Neural 3D Video's at half size.
 const SIZE: [usize; 2] = [1352, 1014];
@@ -56,6 +57,7 @@ pub(super) fn measure(bench: &mut Bench, target: Target, n: usize) -> Result<(),
     for (preset, variant) in PRESETS {
         let mut config = TrainConfig::preset(preset);
         (config.sh_degree, config.sh_interval) = (3, 0.0);
+        config.keep(Keep::All);
         let mut trainer = Trainer::new(config, Arc::new(clip(SMALL)), target.device)?;
         let dataset = Arc::new(clip(SIZE));
         let still = scene(&trainer, n, target.device)?;
@@ -72,7 +74,7 @@ pub(super) fn measure(bench: &mut Bench, target: Target, n: usize) -> Result<(),
             ..target.measurement(Op::Scene, variant, Pass::Forward, n)
         });
         let learning = scene(&trainer, n, &target.device.clone().autodiff())?;
-        continue_with(&mut trainer, learning, dataset);
+        trainer.run.continue_with(learning, dataset);
         let steps = time(Some(target.device), || match trainer.step()?.skipped {
             false => Ok(()),
             true => Err(TrainError::DeviceFault(
@@ -132,12 +134,12 @@ fn scene(trainer: &Trainer, n: usize, device: &Device) -> Result<DynamicScene, T
     let n_dynamic = n / ONE_IN;
     let config = trainer.config();
     let mut dynamic = rows(n_dynamic, config.sh_degree, &mut rng);
-    if config.decomposition.keep_trajectories {
-        let basis = config.decomposition.basis;
+    if config.method.trajectories == Trajectories::Polyline {
+        let basis = trainer.run().method.basis;
         dynamic.trajectory_width = 3 * basis.len();
         dynamic.trajectories = trajectories(n_dynamic, basis, &mut rng);
     }
-    let deformation = &config.field.deformation;
+    let deformation = &trainer.run().method.field;
     let space = SpaceBox::around(&dynamic.means, 0.0, 0.0);
     let field = DeformationField::new(deformation, space, &mut rng, device)?;
     let mut settings = trainer.scene().settings.clone();

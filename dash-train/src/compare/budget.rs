@@ -83,7 +83,7 @@ impl Budget {
             let warm = trainer.steps_done().saturating_sub(COLD).max(1) as f64;
             points.push((warm, seconds));
             let start = Instant::now();
-            trainer.needed_scene()?;
+            trainer.finished()?;
             at_the_end = gauge.paced(start.elapsed().as_secs_f64())?;
             if seconds >= TRIAL_SHARE * self.seconds {
                 break;

@@ -45,12 +45,12 @@ impl Gauge {
     ) -> Result<Self, TrainError> {
         let mut config = Method::Static.of(preset);
         config.iterations = ENDLESS;
-        config.density_static.until = 0.0;
+        config.densify.static_set.during = [0.0; 2];
         let mut reference = Trainer::new(config, dataset.clone(), device)?;
         for _ in 0..COLD {
             reference.step()?;
         }
-        let scene = reference.scene.clone();
+        let scene = reference.scene().clone();
         let mut gauge = Self {
             reference,
             scene,
@@ -83,7 +83,7 @@ impl Gauge {
     fn step_seconds(&mut self, steps: usize) -> Result<f64, TrainError> {
         let mut seconds = 0.0;
         for _ in 0..steps {
-            self.reference.scene = self.scene.clone();
+            self.reference.run.scene = self.scene.clone();
             let start = Instant::now();
             self.reference.step()?;
             seconds += start.elapsed().as_secs_f64();
@@ -102,16 +102,16 @@ mod tests {
     fn a_machine_that_has_become_slower_trains_for_longer() {
         let dataset = Arc::new(synth::loaded(4, 2, [32, 24]));
         let mut preset = TrainConfig::preset(Preset::Quick);
-        preset.min_initial_points = 200;
+        preset.initial_points[0] = 200;
         let device = Device::flex();
         let gauge = |first| Gauge::new(&preset, &dataset, &device, first).expect("trains");
         let mut begun = gauge(None);
         assert_eq!(begun.slowness, 1.0);
         assert_eq!(begun.paced(0.5).expect("trains"), 0.5);
-        let sizes = begun.reference.scene.counts();
+        let sizes = begun.reference.scene().counts();
         begun.paced(INTERVAL).expect("looks");
         assert!(begun.slowness > 0.0 && begun.slowness.is_finite());
-        assert_eq!(begun.reference.scene.counts(), sizes);
+        assert_eq!(begun.reference.scene().counts(), sizes);
         // A step took a millionth of a second then: what takes one now would have been quick.
         let mut later = gauge(Some(1e-6));
         assert_eq!(later.first(), 1e-6);

@@ -2,14 +2,12 @@
 
 use std::fmt;
 
-use dash_model::{Heads, Representation};
+use dash_model::Representation;
 use serde::{Deserialize, Serialize};
 
 use crate::train::TrainConfig;
-use crate::train::config::{Selection, TimeWindow};
+use crate::train::paper::{Decomposition, TimeResolution};
 
-/// A base resolution of time: all levels get the finest.
-const SAME_TIME: u32 = 0;
 /// Cells of the coarse one of two resolutions of time, where the preset has one only.
 const COARSE_TIME: u32 = 4;
 
@@ -105,50 +103,50 @@ impl Method {
     /// A preset changed into this method.
     pub fn of(self, preset: &TrainConfig) -> TrainConfig {
         let mut config = preset.clone();
-        if self.brings_its_grid() {
-            config.field.cells_with_gaps = 1.0;
+        if self.brings_its_grid()
+            && let Some(gaps) = &mut config.extensions.gaps
+        {
+            gaps.coarsen = 1.0;
         }
         match self {
             Self::Dash => {}
             Self::WithoutDecomposition => everything_moves(&mut config),
             Self::WithoutControl => {
-                config.density_dynamic.interval = NEVER;
-                config.density_dynamic.opacity_reset_interval = 0;
+                config.densify.dynamic.interval = NEVER;
+                config.densify.dynamic.opacity_reset_interval = None;
             }
-            Self::WithoutRegulariser => config.loss.smoothness = 0.0,
+            Self::WithoutRegulariser => config.method.smoothness = 0.0,
             Self::HexPlane => {
                 everything_moves(&mut config);
-                config.stages.window = TimeWindow::All;
-                let field = &mut config.field.deformation;
+                config.extensions.following = None;
+                let field = &mut config.method.field;
                 field.representation = Representation::HexPlane;
-                let grid = &mut field.encoder;
-                (grid.n_levels, grid.n_features_per_level) = (4, 8);
-                set_resolution(&mut grid.base_resolution, 32, SAME_TIME);
-                set_resolution(&mut grid.finest_resolution, 128, 0);
+                field.n_levels = 4;
+                field.resolution = [32, 128];
+                field.time_resolution = TimeResolution::PerFrame;
             }
             Self::Grid4d => {
                 everything_moves(&mut config);
-                config.stages.window = TimeWindow::All;
+                config.extensions.following = None;
                 three_dimensional_grids(&mut config);
             }
             Self::Grid4dDecomposed => three_dimensional_grids(&mut config),
             Self::Embedding => {
                 everything_moves(&mut config);
-                config.stages.window = TimeWindow::All;
-                let field = &mut config.field.deformation;
+                config.extensions.following = None;
+                let field = &mut config.method.field;
                 field.representation = Representation::Embedding;
-                field.heads = Heads {
-                    appearance: true,
-                    ..field.heads
+                field.n_levels = 16;
+                field.resolution[1] = 64;
+                let coarse = match field.time_resolution {
+                    TimeResolution::PerFrame => COARSE_TIME,
+                    TimeResolution::UpToFrames(coarse) | TimeResolution::Fixed([coarse, _]) => {
+                        coarse
+                    }
                 };
-                let grid = &mut field.encoder;
-                (grid.n_levels, grid.n_features_per_level) = (16, 2);
-                set_resolution(&mut grid.finest_resolution, 64, 0);
-                if let [.., time @ SAME_TIME] = grid.base_resolution.as_mut_slice() {
-                    *time = COARSE_TIME;
-                }
+                field.time_resolution = TimeResolution::UpToFrames(coarse);
             }
-            Self::Static => config.decomposition.enabled = false,
+            Self::Static => config.method.decomposition = Decomposition::None,
         }
         config
     }
@@ -163,33 +161,32 @@ impl fmt::Display for Method {
 /// Every Gaussian becomes dynamic after the warm-up, and there may be as many as of both kinds
 /// otherwise.
 fn everything_moves(config: &mut TrainConfig) {
-    config.decomposition.select = Selection::All;
-    config.decomposition.review_interval = 0;
-    let most = config.density_static.max_gaussians + config.density_dynamic.max_gaussians;
-    config.density_static.max_gaussians = most;
+    config.method.decomposition = Decomposition::All;
+    let densify = &mut config.densify;
+    densify.static_set.max_gaussians += densify.dynamic.max_gaussians;
     // They have what the static ones leave, which is all.
-    config.density_dynamic.max_gaussians = 0;
-    // What is a crowd among those that move is none where all do.
-    config.density_dynamic.crowd = 0;
-    config.density_dynamic.from = config.stages.warmup;
+    densify.dynamic.max_gaussians = 0;
+    densify.dynamic.during[0] = config.method.stages[0];
+    let extensions = &mut config.extensions;
+    extensions.demotion = None;
+    // What is a crowd among dynamic Gaussians is none where all are.
+    extensions.crowding = None;
     // It helps to follow motion, which these do not.
-    config.learning_rates.means_in_turns = 1.0;
+    if let Some(rates) = &mut extensions.capture_rates {
+        rates.monocular = 1.0;
+    }
     // It costs them, which ask the field for so many, more steps than it is worth.
-    config.loss.steadiness = 0.0;
+    if let Some(gaps) = &mut extensions.gaps {
+        gaps.steadiness = 0.0;
+    }
 }
 
 /// Grids of 3 dimensions instead of 4: what makes cells of all four share entries leaves each of these to
 /// itself, so that they are not made coarser where the 4D grid is for that.
 fn three_dimensional_grids(config: &mut TrainConfig) {
-    config.field.deformation.representation = Representation::Grid4d;
-    let finest = &mut config.field.deformation.encoder.finest_resolution;
-    for axis in &mut finest[..3] {
-        *axis = (*axis).max(64);
-    }
-}
-
-fn set_resolution(resolution: &mut Vec<u32>, space: u32, time: u32) {
-    *resolution = vec![space, space, space, time];
+    let field = &mut config.method.field;
+    field.representation = Representation::Grid4d;
+    field.resolution[1] = field.resolution[1].max(64);
 }
 
 #[cfg(test)]
@@ -198,6 +195,7 @@ mod tests {
 
     use super::*;
     use crate::train::Preset;
+    use crate::train::core::CaptureFacts;
 
     #[test]
     fn every_method_is_a_valid_configuration_of_every_preset() {
@@ -209,15 +207,21 @@ mod tests {
         ] {
             for method in Method::ALL {
                 let config = method.of(&TrainConfig::preset(preset));
-                for (frames, at_once) in
+                config
+                    .validate()
+                    .unwrap_or_else(|e| panic!("{preset:?} {method}: {e}"));
+                for (n_frames, is_synchronized) in
                     [(1, false), (1, true), (2, true), (15, false), (300, true)]
                 {
+                    let facts = CaptureFacts {
+                        n_frames,
+                        is_synchronized,
+                    };
                     config
-                        .for_frames(frames, at_once)
+                        .method
+                        .deformation(&facts)
                         .validate()
-                        .unwrap_or_else(|e| {
-                            panic!("{preset:?} {method}, {frames} frames, {at_once}: {e}")
-                        });
+                        .unwrap_or_else(|e| panic!("{preset:?} {method}, {facts:?}: {e}"));
                 }
             }
         }
@@ -261,10 +265,10 @@ mod tests {
             (Method::WithoutDecomposition, 4),
             (Method::WithoutRegulariser, 4),
         ] {
-            let mut config = method.of(&preset);
-            config.coarsen_for_gaps();
-            let finest = config.field.deformation.encoder.finest_resolution[0];
-            assert_eq!(finest, cells, "{method}");
+            let config = method.of(&preset);
+            let coarsen = config.extensions.gaps.expect("on").coarsen;
+            let finest = config.method.field.resolution[1] as f32 * coarsen;
+            assert_eq!(finest, cells as f32, "{method}");
         }
     }
 }

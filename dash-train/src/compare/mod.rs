@@ -182,7 +182,8 @@ impl Comparison {
             resume: false,
             curve: self.curve,
             on_step: &mut |report, secs| observer.step(report, secs),
-            pace: Some(&mut |secs| gauge.paced(secs)),
+            clock: Some(&mut |secs| gauge.paced(secs)),
+            additions: Default::default(),
         };
         train(&run, &config.train, dataset.clone(), device, options)?;
         let name = (device, self.data.device.as_str());

@@ -13,10 +13,11 @@ use rand_pcg::Pcg64;
 use super::finding::{Finding, percent};
 use crate::dataset::{Dataset, DatasetError, known_point_file};
 use crate::ply::{PointCloud, read_points_counting};
-use crate::train::coarse::start_part;
-use crate::train::initial::{Core, InitialPoints, views_at_start};
-use crate::train::sweep::Sweep;
-use crate::train::validation::hold_out;
+use crate::train::core::capture::start_span;
+use crate::train::core::hold_out::hold_out;
+use crate::train::core::initial::{Region, views_at_start};
+use crate::train::core::points::InitialPoints;
+use crate::train::core::sweep::Sweep;
 
 /// Points that checks look at: enough for a camera that sees a hundredth of a large scene.
 const SAMPLES: usize = 50_000;
@@ -217,7 +218,7 @@ pub(super) fn inside(cloud: &Cloud, cameras: &[Camera]) -> Option<Finding> {
 /// pictures show their colours. Otherwise it is the box of what several views agree on.
 pub(super) fn training_box(dataset: &Dataset) -> Result<(SpaceBox, bool), DatasetError> {
     let (train_views, _) = hold_out(dataset);
-    let views = views_at_start(dataset, &train_views, start_part(dataset, &train_views));
+    let views = views_at_start(dataset, &train_views, start_span(dataset, &train_views));
     let sweep = Sweep::new(&views, dataset.background.unwrap_or([0.0; 3]))?;
     let mut points = InitialPoints::default();
     if let Some(cloud) = &dataset.points {
@@ -229,7 +230,7 @@ pub(super) fn training_box(dataset: &Dataset) -> Result<(SpaceBox, bool), Datase
     if !used {
         points = sweep.points(SWEPT, &mut Pcg64::seed_from_u64(0));
     }
-    Ok((Core::of(dataset, &points).space, used))
+    Ok((Region::of(dataset, &points).space, used))
 }
 
 /// How many points are outside the training box; `used`: whether training starts from them.

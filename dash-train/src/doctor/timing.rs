@@ -13,7 +13,6 @@ use burn::tensor::Device;
 use super::finding::{Finding, median};
 use crate::TrainError;
 use crate::dataset::Dataset;
-use crate::train::coarse::Stages;
 use crate::train::{Keep, Preset, TrainConfig, Trainer};
 
 /// Gaussians of the two runs.
@@ -107,12 +106,11 @@ fn time(
 ) -> Result<Timed, TrainError> {
     let mut config = TrainConfig::preset(Preset::Quick);
     config.iterations = STEPS[0];
-    config.min_initial_points = gaussians;
-    config.max_initial_points = gaussians;
-    config.decomposition.quantile = 1.0 - MOVING;
-    config.decomposition.floor = 0.0;
-    config.decomposition.review_interval = 0;
-    config.keep = Keep::All;
+    config.initial_points = [gaussians; 2];
+    config.method.static_quantile = 1.0 - MOVING;
+    config.method.motion_floor = 0.0;
+    config.extensions.demotion = None;
+    config.keep(Keep::All);
     let mut trainer = Trainer::new(config, dataset.clone(), device)?;
     let mut secs: [Vec<f64>; N_STAGES] = Default::default();
     let mut n = 0;
@@ -128,12 +126,12 @@ fn time(
         if !is_shortened {
             // No stage has ended yet: all of them move together.
             let affordable = (RUN_SECS / taken.max(1e-9)) as usize;
-            trainer.config.iterations = affordable.clamp(STEPS[1], STEPS[0]);
+            trainer.run.config.iterations = affordable.clamp(STEPS[1], STEPS[0]);
             is_shortened = true;
         }
-        let stages = Stages::of(&trainer);
-        let ends = [stages.warmup, stages.settle, stages.end];
-        let stage = match trainer.may_move() {
+        let stages = trainer.run.stages();
+        let ends = [stages.warmup, stages.handover, stages.end];
+        let stage = match trainer.run.may_move() {
             true => ends.iter().filter(|&&end| step >= end).count(),
             false => 0,
         };
@@ -150,17 +148,19 @@ fn time(
 
 /// The least and the most seconds that a run takes.
 fn range(runs: &[Timed], config: &TrainConfig, n_given: usize, is_static: bool) -> [f64; 2] {
-    let most = config.max_initial_points;
-    let first = n_given.clamp(config.min_initial_points.min(most), most);
+    let [fewest, most] = config.initial_points;
+    let first = n_given.clamp(fewest.min(most), most);
     let [n_static, n_dynamic] = [
-        config.density_static.max_gaussians,
-        config.density_dynamic.max_gaussians,
+        config.densify.static_set.max_gaussians,
+        config.densify.dynamic.max_gaussians,
     ];
     let few = first.min(n_static);
     let many = first.max((n_static + n_dynamic).min(GROWTH * first));
-    let stages = &config.stages;
-    let settle = stages.warmup + stages.settle * (stages.decomposition - stages.warmup);
-    let ends = [stages.warmup, settle, stages.decomposition, 1.0];
+    let [warmup, decomposition] = config.method.stages;
+    let following = config.extensions.following.as_ref();
+    let handover = following.map_or(1.0, |following| following.handover);
+    let handover = warmup + handover * (decomposition - warmup);
+    let ends = [warmup, handover, decomposition, 1.0];
     let total = |n: usize, moves: bool| -> f64 {
         let mut start = 0.0;
         let mut secs = 0.0;
@@ -254,9 +254,10 @@ mod tests {
         let runs = [run(3000, secs), run(1000, secs)];
         let mut config = TrainConfig::preset(Preset::Quick);
         config.iterations = 1000;
-        config.stages.warmup = 0.1;
-        config.stages.decomposition = 0.5;
-        config.stages.settle = 0.5;
+        config.method.stages = [0.1, 0.5];
+        if let Some(following) = &mut config.extensions.following {
+            following.handover = 0.5;
+        }
         // 100, 200, 200 and 500 steps.
         let [low, high] = range(&runs, &config, 0, false);
         assert!((low - (1.0 + 4.0 + 8.0 + 5.0)).abs() < 1e-3, "{low}");

@@ -4,7 +4,7 @@ use burn::tensor::{Device, Gradients, Tensor, TensorData};
 use rand::{Rng, SeedableRng};
 use rand_pcg::Pcg64;
 
-pub(super) use crate::train::to_host;
+pub(super) use crate::train::core::to_host;
 
 /// A generator with a fixed seed.
 pub(super) fn rng(seed: u64) -> Pcg64 {

@@ -12,7 +12,7 @@ use super::measured::Measured;
 use crate::TrainError;
 use crate::dataset::{Dataset, LoadOptions, Split, load};
 use crate::synth::{self, SceneKind, SynthConfig};
-use crate::train::{Preset, TrainConfig, Trainer, start_from, training_psnr};
+use crate::train::{Preset, TrainConfig, Trainer};
 
 const FAMILY: &str = "training";
 
@@ -28,10 +28,10 @@ const HUGE: f32 = 2048.0;
 const MINUTE: f32 = 1.0 / 32_768.0;
 /// No density control, and the default's smallest motion that counts.
 const CALM: [&str; 4] = [
-    "density_static.until=0",
-    "density_dynamic.until=0",
-    "decomposition.floor=0.005",
-    "decomposition.quantile=0.2",
+    "densify.static.during=[0, 0]",
+    "densify.dynamic.during=[0, 0]",
+    "method.motion_floor=0.005",
+    "method.static_quantile=0.2",
 ];
 /// Difference of the share of dynamic Gaussians: over six seeds of one size it is 0.04 to 0.36. Where a length
 /// does not follow the scene's, all of a scene of 1e-4 seems to move.
@@ -78,7 +78,7 @@ pub(super) const CASES: &[Case] = &[
         name: "nothing moves",
         extreme: "no dynamic Gaussian",
         measure: |device| {
-            let settings = ["decomposition.floor=1e9"];
+            let settings = ["method.motion_floor=1e9"];
             clip(SceneKind::Static, &settings, device)
         },
     },
@@ -87,7 +87,7 @@ pub(super) const CASES: &[Case] = &[
         name: "one moves",
         extreme: "one dynamic Gaussian",
         measure: |device| {
-            let settings = ["decomposition.quantile=0.9999"];
+            let settings = ["method.static_quantile=0.9999"];
             clip(SceneKind::Tiny, &settings, device)
         },
     },
@@ -96,7 +96,7 @@ pub(super) const CASES: &[Case] = &[
         name: "everything moves",
         extreme: "all Gaussians but the slowest dynamic",
         measure: |device| {
-            let settings = ["decomposition.quantile=0"];
+            let settings = ["method.static_quantile=0"];
             clip(SceneKind::Flow, &settings, device)
         },
     },
@@ -106,9 +106,10 @@ pub(super) const CASES: &[Case] = &[
         extreme: "a 4D field with a finest level of 2048^4",
         measure: |device| {
             let settings = [
-                "field.deformation.encoder.n_levels=16",
-                "field.deformation.encoder.log2_hashmap_size=14",
-                "field.deformation.encoder.finest_resolution=[2048, 2048, 2048, 2048]",
+                "method.field.n_levels=16",
+                "method.field.log2_hashmap_size=14",
+                "method.field.resolution=[4, 2048]",
+                "method.field.time_resolution={ fixed = [2048, 2048] }",
             ];
             clip(SceneKind::Bounce, &settings, device)
         },
@@ -218,19 +219,17 @@ fn config(steps: usize, settings: &[&str]) -> Result<TrainConfig, TrainError> {
     let mut config = TrainConfig::preset(Preset::Quick);
     for assignment in [
         &format!("iterations={steps}"),
-        "max_initial_points=400",
-        "min_initial_points=0",
-        "stages.warmup=0.1",
-        "stages.min_following=0",
-        "stages.decomposition=0.4",
-        "decomposition.floor=0",
-        "decomposition.encoder.log2_hashmap_size=10",
-        "field.deformation.encoder.log2_hashmap_size=10",
-        "field.deformation.hidden=16",
-        "density_static.interval=20",
-        "density_static.max_gaussians=1500",
-        "density_dynamic.interval=20",
-        "density_dynamic.max_gaussians=800",
+        "initial_points=[0, 400]",
+        "method.stages=[0.1, 0.4]",
+        "extensions.following.min_steps=0",
+        "method.motion_floor=0",
+        "method.motion_field.log2_hashmap_size=10",
+        "method.field.log2_hashmap_size=10",
+        "method.field.hidden=16",
+        "densify.static.interval=20",
+        "densify.static.max_gaussians=1500",
+        "densify.dynamic.interval=20",
+        "densify.dynamic.max_gaussians=800",
     ]
     .iter()
     .chain(settings)
@@ -262,9 +261,9 @@ fn train(
     let mut trainer = Trainer::new(config, Arc::new(dataset), device)?;
     if start != Start::Points {
         let rows = first_rows(&trainer, start);
-        start_from(&mut trainer, &rows);
+        trainer.start_from(&rows);
     }
-    let before = training_psnr(&trainer)?;
+    let before = trainer.training_psnr()?;
     let mut n_skipped = 0;
     while !trainer.is_finished() {
         let report = trainer.step()?;
@@ -278,7 +277,7 @@ fn train(
     let (n_static, n_dynamic) = trainer.scene().counts();
     Ok(Trained {
         before,
-        after: training_psnr(&trainer)?,
+        after: trainer.training_psnr()?,
         dynamic_share: n_dynamic as f64 / (n_static + n_dynamic).max(1) as f64,
     })
 }

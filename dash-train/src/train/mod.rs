@@ -1,44 +1,34 @@
-//! Training: configuration, losses, density control, stages, checkpoints.
+//! Training.
+//!
+//! # Map
+//! - `core`: the step and its mechanics, whatever the method: optimizer, density control, view sampler, guard, checkpoints.
+//! - `paper`: DASH as a [`Method`]: stages, coarse motion, decomposition, smoothness.
+//! - `extensions`: ideas beyond the paper, one file or folder each.
+//! - `config`: the configuration and its presets.
+//! - `trainer`: a run in memory; `run`: a run on disk.
+//!
+//! Arrows go down this list, from its end to its start.
+//!
+//! # Extending it
+//! A loss, a schedule or anything per step is an [`Extension`]; another densification strategy is a [`Densify`]; another
+//! method is a [`Method`]. [`Additions`] brings your own into a [`Trainer`].
 
-mod average;
-mod blocks;
-mod checkpoint;
-pub(crate) mod coarse;
 pub mod config;
-mod cover;
-mod density;
-mod forward;
-mod guard;
-pub(crate) mod initial;
-mod leave_out;
-mod lines;
-mod loss;
-mod matching;
-mod moved;
-mod optimizer;
-mod oversized;
-mod presets;
-mod promote;
-mod regularity;
-mod review;
+pub mod core;
+pub mod extensions;
+pub mod paper;
 mod run;
-mod sampler;
-mod split;
-mod statistics;
-pub(crate) mod sweep;
-mod target;
 mod trainer;
-mod update;
-pub(crate) mod validation;
 
-pub(crate) use optimizer::to_host;
-pub(crate) use split::continue_with;
-pub(crate) use trainer::{start_from, training_psnr};
-
-pub use checkpoint::{checkpoint_config, latest_checkpoint, load_checkpoint, save_checkpoint};
 pub use config::{Keep, Preset, TrainConfig};
-pub use guard::{MAX_SKIPPED_IN_A_ROW, NonFinite, Part, SkippedStep};
-pub use leave_out::Decision;
-pub use lines::LogLine;
-pub use run::{DataConfig, RunConfig, RunFolder, StageEnds, TrainOptions, read_config, train};
-pub use trainer::{StepReport, Trainer};
+pub use core::{
+    Decision, Densify, Extension, Finished, MAX_SKIPPED_IN_A_ROW, Method, NonFinite, Place,
+    SkippedStep, StepReport,
+};
+pub use run::{
+    DataConfig, LogLine, RunConfig, RunFolder, StageEnds, TrainOptions, latest_checkpoint,
+    read_config, train,
+};
+pub use trainer::{
+    Additions, Trainer, checkpoint_config, load_checkpoint, load_checkpoint_with, save_checkpoint,
+};

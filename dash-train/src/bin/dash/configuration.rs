@@ -32,6 +32,8 @@ pub struct Overrides<'a> {
 #[derive(Default)]
 pub struct ConfigFile {
     train: Table,
+    /// Whether that is all values of a run, not some that replace a preset's.
+    is_whole: bool,
     /// How the data is loaded.
     pub data: DataSection,
 }
@@ -91,11 +93,11 @@ impl ConfigFile {
         for key in RunConfig::RECORDED {
             table.remove(key);
         }
+        let mut is_whole = false;
         let train = match table.remove("train") {
             None => table,
-            Some(Value::Table(mut train)) if table.is_empty() => {
-                // A run of a time at which every part was kept.
-                train.entry("keep").or_insert("all".into());
+            Some(Value::Table(train)) if table.is_empty() => {
+                is_whole = true;
                 train
             }
             Some(_) => {
@@ -104,7 +106,11 @@ impl ConfigFile {
                 ));
             }
         };
-        Ok(Self { train, data })
+        Ok(Self {
+            train,
+            is_whole,
+            data,
+        })
     }
 
     fn preset(&self) -> Option<Result<Preset, String>> {
@@ -150,7 +156,11 @@ impl Overrides<'_> {
                 let refuse = |what: String| Failure::new(format!("{}: {what}", path.display()));
                 let mut table = Table::try_from(&config)
                     .map_err(|e| refuse(format!("cannot be merged with the preset: {e}")))?;
-                merge(&mut table, &file.train);
+                if file.is_whole {
+                    table = file.train.clone();
+                } else {
+                    merge(&mut table, &file.train);
+                }
                 let config: TrainConfig = table.try_into().map_err(|e: toml::de::Error| {
                     refuse(format!("{e}; check the key's name and value"))
                 })?;
@@ -165,7 +175,9 @@ impl Overrides<'_> {
         }
         config.iterations = self.iterations.unwrap_or(config.iterations);
         config.seed = self.seed.unwrap_or(config.seed);
-        config.keep = self.keep.unwrap_or(config.keep);
+        if let Some(keep) = self.keep {
+            config.keep(keep);
+        }
         config
             .validate()
             .map_err(|e| Failure::usage(e.to_string()))?;
@@ -181,10 +193,14 @@ pub fn name(preset: Preset) -> String {
         .unwrap_or_default()
 }
 
-/// Replaces values of `base` by those of `over`, section by section.
+/// Replaces values of `base` by those of `over`, section by section. `"none"` takes a section away, such as an
+/// extension's.
 fn merge(base: &mut Table, over: &Table) {
     for (key, value) in over {
         match (base.get_mut(key), value) {
+            (Some(Value::Table(_)), Value::String(none)) if none == "none" => {
+                base.remove(key);
+            }
             (Some(Value::Table(base)), Value::Table(over)) => merge(base, over),
             _ => {
                 base.insert(key.clone(), value.clone());
@@ -218,7 +234,7 @@ mod tests {
     #[test]
     fn the_command_line_wins_over_the_file_and_the_file_over_the_preset() {
         let (_folder, path) =
-            file("preset = \"quick\"\niterations = 70\nseed = 5\n[loss]\ndssim = 1\n");
+            file("preset = \"quick\"\niterations = 70\nseed = 5\ndssim = 1\n");
         let assignments = ["seed=6".to_string()];
         let over = overrides(Some(&path), &assignments);
         let config = over
@@ -226,11 +242,11 @@ mod tests {
             .expect("valid");
         let quick = TrainConfig::preset(Preset::Quick);
         assert_eq!(
-            (config.iterations, config.seed, config.loss.dssim),
+            (config.iterations, config.seed, config.dssim),
             (70, 6, 1.0)
         );
         assert_eq!(config.sh_degree, quick.sh_degree);
-        assert_eq!(config.loss.smoothness, quick.loss.smoothness);
+        assert_eq!(config.method.smoothness, quick.method.smoothness);
         let over = Overrides {
             seed: Some(9),
             ..over
@@ -264,7 +280,7 @@ mod tests {
     #[test]
     fn mistakes_name_the_file_and_the_key() {
         for (text, part) in [
-            ("[loss]\ndsim = 1\n", "dsim"),
+            ("dsim = 1\n", "dsim"),
             ("iterations = \"many\"\n", "iterations"),
             ("iterations = 0\n", "iterations"),
             ("iterations =\n", "line 1"),

@@ -8,7 +8,7 @@ use dash_model::{Clipping, GaussianRows, read_splat_ply};
 use dash_train::dataset::{Dataset, FrameRange, Layout, LoadOptions, Split, load};
 use dash_train::evaluate::{read_results, storage_bytes};
 use dash_train::ply::{PointCloud, read_points};
-use dash_train::train::config::Selection;
+use dash_train::train::paper::Decomposition;
 use dash_train::train::{Decision, RunFolder, StageEnds, TrainConfig};
 
 use crate::Shared;
@@ -142,17 +142,20 @@ fn told(decision: &Decision) -> String {
 
 fn settings(table: &mut Table, config: &TrainConfig, ends: Option<StageEnds>) {
     // A short run may have moved them.
-    let ends = ends.unwrap_or_else(|| StageEnds {
-        warmup: config.step_at(config.stages.warmup),
-        decomposition: config.step_at(config.stages.decomposition),
-    });
-    let (warmup, split, end) = (ends.warmup, ends.decomposition, config.iterations);
-    let stages = match (config.decomposition.enabled, config.decomposition.select) {
-        (false, _) => format!("static 3DGS to step {end}"),
-        (true, Selection::Moving) => {
-            format!("warm-up to step {warmup}, decomposition to {split}, 4D to {end}")
+    let ends = ends.unwrap_or_else(|| {
+        let [warmup, decomposition] = config.method.stages.map(|share| config.step_at(share));
+        StageEnds {
+            warmup,
+            decomposition,
         }
-        (true, Selection::All) => {
+    });
+    let (warmup, found, end) = (ends.warmup, ends.decomposition, config.iterations);
+    let stages = match config.method.decomposition {
+        Decomposition::None => format!("static 3DGS to step {end}"),
+        Decomposition::Moving => {
+            format!("warm-up to step {warmup}, decomposition to {found}, 4D to {end}")
+        }
+        Decomposition::All => {
             format!("warm-up to step {warmup}, then everything in 4D to {end}")
         }
     };

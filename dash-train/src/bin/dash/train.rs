@@ -24,7 +24,7 @@ use crate::values;
 #[derive(Args)]
 #[command(after_help = "Examples:
   dash train out/room --out runs/room --preset quick
-  dash train flame_steak --out runs/steak --downscale 2 --test-cameras 0 --set loss.dssim=0.1
+  dash train flame_steak --out runs/steak --downscale 2 --test-cameras 0 --set dssim=0.1
   dash train out/room --out runs/room --resume
 
 RUN/config.toml holds every value that was used; its keys are those of --set and --config, and
@@ -45,7 +45,7 @@ pub struct TrainArgs {
     /// Values that replace the preset's
     #[arg(long, value_name = "F.toml")]
     config: Option<PathBuf>,
-    /// One value that replaces the preset's and the file's, such as loss.dssim=0.1; may be repeated
+    /// One value that replaces the preset's and the file's, such as dssim=0.1; may be repeated
     #[arg(long, value_name = "KEY=VALUE")]
     set: Vec<String>,
     /// Optimisation steps
@@ -101,7 +101,8 @@ pub fn run(args: &TrainArgs, shared: &Shared) -> Result<String, Failure> {
         resume: args.resume,
         curve: args.curve,
         on_step: &mut |report, secs| progress.step(report, secs),
-        pace: None,
+        clock: None,
+        additions: Default::default(),
     };
     let trained = train(&run, &config.train, dataset.clone(), &device, options);
     progress.finish();

@@ -2,184 +2,197 @@
 
 use super::TrainConfig;
 use crate::TrainError;
+use crate::train::core::{CaptureFacts, DensifyConfig};
 
 /// Most units of a hidden layer.
 const MAX_UNITS: usize = 4096;
-/// Most hidden layers.
-const MAX_LAYERS: usize = 64;
-/// Most functions of time of the coarse trajectories; scene files have the same limit.
-const MAX_BASIS_FUNCTIONS: usize = 4096;
+
+/// A key, its value and whether that is in range.
+type Check<'a> = (&'a str, String, bool);
 
 impl TrainConfig {
     /// Checks every value against its range.
     ///
     /// # Errors
-    /// The first value that is out of range, and the range.
+    /// The first key that is out of range, its value and the range.
     pub fn validate(&self) -> Result<(), TrainError> {
-        let check = |ok: bool, what: &str| {
-            if ok {
-                Ok(())
-            } else {
-                Err(TrainError::Config(what.to_string()))
-            }
+        check("in [0, 1]", self.shares())?;
+        check("finite and not negative", self.not_negative())?;
+        check("at most 1", self.at_most_one())?;
+        check("greater than 0", self.positive())?;
+        check("at least 1", self.counts())?;
+        let within = |name, value: usize, most: usize| {
+            let ok = (1..=most).contains(&value);
+            check(&format!("1 to {most}"), vec![(name, value.to_string(), ok)])
         };
-        let shares = [
-            self.sh_interval,
-            self.stages.warmup,
-            self.stages.decomposition,
-            self.stages.settle,
-            self.stages.averaged,
-            self.loss.dssim,
-            self.loss.moved_share,
-            self.decomposition.quantile,
-        ];
-        check(self.iterations > 0, "iterations must be at least 1")?;
-        check(self.sh_degree <= 3, "sh_degree must be 0 to 3")?;
+        let method = &self.method;
+        within("method.motion_field.hidden", method.motion_field.hidden, MAX_UNITS)?;
+        within("method.field.hidden", method.field.hidden, MAX_UNITS)?;
+        let degree = self.sh_degree;
+        check("0 to 3", vec![("sh_degree", degree.to_string(), degree <= 3)])?;
+        let (stages, points) = (method.stages, self.initial_points);
         check(
-            shares.iter().all(|s| (0.0..=1.0).contains(s)),
-            "sh_interval, stages.*, loss.dssim, loss.moved_share and decomposition.quantile must be in [0, 1]",
+            "in order",
+            vec![
+                ("method.stages", format!("{stages:?}"), stages[0] <= stages[1]),
+                ("initial_points", format!("{points:?}"), points[0] <= points[1]),
+            ],
         )?;
-        check(
-            self.stages.warmup <= self.stages.decomposition,
-            "stages.warmup must not be after stages.decomposition",
-        )?;
-        check(
-            self.checkpoint_interval > 0 && self.validation_interval > 0,
-            "checkpoint_interval and validation_interval must be at least 1",
-        )?;
-        check(
-            [&self.density_static, &self.density_dynamic]
-                .iter()
-                .all(|d| d.interval > 0),
-            "density_*.interval must be at least 1",
-        )?;
-        check(
-            [&self.density_static, &self.density_dynamic]
-                .iter()
-                .all(|d| d.crowd_of_split >= 0.0 && d.crowd_of_split.is_finite()),
-            "density_*.crowd_of_split must not be negative",
-        )?;
-        check(
-            [&self.density_static, &self.density_dynamic]
-                .iter()
-                .all(|d| d.max_scale > 0.0 && d.max_scale.is_finite()),
-            "density_*.max_scale must be above 0",
-        )?;
-        check(
-            self.near_plane
-                .is_none_or(|near| near > 0.0 && near.is_finite()),
-            "near_plane must be greater than 0",
-        )?;
-        check(
-            self.ndc_limit
-                .is_none_or(|limit| limit >= 1.0 && limit.is_finite()),
-            "ndc_limit must be at least 1, the border of the picture",
-        )?;
-        check(
-            self.gap_steps
-                .is_none_or(|steps| steps >= 1.0 && steps.is_finite()),
-            "gap_steps must be at least 1",
-        )?;
-        check(
-            self.background
-                .is_none_or(|b| b.iter().all(|v| (0.0..=1.0).contains(v))),
-            "background must be three numbers in [0, 1]",
-        )?;
-        let decoder = &self.field.deformation;
-        check(
-            [self.decomposition.hidden, decoder.hidden]
-                .iter()
-                .all(|units| (1..=MAX_UNITS).contains(units))
-                && (1..=MAX_LAYERS).contains(&decoder.layers),
-            &format!(
-                "decomposition.hidden and field.deformation.hidden must be 1 to {MAX_UNITS}, \
-                 field.deformation.layers 1 to {MAX_LAYERS}"
-            ),
-        )?;
-        check(
-            self.decomposition.basis.len() <= MAX_BASIS_FUNCTIONS,
-            &format!("decomposition.basis may have up to {MAX_BASIS_FUNCTIONS} spans"),
-        )?;
-        check(
-            self.decomposition.promote_floor >= 0.0 && self.decomposition.promote_floor.is_finite(),
-            "decomposition.promote_floor must not be negative",
-        )?;
-        check(
-            self.decomposition.matching_floor >= 0.0
-                && self.decomposition.matching_floor.is_finite(),
-            "decomposition.matching_floor must not be negative",
-        )?;
-        check(
-            (0.0..=1.0).contains(&self.decomposition.basis.anchor()),
-            "decomposition.basis may have an anchor in [0, 1]",
-        )?;
-        let fitted = self.for_frames(2, false);
-        let motion = fitted
-            .decomposition
-            .encoder
+        if let Some(background) = self.background {
+            let ok = background.iter().all(|v| (0.0..=1.0).contains(v));
+            check("three numbers in [0, 1]", vec![("background", format!("{background:?}"), ok)])?;
+        }
+        self.validate_fields()
+    }
+
+    /// The grids, for a clip of two frames.
+    fn validate_fields(&self) -> Result<(), TrainError> {
+        let facts = CaptureFacts {
+            n_frames: 2,
+            is_synchronized: false,
+        };
+        self.method
+            .motion_encoder()
             .layout()
-            .map_err(|e| TrainError::Config(format!("decomposition.encoder: {e}")))?;
-        check(
-            motion.dims() == 3,
-            "decomposition.encoder must have 3 resolutions in base and in finest",
-        )?;
-        fitted
-            .field
-            .deformation
+            .map_err(|e| TrainError::Config(format!("method.motion_field: {e}")))?;
+        self.method
+            .deformation(&facts)
             .validate()
-            .map_err(|e| TrainError::Config(format!("field.deformation: {e}")))?;
-        let loss = &self.loss;
-        check(
-            [
-                loss.static_motion,
-                loss.smoothness,
-                loss.field_motion,
-                loss.visible_motion,
-                loss.static_opacity,
-                loss.nearness,
-                loss.steadiness,
-                loss.found_places,
-            ]
-            .iter()
-            .all(|weight| weight.is_finite() && *weight >= 0.0),
-            "the weights in loss.* must be finite and not negative",
-        )?;
-        check(
-            loss.smoothness_share > 0.0 && loss.smoothness_share <= 1.0,
-            "loss.smoothness_share must be above 0 and at most 1",
-        )?;
-        check(
-            loss.smoothness_interval > 0,
-            "loss.smoothness_interval must be at least 1",
-        )?;
-        check(
-            self.field.cells_with_gaps > 0.0 && self.field.cells_with_gaps <= 1.0,
-            "field.cells_with_gaps must be above 0 and at most 1",
-        )?;
-        let rates = &self.learning_rates;
-        check(
-            [
-                rates.means,
-                rates.means_final,
-                rates.means_in_turns,
-                rates.at_once,
-                rates.quats,
-                rates.scales,
-                rates.opacities,
-                rates.sh_dc,
-                rates.sh_rest,
-                rates.trajectories,
-                rates.embeddings,
-                rates.grid,
-                rates.network,
-                rates.motion_grid,
-                rates.motion_network,
-                rates.motion_damping,
-                rates.field_final,
-            ]
-            .iter()
-            .all(|r| r.is_finite() && *r >= 0.0),
-            "learning_rates.* must be finite and not negative",
-        )
+            .map_err(|e| TrainError::Config(format!("method.field: {e}")))
+    }
+
+    fn sets(&self) -> [&DensifyConfig; 2] {
+        [&self.densify.static_set, &self.densify.dynamic]
+    }
+
+    fn shares(&self) -> Vec<Check<'_>> {
+        let method = &self.method;
+        let mut values = vec![
+            ("sh_interval", self.sh_interval),
+            ("dssim", self.dssim),
+            ("method.stages", method.stages[0]),
+            ("method.stages", method.stages[1]),
+            ("method.static_quantile", method.static_quantile),
+        ];
+        if let Some(following) = &self.extensions.following {
+            values.push(("extensions.following.handover", following.handover));
+        }
+        if let Some(averaging) = &self.extensions.averaging {
+            values.push(("extensions.averaging.share", averaging.share));
+        }
+        numbers(values, |value| (0.0..=1.0).contains(&value))
+    }
+
+    fn not_negative(&self) -> Vec<Check<'_>> {
+        let (method, rates) = (&self.method, &self.optimizer);
+        let mut values = vec![
+            ("method.motion_floor", method.motion_floor),
+            ("method.static_motion", method.static_motion),
+            ("method.smoothness", method.smoothness),
+            ("method.motion_field.grid_rate", method.motion_field.grid_rate),
+            ("method.motion_field.network_rate", method.motion_field.network_rate),
+            ("optimizer.means", rates.means),
+            ("optimizer.means_final", rates.means_final),
+            ("optimizer.trajectories", rates.trajectories),
+            ("optimizer.grid", rates.grid),
+            ("optimizer.network", rates.network),
+            ("optimizer.field_final", rates.field_final),
+        ];
+        let names = ["densify.static.during", "densify.dynamic.during"];
+        for (name, set) in names.into_iter().zip(self.sets()) {
+            values.extend(set.during.map(|share| (name, share)));
+        }
+        let extensions = &self.extensions;
+        if let Some(rest) = &extensions.rest_cost {
+            values.push(("extensions.rest_cost.field", rest.field));
+            values.push(("extensions.rest_cost.gaussians", rest.gaussians));
+        }
+        if let Some(floaters) = &extensions.floaters {
+            values.push(("extensions.floaters.opacity", floaters.opacity));
+            values.push(("extensions.floaters.nearness", floaters.nearness));
+        }
+        if let Some(gaps) = &extensions.gaps {
+            values.push(("extensions.gaps.steadiness", gaps.steadiness));
+        }
+        if let Some(demotion) = &extensions.demotion {
+            values.push(("extensions.demotion.min_motion", demotion.min_motion));
+        }
+        numbers(values, |value| value.is_finite() && value >= 0.0)
+    }
+
+    fn at_most_one(&self) -> Vec<Check<'_>> {
+        let mut values = vec![("method.smoothness_share", self.method.smoothness_share)];
+        if let Some(gaps) = &self.extensions.gaps {
+            values.push(("extensions.gaps.coarsen", gaps.coarsen));
+        }
+        numbers(values, |value| value <= 1.0)
+    }
+
+    fn positive(&self) -> Vec<Check<'_>> {
+        let mut values = vec![("method.smoothness_share", self.method.smoothness_share)];
+        values.extend(self.near_plane.map(|near| ("near_plane", near as f32)));
+        values.extend(self.optimizer.extent.map(|e| ("optimizer.extent", e)));
+        let extensions = &self.extensions;
+        if let Some(limit) = &extensions.scale_limit {
+            values.push(("extensions.scale_limit.max_scale", limit.max_scale));
+        }
+        if let Some(gaps) = &extensions.gaps {
+            values.push(("extensions.gaps.coarsen", gaps.coarsen));
+        }
+        if let Some(rates) = &extensions.capture_rates {
+            values.push(("extensions.capture_rates.monocular", rates.monocular));
+            values.push(("extensions.capture_rates.synchronized", rates.synchronized));
+        }
+        let mut checks = numbers(values, |value| value.is_finite() && value > 0.0);
+        if let Some(prune) = &extensions.prune {
+            let most = prune.max_loss_db;
+            let ok = most.is_finite() && most > 0.0;
+            checks.push(("extensions.prune.max_loss_db", most.to_string(), ok));
+        }
+        checks
+    }
+
+    fn counts(&self) -> Vec<Check<'_>> {
+        let mut values = vec![
+            ("iterations", self.iterations),
+            ("checkpoint_interval", self.checkpoint_interval),
+            ("validation_interval", self.validation_interval),
+            ("method.smoothness_interval", self.method.smoothness_interval),
+        ];
+        let names = [
+            ["densify.static.interval", "densify.static.opacity_reset_interval"],
+            ["densify.dynamic.interval", "densify.dynamic.opacity_reset_interval"],
+        ];
+        for ([rounds, resets], set) in names.into_iter().zip(self.sets()) {
+            values.push((rounds, set.interval));
+            values.extend(set.opacity_reset_interval.map(|interval| (resets, interval)));
+        }
+        if let Some(demotion) = &self.extensions.demotion {
+            values.push(("extensions.demotion.interval", demotion.interval));
+        }
+        if let Some(crowding) = &self.extensions.crowding {
+            values.push(("extensions.crowding.free", crowding.free));
+        }
+        let checks = values.into_iter();
+        checks
+            .map(|(name, value)| (name, value.to_string(), value > 0))
+            .collect()
+    }
+}
+
+fn numbers(values: Vec<(&str, f32)>, ok: impl Fn(f32) -> bool) -> Vec<Check<'_>> {
+    let checks = values.into_iter();
+    checks
+        .map(|(name, value)| (name, value.to_string(), ok(value)))
+        .collect()
+}
+
+/// Names the first key that is not in its range.
+fn check(range: &str, checks: Vec<Check<'_>>) -> Result<(), TrainError> {
+    match checks.into_iter().find(|(.., ok)| !ok) {
+        None => Ok(()),
+        Some((key, value, _)) => Err(TrainError::Config(format!(
+            "{key}: expected {range}, found {value}"
+        ))),
     }
 }

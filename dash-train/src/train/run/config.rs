@@ -8,7 +8,7 @@ use serde::{Deserialize, Serialize};
 use crate::TrainError;
 use crate::dataset::{FrameRange, Layout, LoadOptions};
 use crate::train::config::TrainConfig;
-use crate::train::leave_out::Decision;
+use crate::train::core::Decision;
 
 /// What `config.toml` holds: enough to run again with the same result.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]

@@ -1,0 +1,110 @@
+//! Everything that decides a training run.
+
+mod presets;
+mod ranges;
+mod set;
+#[cfg(test)]
+pub(crate) mod tests;
+
+use serde::{Deserialize, Serialize};
+
+use super::core::{DensifySets, OptimizerConfig, ScheduleConfig};
+use super::extensions::ExtensionsConfig;
+use super::paper::MethodConfig;
+
+/// Named starting points for a [`TrainConfig`].
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, clap::ValueEnum)]
+#[serde(rename_all = "snake_case")]
+pub enum Preset {
+    /// Ours.
+    Default,
+    /// The paper's equations as written.
+    Paper,
+    /// The released code's values and forms.
+    Reference,
+    /// Ours, shortened for a first look on a CPU.
+    Quick,
+}
+
+/// Whether parts that a scene does not need are left out: the extension `prune` on the command line.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, clap::ValueEnum)]
+#[serde(rename_all = "snake_case")]
+pub enum Keep {
+    /// Every part stays.
+    All,
+    /// A part goes when measurements say that the scene does without.
+    Needed,
+}
+
+/// A training run. Written with every value to `config.toml`: running it again gives the same result.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct TrainConfig {
+    /// Where the values came from.
+    pub preset: Preset,
+    /// Optimisation steps, one view each. Stages are shares of it, so a shorter run keeps its form, as long as there are
+    /// enough steps to follow motion in. Source: 3DGS, 30,000.
+    pub iterations: usize,
+    /// Seed of everything random.
+    pub seed: u64,
+    /// Largest spherical-harmonics degree, 0 to 3. Source: 3DGS, 3.
+    pub sh_degree: usize,
+    /// Share of the run after which the active degree rises by one. Source: 3DGS, 1,000 of 30,000 steps.
+    pub sh_interval: f32,
+    /// Share of D-SSIM against L1 in the photometric loss (Eq. 6). Source: 3DGS, 0.2.
+    pub dssim: f32,
+    /// Colour behind everything, sRGB in [0, 1]. Absent: the dataset's own, or black.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub background: Option<[f32; 3]>,
+    /// Gaussians nearer to a camera than this are not drawn, world units. Absent: half of the distance at which the
+    /// training cameras see something. Source: the released code has 0.2.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub near_plane: Option<f64>,
+    /// Fewest and most points that the first Gaussians are made of. Where the dataset brings fewer, a plane sweep finds
+    /// points on which several views agree; more are thinned evenly. Source: ours.
+    pub initial_points: [usize; 2],
+    /// Steps between checkpoints.
+    pub checkpoint_interval: usize,
+    /// Steps between measurements on the validation views (never a test view).
+    pub validation_interval: usize,
+    /// DASH: stages, decomposition, fields.
+    pub method: MethodConfig,
+    /// Learning rates.
+    pub optimizer: OptimizerConfig,
+    /// Density control.
+    pub densify: DensifySets,
+    /// Ideas beyond the paper; one without a section does not run.
+    #[serde(default)]
+    pub extensions: ExtensionsConfig,
+}
+
+impl TrainConfig {
+    /// The step at a share of the run.
+    pub fn step_at(&self, share: f32) -> usize {
+        (share * self.iterations as f32).round() as usize
+    }
+
+    /// Sets whether parts that the scene does not need are left out.
+    pub fn keep(&mut self, keep: Keep) {
+        self.extensions.prune = match keep {
+            Keep::All => None,
+            Keep::Needed => Some(self.extensions.prune.take().unwrap_or_default()),
+        };
+    }
+
+    /// The part that every method shares.
+    pub(crate) fn schedule(&self) -> ScheduleConfig {
+        ScheduleConfig {
+            iterations: self.iterations,
+            seed: self.seed,
+            sh_degree: self.sh_degree,
+            sh_interval: self.sh_interval,
+            dssim: self.dssim,
+            background: self.background,
+            near_plane: self.near_plane,
+            initial_points: self.initial_points,
+            optimizer: self.optimizer.clone(),
+            densify: self.densify.clone(),
+        }
+    }
+}

@@ -1,0 +1,267 @@
+//! The values of the presets.
+
+use dash_kernels::splats::NEAR_PLANE;
+use dash_model::Representation;
+
+use super::{Preset, TrainConfig};
+use crate::train::core::{DensifyConfig, DensifySets, OptimizerConfig};
+use crate::train::extensions::{
+    AveragingConfig, CaptureRatesConfig, CrowdingConfig, DemotionConfig, ExtensionsConfig,
+    FloatersConfig, FollowingConfig, GapsConfig, PruneConfig, RestCostConfig, ScaleLimitConfig,
+};
+use crate::train::paper::{
+    Decomposition, FieldConfig, Form, MethodConfig, MotionFieldConfig, MotionMeasure,
+    TimeResolution, Trajectories,
+};
+
+impl TrainConfig {
+    /// The values of a preset.
+    pub fn preset(preset: Preset) -> Self {
+        let mut config = Self::ours();
+        config.preset = preset;
+        match preset {
+            Preset::Default => {}
+            Preset::Quick => config.shorten(),
+            Preset::Paper => config.as_in_the_paper(),
+            Preset::Reference => config.as_released(),
+        }
+        config
+    }
+
+    fn ours() -> Self {
+        Self {
+            preset: Preset::Default,
+            iterations: 15_000,
+            seed: 0,
+            sh_degree: 3,
+            sh_interval: 1.0 / 15.0,
+            dssim: 0.2,
+            background: None,
+            near_plane: None,
+            initial_points: [20_000, 100_000],
+            checkpoint_interval: 1_000,
+            validation_interval: 500,
+            method: our_method(),
+            optimizer: OptimizerConfig {
+                means: 1.6e-4,
+                means_final: 1.6e-6,
+                trajectories: 1.6e-4,
+                grid: 5e-3,
+                network: 1e-3,
+                field_final: 0.1,
+                extent: None,
+            },
+            densify: DensifySets {
+                static_set: DensifyConfig {
+                    during: [500.0 / 15_000.0, 0.6],
+                    interval: 100,
+                    gradient_threshold: 2e-4,
+                    opacity_reset_interval: Some(3_000),
+                    max_gaussians: 300_000,
+                },
+                dynamic: DensifyConfig {
+                    during: [0.37, 0.7],
+                    interval: 100,
+                    gradient_threshold: 2e-4,
+                    opacity_reset_interval: Some(3_000),
+                    max_gaussians: 100_000,
+                },
+            },
+            extensions: our_extensions(),
+        }
+    }
+
+    fn shorten(&mut self) {
+        self.iterations = 6_000;
+        self.sh_degree = 1;
+        self.initial_points = [6_000, 20_000];
+        self.method.stages[1] = 0.45;
+        // So many fine cells in space and time share entries that few steps do not tell them apart.
+        self.method.field.resolution = [4, 16];
+        // What moves as a whole moves as fast as its parts.
+        self.method.field.time_resolution = TimeResolution::PerFrame;
+        // A lookup costs by the call more than by the point.
+        self.method.smoothness_share = 0.1;
+        self.method.smoothness_interval = 8;
+        self.optimizer.means_final = 1.6e-5;
+        let DensifySets {
+            static_set,
+            dynamic,
+        } = &mut self.densify;
+        static_set.opacity_reset_interval = Some(2_000);
+        static_set.max_gaussians = 10_000;
+        dynamic.opacity_reset_interval = Some(800);
+        dynamic.max_gaussians = 4_000;
+        // What each Gaussian learns of its own, before the 4D field joins in, tears bodies apart.
+        self.extensions.following = Some(FollowingConfig {
+            handover: 0.95,
+            min_steps: 800,
+        });
+        self.extensions.gaps = Some(GapsConfig {
+            coarsen: 0.25,
+            steadiness: 0.1,
+        });
+        // At the rates of long runs they stay behind.
+        self.extensions.capture_rates = Some(CaptureRatesConfig {
+            monocular: 2.5,
+            synchronized: 2.0,
+        });
+        // Half as many are as good at equal steps, and their steps are faster.
+        self.extensions.crowding = Some(CrowdingConfig { free: 400 });
+        self.extensions.demotion = Some(DemotionConfig {
+            interval: 250,
+            min_motion: 0.005,
+        });
+    }
+
+    fn as_in_the_paper(&mut self) {
+        self.iterations = 30_000;
+        self.extensions = ExtensionsConfig::default();
+        self.method = MethodConfig {
+            stages: [0.04, 0.08],
+            measure: MotionMeasure::World,
+            static_quantile: 0.8,
+            motion_floor: 0.0,
+            trajectories: Trajectories::Linear,
+            smoothness: 0.01,
+            smoothness_share: 1.0,
+            motion_field: MotionFieldConfig {
+                n_levels: 16,
+                log2_hashmap_size: 16,
+                resolution: [16, 2048],
+                ..self.method.motion_field
+            },
+            field: FieldConfig {
+                representation: Representation::Hash,
+                n_levels: 16,
+                log2_hashmap_size: 17,
+                resolution: [8, 2048],
+                time_resolution: TimeResolution::Fixed([8, 25]),
+                hidden: 128,
+            },
+            ..self.method.clone()
+        };
+    }
+
+    fn as_released(&mut self) {
+        self.iterations = 50_000;
+        self.sh_interval = 1_000.0 / 50_000.0;
+        self.dssim = 0.0;
+        self.near_plane = Some(NEAR_PLANE);
+        self.extensions = ExtensionsConfig::default();
+        self.method = MethodConfig {
+            stages: [0.04, 0.08],
+            form: Form::Released,
+            measure: MotionMeasure::DistanceWeighted,
+            static_quantile: 0.8,
+            motion_floor: 0.0,
+            trajectories: Trajectories::Linear,
+            static_motion: 0.1,
+            smoothness: 1.0,
+            smoothness_share: 1.0,
+            motion_field: MotionFieldConfig {
+                n_levels: 32,
+                log2_hashmap_size: 16,
+                resolution: [16, 2048],
+                hidden: 64,
+                grid_rate: 50.0 * 1.6e-4,
+                network_rate: 1.6e-4,
+            },
+            field: FieldConfig {
+                representation: Representation::Hash,
+                n_levels: 32,
+                log2_hashmap_size: 19,
+                resolution: [8, 2048],
+                time_resolution: TimeResolution::Fixed([8, 25]),
+                hidden: 256,
+            },
+            ..self.method.clone()
+        };
+        self.optimizer = OptimizerConfig {
+            means: 1.6e-4,
+            means_final: 1.6e-6,
+            trajectories: 0.0,
+            grid: 50.0 * 1.6e-4,
+            network: 1.6e-4,
+            field_final: 0.01,
+            extent: Some(5.0),
+        };
+        let static_set = DensifyConfig {
+            during: [600.0 / 50_000.0, 6_800.0 / 50_000.0],
+            interval: 200,
+            ..self.densify.static_set.clone()
+        };
+        self.densify = DensifySets {
+            dynamic: DensifyConfig {
+                during: [7_050.0 / 50_000.0, 7_950.0 / 50_000.0],
+                ..static_set.clone()
+            },
+            static_set,
+        };
+    }
+}
+
+fn our_method() -> MethodConfig {
+    MethodConfig {
+        decomposition: Decomposition::Moving,
+        stages: [0.1, 0.35],
+        form: Form::Paper,
+        measure: MotionMeasure::Screen,
+        static_quantile: 0.0,
+        motion_floor: 0.005,
+        trajectories: Trajectories::Polyline,
+        static_motion: 0.01,
+        smoothness: 0.002,
+        smoothness_share: 0.25,
+        smoothness_interval: 1,
+        motion_field: MotionFieldConfig {
+            n_levels: 8,
+            log2_hashmap_size: 14,
+            resolution: [8, 128],
+            hidden: 32,
+            grid_rate: 0.02,
+            network_rate: 3e-3,
+        },
+        field: FieldConfig {
+            representation: Representation::Hash,
+            n_levels: 8,
+            log2_hashmap_size: 15,
+            resolution: [4, 64],
+            time_resolution: TimeResolution::UpToFrames(4),
+            hidden: 64,
+        },
+    }
+}
+
+fn our_extensions() -> ExtensionsConfig {
+    ExtensionsConfig {
+        capture_rates: Some(CaptureRatesConfig {
+            monocular: 2.5,
+            synchronized: 1.0,
+        }),
+        prune: Some(PruneConfig::default()),
+        following: Some(FollowingConfig {
+            handover: 0.7,
+            min_steps: 1_000,
+        }),
+        gaps: Some(GapsConfig {
+            coarsen: 1.0 / 16.0,
+            steadiness: 0.1,
+        }),
+        rest_cost: Some(RestCostConfig {
+            field: 0.1,
+            gaussians: 2.5,
+        }),
+        floaters: Some(FloatersConfig {
+            opacity: 0.01,
+            nearness: 0.016,
+        }),
+        scale_limit: Some(ScaleLimitConfig { max_scale: 0.1 }),
+        demotion: Some(DemotionConfig {
+            interval: 500,
+            min_motion: 0.005,
+        }),
+        crowding: None,
+        averaging: Some(AveragingConfig { share: 0.06 }),
+    }
+}

@@ -1,0 +1,85 @@
+//! One value by its dotted path.
+
+use toml::{Table, Value};
+
+use super::{Preset, TrainConfig};
+use crate::TrainError;
+
+impl TrainConfig {
+    /// Sets one value by its dotted path, such as `dssim=0.1` or `densify.static.max_gaussians=50000`. `none` takes an
+    /// optional value or an extension's section away; a section that is named with `on` gets the values of the preset
+    /// `default`.
+    ///
+    /// # Errors
+    /// When the path does not exist or the value does not fit.
+    pub fn set(&mut self, assignment: &str) -> Result<(), TrainError> {
+        let refuse = |why: String| TrainError::Config(format!("--set {assignment}: {why}"));
+        let (path, value) = assignment
+            .split_once('=')
+            .ok_or_else(|| refuse("expected KEY=VALUE, such as dssim=0.1".into()))?;
+        let mut table = Table::try_from(&*self).map_err(|e| refuse(e.to_string()))?;
+        let parsed: Table = format!("v = {value}")
+            .parse()
+            .or_else(|_| format!("v = \"{value}\"").parse())
+            .map_err(|e: toml::de::Error| refuse(e.to_string()))?;
+        put(&mut table, &all_keys(), path, parsed["v"].clone()).map_err(refuse)?;
+        let config: Self = table
+            .try_into()
+            .map_err(|e: toml::de::Error| refuse(e.message().to_string()))?;
+        config.validate()?;
+        *self = config;
+        Ok(())
+    }
+}
+
+/// A table with every key that there is, optional ones too, with the values of the preset `default` where it has one.
+fn all_keys() -> Table {
+    let mut config = TrainConfig::preset(Preset::Default);
+    let quick = TrainConfig::preset(Preset::Quick);
+    config.extensions.crowding = quick.extensions.crowding;
+    config.background = Some([0.0; 3]);
+    config.near_plane = Some(0.01);
+    config.optimizer.extent = Some(5.0);
+    for set in [
+        &mut config.densify.static_set,
+        &mut config.densify.dynamic,
+    ] {
+        set.opacity_reset_interval.get_or_insert(3_000);
+    }
+    Table::try_from(config).unwrap_or_default()
+}
+
+/// Puts a value at a path of a table, whose keys are among those of `known`.
+fn put(table: &mut Table, known: &Table, path: &str, mut value: Value) -> Result<(), String> {
+    let (key, rest) = match path.split_once('.') {
+        Some((key, rest)) => (key, Some(rest)),
+        None => (path, None),
+    };
+    let Some(example) = known.get(key) else {
+        let keys: Vec<&str> = known.keys().map(String::as_str).collect();
+        return Err(format!("no key `{key}`; there are {}", keys.join(", ")));
+    };
+    if let Some(rest) = rest {
+        let known = example
+            .as_table()
+            .ok_or_else(|| format!("`{key}` is no section"))?;
+        let section = table.get_mut(key).and_then(Value::as_table_mut);
+        let section = section.ok_or_else(|| {
+            format!("the section `{key}` is off in this preset; switch it on first with {key}=on")
+        })?;
+        return put(section, known, rest, value);
+    }
+    match value.as_str() {
+        Some("none") if !example.is_str() => {
+            table.remove(key);
+            return Ok(());
+        }
+        Some("on") if example.is_table() => value = example.clone(),
+        _ => {}
+    }
+    if let (Value::Float(_), Value::Integer(whole)) = (example, &value) {
+        value = Value::Float(*whole as f64);
+    }
+    table.insert(key.into(), value);
+    Ok(())
+}

@@ -1,0 +1,89 @@
+//! The configuration of what every method shares.
+
+use serde::{Deserialize, Serialize};
+
+/// What a run does at which step, and what it starts from.
+#[derive(Debug, Clone, PartialEq)]
+pub struct ScheduleConfig {
+    /// Optimisation steps, one view each.
+    pub iterations: usize,
+    /// Seed of everything random.
+    pub seed: u64,
+    /// Largest spherical-harmonics degree, 0 to 3.
+    pub sh_degree: usize,
+    /// Share of the run after which the active degree rises by one.
+    pub sh_interval: f32,
+    /// Share of D-SSIM against L1 in the photometric loss.
+    pub dssim: f32,
+    /// Colour behind everything, sRGB in [0, 1]; absent: the dataset's own, or black.
+    pub background: Option<[f32; 3]>,
+    /// Gaussians nearer to a camera than this are not drawn, world units; absent: measured.
+    pub near_plane: Option<f64>,
+    /// Fewest and most points that the first Gaussians are made of.
+    pub initial_points: [usize; 2],
+    /// Learning rates.
+    pub optimizer: OptimizerConfig,
+    /// Density control of both sets.
+    pub densify: DensifySets,
+}
+
+impl ScheduleConfig {
+    /// The step at a share of the run.
+    pub fn step_at(&self, share: f32) -> usize {
+        (share * self.iterations as f32).round() as usize
+    }
+}
+
+/// Adam learning rates. The rates of quaternions (1e-3), log scales (5e-3), opacity logits (0.05) and colours
+/// (2.5e-3, higher degrees a twentieth) are those of 3DGS and fixed.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct OptimizerConfig {
+    /// Means at the start, in units of the scene's extent. Source: 3DGS, 1.6e-4.
+    pub means: f32,
+    /// Means at the end, reached exponentially, in units of the scene's extent. Source: 3DGS, 1.6e-6.
+    pub means_final: f32,
+    /// Trajectories of Gaussians, in units of the scene's extent. Source: ours, as the means.
+    pub trajectories: f32,
+    /// Hash tables and feature planes at the start. Source: ours; the released code has 8e-3.
+    pub grid: f32,
+    /// Decoders at the start. Source: ours; the released code has 1.6e-4.
+    pub network: f32,
+    /// Factor of the rates of tables and decoders at the end, reached exponentially. Source: ours; released code 0.01.
+    pub field_final: f32,
+    /// Extent of the scene, world units, in place of the measured one. Source: the released code has 5.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub extent: Option<f32>,
+}
+
+/// Density control of the static Gaussians (of all, before the decomposition) and of the dynamic ones.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct DensifySets {
+    /// Of the static set.
+    #[serde(rename = "static")]
+    pub static_set: DensifyConfig,
+    /// Of the dynamic set.
+    pub dynamic: DensifyConfig,
+}
+
+/// Adaptive density control of one set (Kerbl et al. 2023, section 5). The largest scale that is cloned (0.01 of the
+/// extent), the opacity below which a Gaussian is pruned (0.005) and the scale above which it is pruned (0.1 of the
+/// extent) are those of 3DGS and fixed.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct DensifyConfig {
+    /// Shares of the run at which it starts and ends. Source: 3DGS ends at half of the run.
+    pub during: [f32; 2],
+    /// Steps between rounds. Source: 3DGS, 100.
+    pub interval: usize,
+    /// Mean gradient of the screen position above which a Gaussian is cloned or split, in units of half the image.
+    /// Source: 3DGS, 2e-4.
+    pub gradient_threshold: f32,
+    /// Steps between opacity resets; absent: none. Source: 3DGS, 3,000.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub opacity_reset_interval: Option<usize>,
+    /// Most Gaussians of this set. Dynamic ones may also have what static ones leave of theirs; static ones, in a run
+    /// in which nothing may move, those of the dynamic ones.
+    pub max_gaussians: usize,
+}

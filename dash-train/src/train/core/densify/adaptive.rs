@@ -1,0 +1,246 @@
+//! Adaptive density control as in 3DGS.
+
+use dash_model::GaussianRows;
+use rand::Rng;
+use rand_pcg::Pcg64;
+
+use super::{Densify, Edit, Round};
+
+/// Largest scale that is cloned rather than split, in units of the extent. Source: 3DGS.
+const CLONE_SCALE: f32 = 0.01;
+/// A split Gaussian's children are smaller by this factor. Source: 3DGS.
+const SPLIT_SHRINK: f32 = 1.6;
+/// Opacity below which a Gaussian is pruned. Source: 3DGS.
+const MIN_OPACITY: f32 = 0.005;
+/// Scale above which a Gaussian is pruned, in units of the extent. Source: 3DGS.
+const MAX_SCALE: f32 = 0.1;
+
+/// Clones small and splits large Gaussians of a high screen-space gradient; prunes transparent, oversized and
+/// non-finite ones (Kerbl et al. 2023, section 5).
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Adaptive {
+    /// Whether oversized Gaussians are pruned once opacities were reset.
+    pub prunes_oversized: bool,
+}
+
+impl Densify for Adaptive {
+    fn round(&mut self, round: &Round<'_>, rng: &mut Pcg64) -> Edit {
+        let rows = round.rows;
+        let (clones, split) = self.grown(round);
+        let stays = |row: usize| self.stays(round, row);
+        let n = rows.len();
+        let mut sources: Vec<usize> = (0..n).filter(|&row| stays(row) && !split[row]).collect();
+        let mut fresh = vec![false; sources.len()];
+        sources.extend(clones.iter().filter(|&&row| stays(row)));
+        let first_child = sources.len();
+        for row in (0..n).filter(|&row| stays(row) && split[row]) {
+            sources.extend([row, row]);
+        }
+        fresh.resize(sources.len(), true);
+
+        let mut edited = rows.gather(&sources);
+        for (child, &parent) in sources.iter().enumerate().skip(first_child) {
+            let offset = sample(&rows.quats[parent], &rows.log_scales[parent], rng);
+            for (axis, offset) in offset.into_iter().enumerate() {
+                edited.means[child][axis] += offset;
+                edited.log_scales[child][axis] -= SPLIT_SHRINK.ln();
+            }
+        }
+        Edit {
+            rows: edited,
+            sources,
+            fresh,
+        }
+    }
+}
+
+impl Adaptive {
+    /// The rows that are cloned, and for each row whether it is split: those of the highest gradients where there is
+    /// no room for all.
+    fn grown(&self, round: &Round<'_>) -> (Vec<usize>, Vec<bool>) {
+        let (rows, statistics) = (round.rows, round.statistics);
+        let n = rows.len();
+        let mut grow: Vec<usize> = (0..n)
+            .filter(|&row| statistics.mean(row) >= round.gradient_threshold)
+            .collect();
+        let room = round.max_gaussians.saturating_sub(n);
+        if grow.len() > room {
+            grow.sort_by(|&a, &b| {
+                statistics
+                    .mean(b)
+                    .total_cmp(&statistics.mean(a))
+                    .then(a.cmp(&b))
+            });
+            grow.truncate(room);
+            grow.sort_unstable();
+        }
+        let mut split = vec![false; n];
+        let mut clones = Vec::new();
+        for &row in &grow {
+            if largest(rows, row) <= CLONE_SCALE * round.scale.at(rows.means[row]) {
+                clones.push(row);
+            } else {
+                split[row] = true;
+            }
+        }
+        (clones, split)
+    }
+
+    fn stays(&self, round: &Round<'_>, row: usize) -> bool {
+        let rows = round.rows;
+        let finite = rows.means[row]
+            .iter()
+            .chain(&rows.log_scales[row])
+            .all(|v| v.is_finite())
+            && rows.opacity_logits[row].is_finite();
+        let oversized = round.was_reset
+            && self.prunes_oversized
+            && largest(rows, row) > MAX_SCALE * round.scale.at(rows.means[row]);
+        finite && !oversized && rows.opacity_logits[row] >= dash_model::logit(MIN_OPACITY)
+    }
+}
+
+/// The largest scale of a Gaussian, world units.
+fn largest(rows: &GaussianRows, row: usize) -> f32 {
+    rows.log_scales[row]
+        .iter()
+        .copied()
+        .fold(f32::MIN, f32::max)
+        .exp()
+}
+
+/// A random point of a Gaussian centred at the origin.
+fn sample(quat: &[f32; 4], log_scales: &[f32; 3], rng: &mut impl Rng) -> [f32; 3] {
+    let local: [f32; 3] = std::array::from_fn(|axis| normal(rng) * log_scales[axis].exp());
+    let norm = quat.iter().map(|v| v * v).sum::<f32>().sqrt().max(1e-12);
+    let [w, x, y, z] = quat.map(|v| v / norm);
+    glam::Quat::from_xyzw(x, y, z, w)
+        .mul_vec3(local.into())
+        .into()
+}
+
+/// A standard normal number (Box-Muller).
+fn normal(rng: &mut impl Rng) -> f32 {
+    let radius = (-2.0 * (1.0 - rng.random::<f32>()).ln()).sqrt();
+    radius * (std::f32::consts::TAU * rng.random::<f32>()).cos()
+}
+
+#[cfg(test)]
+mod tests {
+    use rand::SeedableRng;
+    use rand_pcg::Pcg64;
+
+    use super::super::config::{Preset, TrainConfig};
+    use super::*;
+
+    const UNIT: Measure = Measure {
+        centre: [1.5, 0.0, 0.0],
+        extent: 1.0,
+    };
+
+    fn rows() -> GaussianRows {
+        let points: Vec<[f32; 3]> = (0..4).map(|i| [i as f32, 0.0, 0.0]).collect();
+        let mut rows = GaussianRows::from_points(&points, &[[0.5; 3]; 4], 0, 0.1);
+        rows.log_scales = vec![
+            [(0.001f32).ln(); 3],
+            [(0.5f32).ln(); 3],
+            [(0.001f32).ln(); 3],
+            [(0.001f32).ln(); 3],
+        ];
+        rows.opacity_logits[3] = dash_model::logit(0.001);
+        rows
+    }
+
+    fn statistics(high: &[usize]) -> DensityStatistics {
+        let mut statistics = DensityStatistics::new(4);
+        for &row in high {
+            statistics.gradient[row] = 1.0;
+            statistics.seen[row] = 2;
+        }
+        statistics
+    }
+
+    #[test]
+    fn small_are_cloned_large_are_split_and_transparent_are_pruned() {
+        let config = TrainConfig::preset(Preset::Default).density_static;
+        let mut rng = Pcg64::seed_from_u64(1);
+        let round = control_density(
+            &rows(),
+            &statistics(&[0, 1]),
+            &config,
+            UNIT,
+            false,
+            &mut rng,
+        );
+        assert_eq!(round.sources, [0, 2, 0, 1, 1]);
+        assert_eq!(round.fresh, [false, false, true, true, true]);
+        assert_eq!(
+            round.rows.means[2], round.rows.means[0],
+            "a clone stays where it was"
+        );
+        assert_ne!(
+            round.rows.means[3], round.rows.means[4],
+            "children are drawn apart"
+        );
+        let shrunk = round.rows.log_scales[3][0].exp();
+        assert!((shrunk - 0.5 / 1.6).abs() < 1e-6, "{shrunk}");
+    }
+
+    #[test]
+    fn the_limit_keeps_the_highest_gradients() {
+        let config = DensityConfig {
+            max_gaussians: 5,
+            ..TrainConfig::preset(Preset::Default).density_static
+        };
+        let mut many = statistics(&[0, 1, 2]);
+        many.gradient[2] = 9.0;
+        let mut rng = Pcg64::seed_from_u64(1);
+        let round = control_density(&rows(), &many, &config, UNIT, false, &mut rng);
+        assert_eq!(round.sources, [0, 1, 2, 2]);
+    }
+
+    #[test]
+    fn the_more_there_are_the_more_each_has_to_pay_for() {
+        let preset = TrainConfig::preset(Preset::Default).density_static;
+        let base = preset.gradient_threshold;
+        let threshold = |crowd: usize, n: usize| {
+            let preset = preset.clone();
+            DensityConfig { crowd, ..preset }.threshold(n) / base
+        };
+        assert_eq!([0, 400, 100_000].map(|n| threshold(0, n)), [1.0; 3]);
+        assert_eq!([0, 400, 1_000].map(|n| threshold(400, n)), [1.0, 1.0, 2.5]);
+
+        // Two of four rows, at 2.5 times the threshold: enough where two are a crowd, not where one is.
+        let mut paid = statistics(&[0, 1]);
+        for row in 0..2 {
+            paid.gradient[row] = 2.5 * base * paid.seen[row] as f32;
+        }
+        let grown = |crowd: usize| {
+            let config = DensityConfig {
+                crowd,
+                ..preset.clone()
+            };
+            let mut rng = Pcg64::seed_from_u64(1);
+            control_density(&rows(), &paid, &config, UNIT, false, &mut rng)
+                .rows
+                .len()
+        };
+        assert_eq!((grown(0), grown(2), grown(1)), (5, 5, 3));
+    }
+
+    #[test]
+    fn broken_are_pruned_and_oversized_unless_they_are_shrunk() {
+        let left = |oversized: Oversized| {
+            let config = DensityConfig {
+                oversized,
+                ..TrainConfig::preset(Preset::Default).density_static
+            };
+            let mut broken = rows();
+            broken.means[0][1] = f32::NAN;
+            let mut rng = Pcg64::seed_from_u64(1);
+            control_density(&broken, &statistics(&[]), &config, UNIT, true, &mut rng).sources
+        };
+        assert_eq!(left(Oversized::Removed), [2]);
+        assert_eq!(left(Oversized::Shrunk), [1, 2]);
+    }
+}

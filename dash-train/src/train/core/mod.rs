@@ -1,0 +1,58 @@
+//! The mechanics of training Gaussians, whatever the method: the step, the optimizer, density control, the view
+//! sampler, the guard against non-finite values, checkpoints. Nothing here knows DASH.
+//!
+//! A [`Method`] says how the scene changes over time; an [`Extension`] adds one idea to it; a [`Densify`] decides
+//! which Gaussians are cloned, split, pruned or relocated. Each is one trait, and one file to write.
+
+pub(crate) mod capture;
+pub mod checkpoint;
+mod config;
+pub(crate) mod coverage;
+pub(crate) mod densify;
+mod edit;
+mod extension;
+mod finished;
+mod forward;
+pub(crate) mod guard;
+pub(crate) mod hold_out;
+mod hooks;
+pub(crate) mod initial;
+pub(crate) mod loss;
+mod method;
+mod module_visit;
+pub(crate) mod optimizer;
+mod pass;
+mod points;
+mod rates;
+mod run;
+mod sampler;
+mod saved;
+mod sets;
+mod skipped;
+mod step;
+pub(crate) mod sweep;
+mod target;
+mod times;
+pub(crate) mod visibility;
+
+pub use capture::TimeSpan;
+pub use config::{DensifyConfig, DensifySets, OptimizerConfig, ScheduleConfig};
+pub use coverage::Coverage;
+pub use densify::{Adaptive, Densify, DensityStatistics, Edit, Round, SceneScale};
+pub use extension::Extension;
+pub use finished::{Decision, Finished};
+pub use forward::{Forward, Probe};
+pub use guard::MAX_SKIPPED_IN_A_ROW;
+pub use hooks::Hooks;
+pub use method::{Method, Moved, Static};
+pub use optimizer::{Optimizer, Rate};
+pub use rates::Rates;
+pub use module_visit::ModuleVisit;
+pub use run::{CaptureFacts, Run, SetState};
+pub use skipped::{NonFinite, Place, SkippedStep};
+pub use saved::Saved;
+pub use sets::{RowEdit, Set};
+pub use step::{StepReport, step};
+pub use times::{Around, Times};
+
+pub(crate) use optimizer::to_host;

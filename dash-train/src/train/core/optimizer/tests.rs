@@ -1,0 +1,72 @@
+use super::*;
+
+#[derive(Module, Debug)]
+struct Weights {
+    values: Param<Tensor<1>>,
+}
+
+/// Where three steps along the same gradient lead.
+fn after_steps(gradient: [f32; 3], damping: f32) -> Vec<f32> {
+    let device = Device::flex().autodiff();
+    let mut module = Weights {
+        values: Param::from_data(TensorData::new(vec![0.0f32; 3], [3]), &device),
+    };
+    let mut optimizer = Optimizer::default();
+    for _ in 0..3 {
+        let slope = Tensor::<1>::from_data(gradient, &device);
+        let loss = (module.values.val() * slope).sum();
+        let rate = Rate { rate: 0.1, damping };
+        module = optimizer.step("", module, &mut loss.backward(), |_| rate);
+    }
+    to_host(module.values.val())
+}
+
+#[test]
+fn moments_of_a_decoder_in_parts_are_refused() {
+    for name in [
+        "scene.dynamic.field.decoder.layers.0.weight",
+        "scene.dynamic.field.head_means.bias",
+    ] {
+        let steps = BTreeMap::from([(name.to_string(), 3)]);
+        let refused = Optimizer::from_tensors(BTreeMap::new(), steps, &Device::flex());
+        let refused = refused.err().expect("refused");
+        assert!(
+            refused.contains(name) && refused.contains("begin anew"),
+            "{refused}"
+        );
+    }
+}
+
+#[test]
+fn rows_added_to_none_start_anew() {
+    let device = Device::flex();
+    let mut optimizer = Optimizer::default();
+    for (name, n) in [("a.empty", 0), ("b.other", 3)] {
+        let zeros = || upload(vec![0.0; n], &device);
+        let moments = Moments {
+            first: zeros(),
+            second: zeros(),
+            steps: 5,
+        };
+        optimizer.moments.insert(name.into(), moments);
+    }
+    optimizer.extend_rows("a.", 0, 4);
+    optimizer.extend_rows("b.", 3, 4);
+    assert!(!optimizer.moments.contains_key("a.empty"));
+    assert_eq!(optimizer.moments["b.other"].first.dims(), [7]);
+}
+
+#[test]
+fn damping_stills_what_hardly_matters_and_hardly_slows_the_rest() {
+    let gradient = [1.0, 1e-4, 0.0];
+    let plain = after_steps(gradient, 0.0);
+    assert!(
+        (plain[0] + 0.3).abs() < 1e-3 && (plain[1] + 0.3).abs() < 1e-3,
+        "{plain:?}"
+    );
+    // The typical gradient, over the two that have one, is 0.707.
+    let damped = after_steps(gradient, 1.0);
+    assert!((damped[0] + 0.3 / 1.707).abs() < 1e-3, "{damped:?}");
+    assert!((damped[1] + 0.3e-4 / 0.7072).abs() < 1e-6, "{damped:?}");
+    assert_eq!((plain[2], damped[2]), (0.0, 0.0));
+}

@@ -1,0 +1,237 @@
+//! The state of a run.
+
+use std::collections::BTreeSet;
+use std::sync::Arc;
+
+use burn::tensor::Device;
+use dash_model::{
+    DynamicScene, Gaps, GaussianRows, Gaussians, OffsetPlacement, SceneSettings, SpaceBox,
+    TrajectoryBasis,
+};
+use rand::SeedableRng;
+use rand_pcg::Pcg64;
+
+use super::capture::{self, TimeSpan};
+use super::config::{DensifyConfig, ScheduleConfig};
+use super::densify::{DensityStatistics, SceneScale};
+use super::skipped::Skipped;
+use super::hold_out;
+use super::initial::{Region, initial_points, near_plane};
+use super::optimizer::Optimizer;
+use super::rates::Rates;
+use super::sampler::ViewSampler;
+use super::sets::{RowEdit, Set};
+use super::times::Times;
+use crate::TrainError;
+use crate::dataset::{Dataset, View};
+
+/// Scale of the first Gaussians where no neighbour says more, in units of the extent.
+const FIRST_SCALE: f32 = 0.01;
+
+/// What density control gathers of one set.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct SetState {
+    /// Gradients of screen positions since the last round.
+    pub statistics: DensityStatistics,
+    /// Number of Gaussians above which the gradient threshold rises in proportion to their number, so that each of
+    /// many has to pay for more; `None`: it never does.
+    pub crowd: Option<usize>,
+}
+
+/// Everything that a run consists of, beside its extensions and its density control.
+pub struct Run<M> {
+    /// What is done at which step.
+    pub config: ScheduleConfig,
+    /// Learning rates.
+    pub rates: Rates,
+    /// Where tensors live, with gradients.
+    pub device: Device,
+    /// The data.
+    pub dataset: Arc<Dataset>,
+    /// Indices of the views that are trained on.
+    pub train_views: Vec<usize>,
+    /// Indices of views that are neither trained on nor tested.
+    pub validation_views: Vec<usize>,
+    /// Size of the scene, world units.
+    pub extent: f32,
+    /// The part of space that the capture is about.
+    pub region: SpaceBox,
+    /// The shortest span around the clip's middle in which the cameras show the scene's shape; `None` of a camera that
+    /// is carried along.
+    pub start: Option<TimeSpan>,
+    /// The training views' times.
+    pub times: Times,
+    /// What is trained.
+    pub scene: DynamicScene,
+    /// Its optimizer.
+    pub optimizer: Optimizer,
+    /// The source of everything random.
+    pub rng: Pcg64,
+    /// The order of views.
+    pub sampler: ViewSampler,
+    /// Steps done.
+    pub step: usize,
+    /// Density control's state of the static set.
+    pub static_state: SetState,
+    /// The same of the dynamic set.
+    pub dynamic_state: SetState,
+    /// Whether the present step updates the scene, and not the method's own modules alone.
+    pub updates_scene: bool,
+    /// The step after which no Gaussian comes, goes or changes sets, if there is one.
+    pub frozen_after: Option<usize>,
+    /// The method's own state.
+    pub method: M,
+    /// Edits of rows that extensions have not been told yet.
+    pub(super) edits: Vec<RowEdit>,
+    /// Steps left out because something was not finite.
+    pub(super) skipped: Skipped,
+    /// Seconds that steps have waited for images.
+    pub(super) waited_secs: f64,
+}
+
+impl<M> Run<M> {
+    /// A run at its first step. `method` makes the method's state of what is known about the capture.
+    ///
+    /// # Errors
+    /// When no view is left to train on, or an image can't be read.
+    pub fn new(
+        config: ScheduleConfig,
+        dataset: Arc<Dataset>,
+        device: &Device,
+        method: impl FnOnce(&CaptureFacts) -> M,
+    ) -> Result<Self, TrainError> {
+        let device = device.clone().autodiff();
+        let (train_views, validation_views) = hold_out::hold_out(&dataset);
+        if train_views.is_empty() {
+            return Err(TrainError::NoTrainingViews {
+                dataset: dataset.root.clone(),
+            });
+        }
+        let start = capture::start_span(&dataset, &train_views);
+        let mut rng = Pcg64::seed_from_u64(config.seed);
+        let background = config.background.or(dataset.background).unwrap_or([0.0; 3]);
+        let points = initial_points(
+            &dataset,
+            &train_views,
+            start,
+            background,
+            config.initial_points,
+            &mut rng,
+        )?;
+        let views = || train_views.iter().map(|&index| &dataset.views[index]);
+        let times = Times::of(views().map(|view| view.time));
+        let region = Region::of(&dataset, &points);
+        let near_plane = config
+            .near_plane
+            .unwrap_or_else(|| near_plane(views(), &points));
+        let extent = config.optimizer.extent.unwrap_or(region.extent);
+        let (positions, colors) = (&points.positions, &points.colors);
+        let rows =
+            GaussianRows::from_points(positions, colors, config.sh_degree, FIRST_SCALE * extent);
+        let settings = SceneSettings {
+            background,
+            sh_degree: 0,
+            near_plane,
+            trajectory_basis: TrajectoryBasis::Linear,
+            offsets: OffsetPlacement::BeforeActivation,
+            gaps: Gaps::default(),
+        };
+        let is_synchronized = start.is_some_and(TimeSpan::is_one_time);
+        let trained: BTreeSet<usize> = views().map(|view| view.frame).collect();
+        let facts = CaptureFacts {
+            n_frames: if is_synchronized {
+                trained.len()
+            } else {
+                dataset.n_frames
+            },
+            is_synchronized,
+        };
+        Ok(Self {
+            rates: Rates::of(&config.optimizer),
+            scene: DynamicScene {
+                static_set: Gaussians::from_rows(&rows, &device),
+                dynamic: None,
+                settings,
+            },
+            method: method(&facts),
+            static_state: SetState {
+                statistics: DensityStatistics::new(rows.len()),
+                crowd: None,
+            },
+            dynamic_state: SetState::default(),
+            region: region.space,
+            optimizer: Optimizer::default(),
+            sampler: ViewSampler::default(),
+            step: 0,
+            updates_scene: true,
+            frozen_after: None,
+            edits: Vec::new(),
+            skipped: Skipped::default(),
+            waited_secs: 0.0,
+            config,
+            device,
+            dataset,
+            train_views,
+            validation_views,
+            extent,
+            start,
+            times,
+            rng,
+        })
+    }
+
+    /// What density control gathers of a set.
+    pub fn state(&mut self, set: Set) -> &mut SetState {
+        match set {
+            Set::Static => &mut self.static_state,
+            Set::Dynamic => &mut self.dynamic_state,
+        }
+    }
+
+    /// The configuration of a set's density control.
+    pub fn densify(&self, set: Set) -> &DensifyConfig {
+        match set {
+            Set::Static => &self.config.densify.static_set,
+            Set::Dynamic => &self.config.densify.dynamic,
+        }
+    }
+
+    /// What lengths are measured by.
+    pub fn scale(&self) -> SceneScale {
+        let SpaceBox { min, max, .. } = self.region;
+        SceneScale {
+            centre: std::array::from_fn(|axis| 0.5 * (min[axis] + max[axis])),
+            extent: self.extent,
+        }
+    }
+
+    /// Whether no Gaussian comes, goes or changes sets any more.
+    pub fn is_frozen(&self) -> bool {
+        self.frozen_after.is_some_and(|step| self.step > step)
+    }
+
+    /// Whether every time by itself shows the scene's shape, as the synchronised cameras of a rig do.
+    pub fn is_synchronized(&self) -> bool {
+        self.start.is_some_and(TimeSpan::is_one_time)
+    }
+
+    /// Seconds that steps have waited for images.
+    pub fn waited_secs(&self) -> f64 {
+        self.waited_secs
+    }
+
+    /// The training views.
+    pub fn views(&self) -> impl Iterator<Item = &View> + Clone {
+        let views = &self.dataset.views;
+        self.train_views.iter().map(|&index| &views[index])
+    }
+}
+
+/// What a capture is, as far as a method's sizes follow from it.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct CaptureFacts {
+    /// Frames of the clip; of a synchronised rig, those that are trained on.
+    pub n_frames: usize,
+    /// Whether every time by itself shows the scene's shape.
+    pub is_synchronized: bool,
+}

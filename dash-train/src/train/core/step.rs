@@ -1,0 +1,224 @@
+//! One step of training.
+
+use burn::tensor::{Gradients, Tensor};
+use dash_kernels::splats::MEAN_X;
+
+use super::densify::{self, DensityStatistics, MEANS, Round};
+use super::forward::{Forward, Probe};
+use super::guard;
+use super::hooks::Hooks;
+use super::method::Method;
+use super::optimizer::{Rate, to_host};
+use super::pass::forward;
+use super::run::Run;
+use super::sets::Set;
+use crate::TrainError;
+use crate::dataset::View;
+
+/// What one step did.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct StepReport {
+    /// Steps done so far.
+    pub step: usize,
+    /// The whole loss.
+    pub loss: f32,
+    /// Peak signal-to-noise ratio of the step's training view, dB.
+    pub psnr: f32,
+    /// Static Gaussians.
+    pub n_static: usize,
+    /// Dynamic Gaussians.
+    pub n_dynamic: usize,
+    /// Whether the step changed nothing because something was not finite; `loss` and `psnr` then need not
+    /// be finite either.
+    pub skipped: bool,
+}
+
+/// One optimisation step, with what its step number brings: changes of stage, density control.
+///
+/// A step in which the loss, a parameter or a gradient is not finite changes no parameter and no moment: what is at
+/// fault is removed or cleared, and told by a warning and by [`Run::take_skipped_steps`].
+///
+/// # Errors
+/// When too many steps in a row had to be skipped, or a kernel refuses its input.
+pub fn step<M: Method>(run: &mut Run<M>, hooks: &mut Hooks<M>) -> Result<StepReport, TrainError> {
+    if !std::mem::replace(&mut hooks.has_begun, true) {
+        hooks.each(run, |extension, run| extension.begin(run))?;
+    }
+    M::before_step(run)?;
+    hooks.each(run, |extension, run| extension.before_step(run))?;
+    let config = &run.config;
+    let sh_interval = config.step_at(config.sh_interval).max(1);
+    run.scene.settings.sh_degree = (run.step / sh_interval).min(config.sh_degree);
+
+    let dataset = run.dataset.clone();
+    let index = next_view(run, hooks);
+    announce_views(run, index);
+    let view = &dataset.views[index];
+    run.updates_scene = true;
+    for extension in &mut hooks.extensions {
+        extension.before_forward(run, view);
+    }
+    let waited = waiting(run);
+    let forward = forward(run, hooks, view)?;
+    run.waited_secs += waiting(run) - waited;
+    let loss = to_host(forward.loss.clone())[0];
+    let mse = to_host(forward.mse.clone())[0];
+    let mut gradients = forward.loss.backward();
+    let faults = guard::look(run, &gradients, loss);
+    let skipped = faults.is_some();
+    match faults {
+        None => {
+            gather(run, &forward, view, &mut gradients)?;
+            M::after_backward(run, view, &forward)?;
+            drop(forward);
+            for extension in &mut hooks.extensions {
+                extension.after_backward(run, &mut gradients);
+            }
+            update(run, &mut gradients);
+            run.skipped.end_row();
+        }
+        Some(faults) => {
+            guard::skip(run, faults, &view.name, loss)?;
+            hooks.each(run, |extension, run| {
+                extension.skipped(run);
+                Ok(())
+            })?;
+        }
+    }
+    run.step += 1;
+    hooks.each(run, |extension, run| {
+        extension.after_update(run);
+        Ok(())
+    })?;
+    control_density(run, hooks);
+    hooks.each(run, |extension, run| extension.after_step(run))?;
+
+    let (n_static, n_dynamic) = run.scene.counts();
+    Ok(StepReport {
+        step: run.step,
+        loss,
+        psnr: -10.0 * mse.max(1e-10).log10(),
+        n_static,
+        n_dynamic,
+        skipped,
+    })
+}
+
+/// The index of the view to train on.
+fn next_view<M>(run: &mut Run<M>, hooks: &mut Hooks<M>) -> usize {
+    let mut extensions = hooks.extensions.iter_mut();
+    let chosen = extensions.find_map(|extension| extension.next_view(run));
+    let n = run.train_views.len();
+    let place = chosen.unwrap_or_else(|| run.sampler.next(n, |_| true, &mut run.rng));
+    run.train_views[place]
+}
+
+/// Tells the dataset which views come next, where the order is a new one.
+fn announce_views<M>(run: &mut Run<M>, view: usize) {
+    if let Some(upcoming) = run.sampler.tell_new_round() {
+        let upcoming = upcoming.map(|place| run.train_views[place]);
+        let views = std::iter::once(view).chain(upcoming);
+        let views = views.map(|index| &run.dataset.views[index]);
+        run.dataset.announce(views);
+    }
+}
+
+/// Seconds that anyone has waited for images.
+fn waiting<M>(run: &Run<M>) -> f64 {
+    let statistics = run.dataset.frame_statistics();
+    statistics.map_or(0.0, |statistics| statistics.waited_secs)
+}
+
+/// Takes the gradients of screen positions, which density control needs.
+fn gather<M: Method>(
+    run: &mut Run<M>,
+    forward: &Forward,
+    view: &View,
+    gradients: &mut Gradients,
+) -> Result<(), TrainError> {
+    let camera = &view.camera;
+    let half_size = [camera.width as f32 / 2.0, camera.height as f32 / 2.0];
+    let mut add = |set: Set, probe: &Probe| {
+        if let Some(v_splats) = probe.leaf.grad_remove(gradients) {
+            let statistics = &mut run.state(set).statistics;
+            statistics.add(&of_means(v_splats), &probe.splats, half_size);
+        }
+    };
+    add(Set::Static, &forward.static_probe);
+    if let Some(probe) = &forward.dynamic_probe {
+        add(Set::Dynamic, probe);
+    }
+    Ok(())
+}
+
+/// The columns of a gradient `[N, C]` that are those of the means, row by row.
+fn of_means(v_splats: Tensor<2>) -> Vec<f32> {
+    to_host(v_splats.narrow(1, MEAN_X, MEANS))
+}
+
+/// One step of Adam on everything that has a gradient.
+fn update<M: Method>(run: &mut Run<M>, gradients: &mut Gradients) {
+    if run.updates_scene {
+        let progress = run.step as f32 / run.config.iterations as f32;
+        let rates = run.rates.at(progress, run.extent);
+        // Taken, not cloned: what nobody else holds is changed in place.
+        let mut optimizer = std::mem::take(&mut run.optimizer);
+        let rate = |name: &str| Rate::plain(rates(name) * M::rate_factor(run, name));
+        let static_set = run.scene.static_set.clone();
+        let static_set = optimizer.step("scene.static_set", static_set, gradients, rate);
+        run.scene.static_set = static_set;
+        if let Some(dynamic) = run.scene.dynamic.take() {
+            let rate = |name: &str| Rate::plain(rates(name) * M::rate_factor(run, name));
+            let dynamic = optimizer.step("scene.dynamic", dynamic, gradients, rate);
+            run.scene.dynamic = Some(dynamic);
+        }
+        run.optimizer = optimizer;
+    }
+    M::update(run, gradients);
+}
+
+/// Rounds of density control and opacity resets that are due at the run's step.
+fn control_density<M: Method>(run: &mut Run<M>, hooks: &mut Hooks<M>) {
+    for set in Set::BOTH {
+        let config = run.densify(set).clone();
+        if !densify::round_due(&run.config, &config, run.step) {
+            continue;
+        }
+        let Some(gaussians) = run.gaussians(set) else {
+            continue;
+        };
+        let rows = gaussians.to_rows();
+        let (max_gaussians, scale) = (M::capacity(run, set), run.scale());
+        let (step, since) = (run.step, M::began(run, set));
+        let statistics = std::mem::replace(
+            &mut run.state(set).statistics,
+            DensityStatistics::new(rows.len()),
+        );
+        let round = Round {
+            set,
+            step,
+            rows: &rows,
+            statistics: &statistics,
+            gradient_threshold: densify::threshold(&config, run.state(set).crowd, rows.len()),
+            max_gaussians,
+            was_reset: densify::was_reset(&config, since, step),
+            scale,
+            config: &config,
+        };
+        let edit = hooks.densify.round(&round, &mut run.rng);
+        run.apply(set, &edit);
+    }
+    for set in Set::BOTH {
+        let config = run.densify(set);
+        let due = densify::reset_due(&run.config, config, M::began(run, set), run.step);
+        if due && M::may_reset(run, set) {
+            let Some(gaussians) = run.gaussians(set).cloned() else {
+                continue;
+            };
+            run.set_gaussians(set, densify::with_low_opacity(gaussians));
+            let name = format!("{}opacity_logits", set.prefix());
+            run.optimizer.reset(&name);
+        }
+    }
+    hooks.tell_edits(run);
+}

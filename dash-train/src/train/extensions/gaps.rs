@@ -1,0 +1,80 @@
+//! Time gaps: times between training views that are too far apart to be interpolated by the field alone.
+//!
+//! Through a gap Gaussians go in straight lines, or turn once where they agree on it. Beside one the field is coarser, and
+//! a monocular capture has dynamic Gaussians go straight and steadily between neighbouring times.
+
+use burn::tensor::Tensor;
+use dash_model::Gaps;
+use serde::{Deserialize, Serialize};
+
+use crate::TrainError;
+use crate::dataset::View;
+use crate::train::core::{Extension, Forward, Run};
+use crate::train::paper::Dash;
+
+/// Typical steps between training times above which they are ends of a gap: between one step and two.
+const GAP_STEPS: f32 = 1.5;
+/// The same for gaps that make the field coarser.
+const LONG_GAP_STEPS: f32 = 3.5;
+
+/// `[extensions.gaps]`
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct GapsConfig {
+    /// Factor of the field's resolutions in space where a monocular capture lacks three times in a row or more: how things
+    /// go on into a gap is told from how they move beside it, and cells of one picture each tell that badly. Source: ours.
+    pub coarsen: f32,
+    /// Weight of how far dynamic Gaussians are from a straight way at one speed between neighbouring training times, in
+    /// units of the extent, in monocular captures. Source: ours.
+    pub steadiness: f32,
+}
+
+/// See [`GapsConfig`].
+pub struct TimeGaps(GapsConfig);
+
+impl TimeGaps {
+    /// From its section.
+    pub fn new(config: GapsConfig) -> Self {
+        Self(config)
+    }
+}
+
+impl Extension<Dash> for TimeGaps {
+    fn name(&self) -> &'static str {
+        "gaps"
+    }
+
+    fn init(&mut self, run: &mut Run<Dash>) {
+        let times: Vec<f32> = run.views().map(|view| view.time).collect();
+        let between = |steps: f32| Gaps::between(times.iter().copied(), steps);
+        run.scene.settings.gaps = between(GAP_STEPS);
+        let is_synchronized = run.is_synchronized();
+        if between(LONG_GAP_STEPS).lie_within() && !is_synchronized {
+            let encoder = &mut run.method.field.encoder;
+            for cells in [&mut encoder.base_resolution, &mut encoder.finest_resolution] {
+                for axis in cells.iter_mut().take(3) {
+                    *axis = ((*axis as f32 * self.0.coarsen).ceil() as u32).max(1);
+                }
+            }
+        }
+        run.method.asks_around = self.0.steadiness > 0.0 && !is_synchronized;
+    }
+
+    fn before_forward(&mut self, run: &mut Run<Dash>, view: &View) {
+        let dynamic = run.scene.dynamic.as_ref();
+        let has_dynamic = dynamic.is_some_and(|dynamic| !dynamic.gaussians.is_empty());
+        if run.method.asks_around && has_dynamic {
+            run.method.around = run.times.around(view.time, &mut run.rng);
+        }
+    }
+
+    fn loss_terms(
+        &mut self,
+        run: &mut Run<Dash>,
+        _view: &View,
+        _forward: &Forward,
+    ) -> Result<Vec<Tensor<1>>, TrainError> {
+        let found = run.method.unsteadiness.take();
+        Ok(found.map(|cost| cost * self.0.steadiness).into_iter().collect())
+    }
+}

@@ -1,0 +1,63 @@
+//! A cost of visible motion: what moves without need comes to rest.
+
+use burn::tensor::Tensor;
+use serde::{Deserialize, Serialize};
+
+use crate::TrainError;
+use crate::dataset::View;
+use crate::train::core::coverage::visible_motion;
+use crate::train::core::{Extension, Forward, Run};
+use crate::train::paper::Dash;
+
+/// Motion above which more of it costs little more, in shares of the image's width, while the field looks for it.
+const FAR_IN_FIELD: f32 = 0.2;
+/// The same once every Gaussian has a trajectory of its own.
+const FAR_ALONE: f32 = 0.05;
+
+/// `[extensions.rest_cost]`
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct RestCostConfig {
+    /// Weight of visible motion while the coarse field looks for motion, in shares of the image's width and as a mean over
+    /// the picture. Source: ours.
+    pub field: f32,
+    /// The same once every Gaussian has a trajectory of its own. Source: ours.
+    pub gaussians: f32,
+}
+
+/// See [`RestCostConfig`].
+pub struct RestCost(RestCostConfig);
+
+impl RestCost {
+    /// From its section.
+    pub fn new(config: RestCostConfig) -> Self {
+        Self(config)
+    }
+}
+
+impl Extension<Dash> for RestCost {
+    fn name(&self) -> &'static str {
+        "rest_cost"
+    }
+
+    fn loss_terms(
+        &mut self,
+        run: &mut Run<Dash>,
+        _view: &View,
+        forward: &Forward,
+    ) -> Result<Vec<Tensor<1>>, TrainError> {
+        let (Some(motion), Some(_)) = (&forward.motion, run.method.motion_space) else {
+            return Ok(Vec::new());
+        };
+        let (weight, far) = match run.method.motion {
+            Some(_) => (self.0.field, FAR_IN_FIELD),
+            None => (self.0.gaussians, FAR_ALONE),
+        };
+        // A cost of no weight is not worked out.
+        let cost = (weight > 0.0).then(|| {
+            let coverage = forward.static_probe.coverage();
+            visible_motion(motion.clone(), coverage, far) * weight
+        });
+        Ok(cost.into_iter().collect())
+    }
+}

@@ -1,0 +1,86 @@
+//! The decomposition: the Gaussians that move become the dynamic part.
+
+use std::sync::Arc;
+
+use dash_model::decomposition::MotionStatistics;
+use dash_model::{DeformationField, DynamicPart, DynamicScene, Gaussians, SpaceBox};
+
+use super::config::{Decomposition, Form, Trajectories};
+use super::motion::RELEASED_BOUND;
+use super::state::Dash;
+use crate::TrainError;
+use crate::dataset::Dataset;
+use crate::train::core::{DensityStatistics, Run, Set, to_host};
+
+/// Share of the points on either side that a field's box may leave out.
+const BOX_TAIL: f32 = 0.01;
+/// How much wider than its points a field's box is.
+const BOX_MARGIN: f32 = 0.15;
+
+impl Run<Dash> {
+    /// Ends the decomposition stage: the Gaussians that move, or all, become the dynamic part.
+    pub(super) fn decompose(&mut self) -> Result<(), TrainError> {
+        let coefficients = self.coefficients()?;
+        let mask = match (self.method.config.decomposition, &coefficients) {
+            (Decomposition::All, _) => vec![true; self.scene.static_set.len()],
+            (_, None) => return Ok(()),
+            (_, Some(_)) => self.moving()?,
+        };
+        self.method.motion = None;
+        self.method.motion_space = None;
+        self.method.statistics = MotionStatistics::default();
+        self.method.held_still = Vec::new();
+        self.optimizer.forget("motion.");
+        let mut rows = self.scene.static_set.to_rows();
+        rows.trajectory_width = 0;
+        rows.trajectories.clear();
+        let (moving, still): (Vec<usize>, Vec<usize>) = (0..rows.len()).partition(|&row| mask[row]);
+        self.scene.static_set = Gaussians::from_rows(&rows.gather(&still), &self.device);
+        let own = format!("{}trajectories", Set::Static.prefix());
+        if moving.is_empty() {
+            self.optimizer.forget(&own);
+            return Ok(());
+        }
+        let mut dynamic_rows = rows.gather(&moving);
+        if let Some(coefficients) = coefficients
+            && self.method.config.trajectories == Trajectories::Polyline
+        {
+            let width = coefficients.dims()[1];
+            let coefficients = to_host(coefficients);
+            dynamic_rows.trajectory_width = width;
+            dynamic_rows.trajectories = dash_model::gather_rows(&coefficients, width, &moving);
+        }
+        let field = &self.method.field;
+        dynamic_rows.embedding_width = field.embedding_width();
+        dynamic_rows.embeddings = vec![0.0; moving.len() * dynamic_rows.embedding_width];
+        let [fixed, dynamic] = Set::BOTH.map(Set::prefix);
+        self.optimizer
+            .copy_rows(fixed, dynamic, &moving, rows.len());
+        self.optimizer
+            .edit_rows(fixed, &still, &vec![false; still.len()], rows.len());
+        self.optimizer.forget(&own);
+        let space = match self.method.config.form {
+            Form::Released => SpaceBox::fixed(RELEASED_BOUND),
+            Form::Paper => SpaceBox::around(&dynamic_rows.means, BOX_TAIL, BOX_MARGIN),
+        };
+        let field = DeformationField::new(field, space, &mut self.rng, &self.device)?;
+        self.scene.dynamic = Some(DynamicPart {
+            gaussians: Gaussians::from_rows(&dynamic_rows, &self.device),
+            field,
+        });
+        self.static_state.statistics = DensityStatistics::new(still.len());
+        self.dynamic_state.statistics = DensityStatistics::new(moving.len());
+        Ok(())
+    }
+
+    /// Puts a run that has not begun right behind the decomposition, with this scene and with pictures of the same
+    /// views, which may be of another size.
+    pub(crate) fn continue_with(&mut self, scene: DynamicScene, dataset: Arc<Dataset>) {
+        let (n_static, n_dynamic) = scene.counts();
+        self.static_state.statistics = DensityStatistics::new(n_static);
+        self.dynamic_state.statistics = DensityStatistics::new(n_dynamic);
+        self.step = self.stages().end + 1;
+        self.scene = scene;
+        self.dataset = dataset;
+    }
+}

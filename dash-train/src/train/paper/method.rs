@@ -1,0 +1,251 @@
+//! DASH as a method of the trainer.
+
+use burn::tensor::{Gradients, Tensor};
+use dash_model::MotionField;
+use dash_model::decomposition::MotionStatistics;
+use dash_model::parameters::{named_parameters, with_parameters};
+use rand::SeedableRng;
+use rand_pcg::Pcg64;
+use serde::{Deserialize, Serialize};
+
+use super::smoothness::{Probed, Request, probe};
+use super::state::Dash;
+use crate::TrainError;
+use crate::dataset::View;
+use crate::train::core::loss::static_motion;
+use crate::train::core::{Forward, Method, ModuleVisit, Moved, Run, Saved, Set};
+
+/// Steps between two looks at which Gaussians Eq. 5 holds still.
+const MASK_INTERVAL: usize = 50;
+/// Share of the static Gaussians' capacity that is not used before the decomposition: without room, dynamic Gaussians
+/// would fill what the static set still lacks.
+const KEPT_BACK: f32 = 0.25;
+/// Parameters of the coarse field in a checkpoint.
+const MOTION: &str = "motion.";
+
+/// State that JSON holds.
+#[derive(Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct State {
+    motion_space: Option<dash_model::SpaceBox>,
+    held_still: Vec<bool>,
+    nothing_moves: bool,
+}
+
+impl Method for Dash {
+    fn before_step(run: &mut Run<Self>) -> Result<(), TrainError> {
+        if !run.may_move() {
+            return Ok(());
+        }
+        let stages = run.stages();
+        if run.step == stages.warmup && stages.warmup < stages.end {
+            run.start_motion()?;
+            run.sampler.restart();
+        }
+        if run.step == stages.end {
+            run.decompose()?;
+            run.sampler.restart();
+        }
+        Ok(())
+    }
+
+    fn moved(run: &Run<Self>, view: &View) -> Result<Option<Moved>, TrainError> {
+        let Some(coefficients) = run.coefficients()? else {
+            return Ok(None);
+        };
+        let means = run.scene.static_set.means.val();
+        let displacement = run
+            .method
+            .basis
+            .displacement(coefficients.clone(), view.time)?;
+        Ok(Some(Moved {
+            means: means + displacement,
+            motion: run.extents(coefficients)?,
+        }))
+    }
+
+    fn dynamic_splats(
+        run: &mut Run<Self>,
+        view: &View,
+    ) -> Result<(Option<Tensor<2>>, Vec<Tensor<1>>), TrainError> {
+        let (camera, time) = (&view.camera, view.time);
+        let around = run.method.around.take();
+        run.method.unsteadiness = None;
+        let Some(dynamic) = &run.scene.dynamic else {
+            return Ok((None, Vec::new()));
+        };
+        let config = &run.method.config;
+        let is_smooth =
+            config.smoothness > 0.0 && run.step.is_multiple_of(config.smoothness_interval);
+        if !is_smooth && !run.method.asks_around || dynamic.gaussians.is_empty() {
+            return Ok((run.scene.dynamic_splats(camera, time)?, Vec::new()));
+        }
+        let request = Request {
+            share: config.smoothness_share,
+            is_smooth,
+            around,
+            extent: run.extent,
+        };
+        let settings = &run.scene.settings;
+        let Probed {
+            features,
+            smoothness,
+            unsteadiness,
+        } = probe(dynamic, settings, time, &request, &mut run.rng)?;
+        let weight = config.smoothness * config.smoothness_interval as f32;
+        let terms = smoothness.map(|term| term * weight);
+        let deformed = dynamic.deform_from(settings, time, features)?;
+        let splats = run.scene.deformed_splats(deformed, camera)?;
+        run.method.unsteadiness = unsteadiness;
+        Ok((Some(splats), terms.into_iter().collect()))
+    }
+
+    /// Eq. 5, while the coarse field looks for motion.
+    fn loss_terms(
+        run: &mut Run<Self>,
+        _view: &View,
+        forward: &Forward,
+    ) -> Result<Vec<Tensor<1>>, TrainError> {
+        let method = &run.method;
+        let (Some(space), Some(_), Some(motion)) =
+            (&method.motion_space, &method.motion, &forward.motion)
+        else {
+            return Ok(Vec::new());
+        };
+        let cost = static_motion(motion.clone(), &method.held_still, space.diagonal());
+        Ok(vec![cost * method.config.static_motion])
+    }
+
+    fn after_backward(
+        run: &mut Run<Self>,
+        view: &View,
+        forward: &Forward,
+    ) -> Result<(), TrainError> {
+        if run.method.motion_space.is_some() {
+            run.gather_scale(&forward.static_probe.splats, view);
+            if run.step.is_multiple_of(MASK_INTERVAL) {
+                run.method.held_still = run.moving()?.iter().map(|moves| !moves).collect();
+            }
+        }
+        Ok(())
+    }
+
+    fn update(run: &mut Run<Self>, gradients: &mut Gradients) {
+        run.update_motion(gradients);
+    }
+
+    fn rate_factor(run: &Run<Self>, name: &str) -> f32 {
+        let own = name.starts_with(Set::Static.prefix()) && name.ends_with(".trajectories");
+        if own {
+            run.stages().trajectory_rate(run.step)
+        } else {
+            1.0
+        }
+    }
+
+    fn visit(&mut self, visit: &mut ModuleVisit<'_>) {
+        visit.module("motion", &mut self.motion);
+    }
+
+    fn rows_changed(&mut self, set: Set, sources: &[usize]) {
+        if set == Set::Static && self.motion_space.is_some() {
+            self.statistics = self.statistics.gather(sources);
+            let held_still = &self.held_still;
+            self.held_still = sources.iter().map(|&row| held_still[row]).collect();
+        }
+    }
+
+    fn capacity(run: &Run<Self>, set: Set) -> usize {
+        let [most_static, most_dynamic] = Set::BOTH.map(|set| run.densify(set).max_gaussians);
+        let may_move = run.may_move();
+        match set {
+            Set::Static if !may_move => most_static.saturating_add(most_dynamic),
+            Set::Static if run.step <= run.stages().end => {
+                most_static - (KEPT_BACK * most_static as f32) as usize
+            }
+            Set::Static => most_static,
+            Set::Dynamic => {
+                let left = most_static.saturating_sub(run.scene.static_set.len());
+                most_dynamic.saturating_add(left)
+            }
+        }
+    }
+
+    fn began(run: &Run<Self>, set: Set) -> usize {
+        match set {
+            Set::Static => 0,
+            Set::Dynamic => run.stages().end,
+        }
+    }
+
+    /// While the coarse stages look for motion, it must stay visible.
+    fn may_reset(run: &Run<Self>, set: Set) -> bool {
+        set == Set::Dynamic || run.method.motion_space.is_none()
+    }
+
+    fn save(&self) -> Saved {
+        let mut saved = Saved::of_values(&State {
+            motion_space: self.motion_space,
+            held_still: self.held_still.clone(),
+            nothing_moves: self.nothing_moves,
+        });
+        let (weighted, weights) = self.statistics.parts();
+        saved.insert("weighted", weighted.to_vec());
+        saved.insert("weights", weights.to_vec());
+        if let Some(motion) = &self.motion {
+            let parameters = named_parameters(motion).into_iter();
+            let named = parameters.map(|(name, tensor)| (format!("{MOTION}{name}"), tensor));
+            saved.tensors.extend(named);
+        }
+        saved
+    }
+
+    fn restore(run: &mut Run<Self>, mut saved: Saved) -> Result<(), String> {
+        let state: State = saved.read()?;
+        let statistics =
+            MotionStatistics::from_parts(saved.take("weighted")?, saved.take("weights")?);
+        let n_static = run.scene.static_set.len();
+        let (weighted, weights) = statistics.parts();
+        for (what, found, expected) in [
+            ("motions of static", weighted.len(), n_static),
+            ("weights of static", weights.len(), weighted.len()),
+            ("marks of static", state.held_still.len(), n_static),
+        ] {
+            if found != expected && found != 0 {
+                return Err(format!(
+                    "{found} {what} Gaussians, of which there are {expected}"
+                ));
+            }
+        }
+        let method = &mut run.method;
+        method.motion = match state.motion_space {
+            Some(space) if run.scene.static_set.trajectories.is_none() => {
+                // Its start is replaced by what was trained; any generator does.
+                let mut unused = Pcg64::seed_from_u64(0);
+                let skeleton = MotionField::new(
+                    &method.motion_encoder,
+                    method.config.motion_field.hidden,
+                    method.basis,
+                    space,
+                    &mut unused,
+                    &run.device,
+                )
+                .map_err(|e| e.to_string())?;
+                let tensors = std::mem::take(&mut saved.tensors).into_iter();
+                let own = tensors.filter_map(|(name, tensor)| {
+                    Some((name.strip_prefix(MOTION)?.to_string(), tensor))
+                });
+                Some(with_parameters(skeleton, own.collect())?)
+            }
+            _ => None,
+        };
+        if let Some(motion) = &method.motion {
+            run.optimizer.check_sizes("motion", motion)?;
+        }
+        method.motion_space = state.motion_space;
+        method.held_still = state.held_still;
+        method.nothing_moves = state.nothing_moves;
+        method.statistics = statistics;
+        Ok(())
+    }
+}

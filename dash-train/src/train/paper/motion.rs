@@ -1,0 +1,135 @@
+//! Coarse motion (Eqs. 3-5): of a field, or of trajectories of the Gaussians' own.
+
+use std::ops::RangeInclusive;
+
+use burn::tensor::{Gradients, Tensor};
+use dash_kernels::splats::{DEPTH, N_COLUMNS, RADIUS_X};
+use dash_model::decomposition::{MotionStatistics, select_dynamic};
+use dash_model::{HashEncoder, MotionField, SpaceBox};
+
+use super::config::{Form, MotionMeasure};
+use super::state::Dash;
+use crate::TrainError;
+use crate::dataset::View;
+use crate::train::core::{Rate, Run, to_host};
+
+/// Sizes of scenes that are measured in their own units.
+const ORDINARY_EXTENTS: RangeInclusive<f32> = 0.05..=2000.0;
+/// The size of a room, metres.
+const ROOM: f32 = 4.0;
+/// Half the side of the released code's box, world units.
+pub(super) const RELEASED_BOUND: f32 = 1.0;
+
+impl Run<Dash> {
+    /// Starts the decomposition stage.
+    pub(super) fn start_motion(&mut self) -> Result<(), TrainError> {
+        let n = self.scene.static_set.len();
+        let method = &mut self.method;
+        let space = match method.config.form {
+            Form::Released => SpaceBox::fixed(RELEASED_BOUND),
+            Form::Paper => self.region,
+        };
+        method.motion = Some(MotionField::new(
+            &method.motion_encoder,
+            method.config.motion_field.hidden,
+            method.basis,
+            space,
+            &mut self.rng,
+            &self.device,
+        )?);
+        method.motion_space = Some(space);
+        method.statistics = MotionStatistics::new(n);
+        method.held_still = vec![true; n];
+        Ok(())
+    }
+
+    /// Trajectory coefficients `[N, B * 3]` of all Gaussians; `None` while nothing moves and after the decomposition.
+    pub(crate) fn coefficients(&self) -> Result<Option<Tensor<2>>, TrainError> {
+        let set = &self.scene.static_set;
+        Ok(match (&self.method.motion, &set.trajectories) {
+            (Some(field), _) => Some(field.coefficients(set.means.val())?),
+            (None, Some(own)) => Some(own.val()),
+            (None, None) => None,
+        })
+    }
+
+    /// How far the trajectories of `coefficients [N, B * 3]` go, `[N]`, world units. The smallest length that this tells
+    /// from rest is a millionth, so scenes of an extraordinary size are measured in units that suit them.
+    pub(crate) fn extents(&self, coefficients: Tensor<2>) -> Result<Tensor<1>, TrainError> {
+        let basis = self.method.basis;
+        Ok(match motion_unit(self.extent) {
+            None => basis.extent(coefficients)?,
+            Some(unit) => basis.extent(coefficients / unit)? * unit,
+        })
+    }
+
+    /// Which Gaussians move, as far as the coarse stages know.
+    pub(super) fn moving(&self) -> Result<Vec<bool>, TrainError> {
+        let rule = &self.method.config;
+        let Some(coefficients) = self.coefficients()? else {
+            return Ok(vec![false; self.scene.static_set.len()]);
+        };
+        let extents = to_host(self.extents(coefficients)?);
+        let motion: Vec<f32> = extents
+            .iter()
+            .zip(self.method.statistics.means())
+            .map(|(extent, scale)| extent * scale)
+            .collect();
+        Ok(select_dynamic(
+            &motion,
+            rule.static_quantile,
+            rule.motion_floor,
+        ))
+    }
+
+    /// Takes note of how large a world unit of each visible Gaussian's motion appears in a view, given its splats.
+    pub(super) fn gather_scale(&mut self, splats: &[f32], view: &View) {
+        let focal = (view.camera.fx / view.camera.width as f64) as f32;
+        let measure = self.method.config.measure;
+        let (scales, weights): (Vec<f32>, Vec<f32>) = splats
+            .chunks_exact(N_COLUMNS)
+            .map(|splat| {
+                let depth = splat[DEPTH];
+                let visible = splat[RADIUS_X] > 0.0 && depth > 0.0;
+                let scale = match measure {
+                    MotionMeasure::World => 1.0,
+                    MotionMeasure::DistanceWeighted => 1.0 / (depth * depth + 1e-6),
+                    MotionMeasure::Screen => focal / depth,
+                };
+                (scale, if visible { 1.0 } else { 0.0 })
+            })
+            .unzip();
+        self.method.statistics.add(&scales, &weights);
+    }
+
+    /// One step of the optimizer on the coarse field.
+    pub(super) fn update_motion(&mut self, gradients: &mut Gradients) {
+        let left = self.stages().field_rate(self.step);
+        if let Some(motion) = self.method.motion.take() {
+            let rate = |name: &str| self.method.motion_rate(left, name);
+            self.method.motion = Some(self.optimizer.step("motion", motion, gradients, rate));
+        }
+    }
+}
+
+impl Dash {
+    /// The rate of a parameter of the coarse field, when so much is left of it.
+    pub(crate) fn motion_rate(&self, left: f32, name: &str) -> Rate {
+        let config = &self.config.motion_field;
+        if HashEncoder::is_table(name) {
+            Rate::plain(config.grid_rate * left)
+        } else {
+            Rate {
+                rate: config.network_rate * left,
+                damping: self.damping,
+            }
+        }
+    }
+}
+
+/// What makes a scene that is much smaller or larger than a room or a town about as large as a room: a power of
+/// two, so that dividing by it rounds nothing.
+fn motion_unit(extent: f32) -> Option<f32> {
+    let extraordinary = !ORDINARY_EXTENTS.contains(&extent) && extent > 0.0 && extent.is_finite();
+    extraordinary.then(|| (extent / ROOM).log2().round().exp2())
+}

@@ -1,0 +1,183 @@
+//! A run on disk: `config.toml`, `log.jsonl`, `curve.jsonl`, `checkpoints/`, `scene/`.
+
+mod config;
+mod folder;
+mod lines;
+
+use std::fs::{self, File};
+use std::path::Path;
+use std::sync::Arc;
+use std::time::Instant;
+
+use burn::tensor::Device;
+use dash_model::scene_file::TablePrecision;
+
+pub use self::config::{DataConfig, RunConfig, StageEnds, read_config};
+pub use self::folder::RunFolder;
+pub use self::lines::LogLine;
+use self::lines::{append, reopen_curve, reopen_log};
+use super::config::TrainConfig;
+use super::core::StepReport;
+pub use super::core::checkpoint::latest_checkpoint;
+use super::trainer::{Additions, Trainer, load_checkpoint_with, save_checkpoint};
+use crate::TrainError;
+use crate::dataset::Dataset;
+use crate::evaluate::CurveProbe;
+
+/// Steps between two lines of `log.jsonl`.
+const LOG_INTERVAL: usize = 50;
+
+/// How [`train`] runs.
+pub struct TrainOptions<'a> {
+    /// Continue from the newest checkpoint, if there is one.
+    pub resume: bool,
+    /// Measurements of test views to take along the way, see [`CurveProbe`]; 0 for none.
+    pub curve: usize,
+    /// Called after every step, with the seconds trained so far.
+    pub on_step: &'a mut dyn FnMut(&StepReport, f64),
+    /// What the seconds of a step count for; `None`: themselves.
+    pub clock: Option<Clock<'a>>,
+    /// Extensions and density control of your own; the same for a run that is resumed.
+    pub additions: Additions,
+}
+
+/// Turns the seconds that something took into those that it counts for.
+pub type Clock<'a> = &'a mut dyn FnMut(f64) -> Result<f64, TrainError>;
+
+/// Trains to the end, writing checkpoints, the log, and at last the scene.
+///
+/// Returns the trainer and the seconds trained (evaluation and file writing excluded, counted as the options say).
+///
+/// On a CPU call it on a thread of rayon's pool, as in `rayon::scope(|_| train(..))`: from outside, every parallel loop
+/// wakes such a thread and waits for it, which takes a fifth of the time of small pictures.
+///
+/// # Errors
+/// What [`Trainer::step`] and writing refuse; checkpoints written until then remain.
+pub fn train(
+    run: &RunFolder,
+    config: &TrainConfig,
+    dataset: Arc<Dataset>,
+    device: &Device,
+    mut options: TrainOptions<'_>,
+) -> Result<(Trainer, f64), TrainError> {
+    let checkpoints = run.checkpoints_path();
+    let found = if options.resume {
+        latest_checkpoint(&checkpoints)?
+    } else {
+        None
+    };
+    let additions = std::mem::take(&mut options.additions);
+    let (mut trainer, mut seconds) = match found {
+        Some(checkpoint) => load_checkpoint_with(&checkpoint, dataset, device, additions)?,
+        None => (
+            Trainer::with(config.clone(), dataset, device, additions)?,
+            0.0,
+        ),
+    };
+    let mut log = reopen_log(&run.log_path(), trainer.steps_done())?;
+    let mut curve = reopen_curve(&run.curve_path(), &trainer, options.curve)?;
+    fs::create_dir_all(&checkpoints).map_err(|e| TrainError::io(&checkpoints, "create", e))?;
+    let (mut loss, mut psnr, mut count) = (0.0, 0.0, 0);
+    let mut finished = None;
+    let begins = trainer.steps_done();
+    while !trainer.is_finished() {
+        let start = Instant::now();
+        let report = trainer.step()?;
+        if report.step == begins + 1 {
+            tell_of_stages(config, &trainer);
+        }
+        let last = trainer.is_finished();
+        if last {
+            finished = Some(trainer.finished()?);
+        }
+        let spent = start.elapsed().as_secs_f64();
+        seconds += match &mut options.clock {
+            Some(clock) => clock(spent)?,
+            None => spent,
+        };
+        if !report.skipped {
+            loss += report.loss;
+            psnr += report.psnr;
+            count += 1;
+        }
+        (options.on_step)(&report, seconds);
+        let step = report.step;
+        // A line of skipped steps alone has no means and waits for more.
+        if (step.is_multiple_of(LOG_INTERVAL) || last) && count > 0 {
+            let measured = step.is_multiple_of(trainer.config().validation_interval) || last;
+            let line = LogLine {
+                step,
+                seconds,
+                loss: loss / count as f32,
+                train_psnr: psnr / count as f32,
+                n_static: report.n_static,
+                n_dynamic: report.n_dynamic,
+                waited_seconds: trainer.waited_seconds(),
+                validation_psnr: if measured {
+                    trainer.validation_psnr()?
+                } else {
+                    None
+                },
+                skipped_steps: trainer.take_skipped_steps(),
+            };
+            (loss, psnr, count) = (0.0, 0.0, 0);
+            append(&mut log, &line, &run.log_path())?;
+        }
+        let due = |(probe, _): &&mut (CurveProbe, File)| probe.is_due(step) && !last;
+        if let Some((probe, file)) = curve.as_mut().filter(due) {
+            let scene = (trainer.scene(), TablePrecision::Single);
+            let line = probe.measure(scene, step, seconds, &run.root)?;
+            append(file, &line, &run.curve_path())?;
+        }
+        if step.is_multiple_of(trainer.config().checkpoint_interval) || last {
+            save_checkpoint(&trainer, &checkpoints, seconds)?;
+        }
+    }
+    // A run that was resumed at its end has done that before, outside this clock.
+    let finished = match finished {
+        Some(finished) => finished,
+        None => trainer.finished()?,
+    };
+    let (scene, precision) = (&finished.scene, finished.precision);
+    scene.save_with(&run.scene_path(), precision)?;
+    run.record(&trainer, finished.decisions)?;
+    // The last line is about what is left of the scene.
+    if let Some((probe, file)) = &mut curve {
+        let step = trainer.steps_done();
+        let line = probe.measure((scene, precision), step, seconds, &run.root)?;
+        append(file, &line, &run.curve_path())?;
+    }
+    Ok((trainer, seconds))
+}
+
+/// Says so where a run's stages are not those that were asked for.
+fn tell_of_stages(config: &TrainConfig, trainer: &Trainer) {
+    let [warmup, end] = config.method.stages;
+    let following = config.extensions.following.as_ref();
+    let handover = following.map_or(1.0, |following| following.handover);
+    let asked = [warmup, warmup + handover * (end - warmup), end];
+    let taken = trainer.run.method.stage_shares();
+    if !trainer.run.may_move() || config.method.stages == trainer.run.method.config.stages {
+        return;
+    }
+    let percent = |share: f32| (100.0 * share).round();
+    let names = [
+        "the warm-up ends",
+        "following motion ends",
+        "the decomposition ends",
+    ];
+    let changes: Vec<String> = names
+        .into_iter()
+        .zip(asked.into_iter().zip(taken))
+        .map(|(name, (asked, taken))| (name, percent(asked), percent(taken)))
+        .filter(|(_, asked, taken)| asked != taken)
+        .map(|(name, asked, taken)| format!("{name} after {taken} % instead of {asked} %"))
+        .collect();
+    if !changes.is_empty() {
+        tracing::info!(
+            "{} steps are few: {} (extensions.following.min_steps=0 keeps the stages)",
+            config.iterations,
+            changes.join(", "),
+        );
+    }
+}
