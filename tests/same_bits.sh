@@ -34,8 +34,8 @@ hashes() {
 }
 
 mkdir -p "$WORK"
-[ -d "$WORK/bounce" ] || "$DASH" -q synth "$WORK/bounce" --scene bounce
-[ -d "$WORK/tiny" ] || "$DASH" -q synth "$WORK/tiny" --scene tiny
+[ -d "$WORK/bounce" ] || "$DASH" -q synth "$WORK/bounce" --scene bounce >"$WORK/synth.log"
+[ -d "$WORK/tiny" ] || "$DASH" -q synth "$WORK/tiny" --scene tiny >"$WORK/synth.log"
 
 run bounce-quick "$WORK/bounce" --preset quick --iterations 600
 run zju313-default "$DATA/zju313" --preset default --iterations 150 --downscale 4 --test-cameras 5,12

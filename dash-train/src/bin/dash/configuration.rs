@@ -233,18 +233,14 @@ mod tests {
 
     #[test]
     fn the_command_line_wins_over_the_file_and_the_file_over_the_preset() {
-        let (_folder, path) =
-            file("preset = \"quick\"\niterations = 70\nseed = 5\ndssim = 1\n");
+        let (_folder, path) = file("preset = \"quick\"\niterations = 70\nseed = 5\ndssim = 1\n");
         let assignments = ["seed=6".to_string()];
         let over = overrides(Some(&path), &assignments);
         let config = over
             .resolve(&ConfigFile::read(over.file).expect("read"))
             .expect("valid");
         let quick = TrainConfig::preset(Preset::Quick);
-        assert_eq!(
-            (config.iterations, config.seed, config.dssim),
-            (70, 6, 1.0)
-        );
+        assert_eq!((config.iterations, config.seed, config.dssim), (70, 6, 1.0));
         assert_eq!(config.sh_degree, quick.sh_degree);
         assert_eq!(config.method.smoothness, quick.method.smoothness);
         let over = Overrides {

@@ -26,21 +26,39 @@ impl TrainConfig {
             check(&format!("1 to {most}"), vec![(name, value.to_string(), ok)])
         };
         let method = &self.method;
-        within("method.motion_field.hidden", method.motion_field.hidden, MAX_UNITS)?;
+        within(
+            "method.motion_field.hidden",
+            method.motion_field.hidden,
+            MAX_UNITS,
+        )?;
         within("method.field.hidden", method.field.hidden, MAX_UNITS)?;
         let degree = self.sh_degree;
-        check("0 to 3", vec![("sh_degree", degree.to_string(), degree <= 3)])?;
+        check(
+            "0 to 3",
+            vec![("sh_degree", degree.to_string(), degree <= 3)],
+        )?;
         let (stages, points) = (method.stages, self.initial_points);
         check(
             "in order",
             vec![
-                ("method.stages", format!("{stages:?}"), stages[0] <= stages[1]),
-                ("initial_points", format!("{points:?}"), points[0] <= points[1]),
+                (
+                    "method.stages",
+                    format!("{stages:?}"),
+                    stages[0] <= stages[1],
+                ),
+                (
+                    "initial_points",
+                    format!("{points:?}"),
+                    points[0] <= points[1],
+                ),
             ],
         )?;
         if let Some(background) = self.background {
             let ok = background.iter().all(|v| (0.0..=1.0).contains(v));
-            check("three numbers in [0, 1]", vec![("background", format!("{background:?}"), ok)])?;
+            check(
+                "three numbers in [0, 1]",
+                vec![("background", format!("{background:?}"), ok)],
+            )?;
         }
         self.validate_fields()
     }
@@ -89,8 +107,14 @@ impl TrainConfig {
             ("method.motion_floor", method.motion_floor),
             ("method.static_motion", method.static_motion),
             ("method.smoothness", method.smoothness),
-            ("method.motion_field.grid_rate", method.motion_field.grid_rate),
-            ("method.motion_field.network_rate", method.motion_field.network_rate),
+            (
+                "method.motion_field.grid_rate",
+                method.motion_field.grid_rate,
+            ),
+            (
+                "method.motion_field.network_rate",
+                method.motion_field.network_rate,
+            ),
             ("optimizer.means", rates.means),
             ("optimizer.means_final", rates.means_final),
             ("optimizer.trajectories", rates.trajectories),
@@ -157,15 +181,27 @@ impl TrainConfig {
             ("iterations", self.iterations),
             ("checkpoint_interval", self.checkpoint_interval),
             ("validation_interval", self.validation_interval),
-            ("method.smoothness_interval", self.method.smoothness_interval),
+            (
+                "method.smoothness_interval",
+                self.method.smoothness_interval,
+            ),
         ];
         let names = [
-            ["densify.static.interval", "densify.static.opacity_reset_interval"],
-            ["densify.dynamic.interval", "densify.dynamic.opacity_reset_interval"],
+            [
+                "densify.static.interval",
+                "densify.static.opacity_reset_interval",
+            ],
+            [
+                "densify.dynamic.interval",
+                "densify.dynamic.opacity_reset_interval",
+            ],
         ];
         for ([rounds, resets], set) in names.into_iter().zip(self.sets()) {
             values.push((rounds, set.interval));
-            values.extend(set.opacity_reset_interval.map(|interval| (resets, interval)));
+            values.extend(
+                set.opacity_reset_interval
+                    .map(|interval| (resets, interval)),
+            );
         }
         if let Some(demotion) = &self.extensions.demotion {
             values.push(("extensions.demotion.interval", demotion.interval));

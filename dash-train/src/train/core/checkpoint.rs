@@ -184,9 +184,7 @@ pub(crate) fn restore<M: Method, C>(
     let names: Vec<&str> = hooks.extensions.iter().map(|e| e.name()).collect();
     let found: Vec<&str> = state.extensions.iter().map(|(name, _)| &**name).collect();
     if names != found {
-        let what = format!(
-            "the state of the extensions {found:?}, of a run with {names:?}"
-        );
+        let what = format!("the state of the extensions {found:?}, of a run with {names:?}");
         return Err(damaged(checkpoint, what));
     }
     for (extension, (name, values)) in hooks.extensions.iter_mut().zip(state.extensions) {
@@ -212,7 +210,10 @@ fn check_views(sampler: &ViewSampler, n_views: usize) -> Result<(), String> {
 
 fn statistics<M>(run: &Run<M>) -> Saved {
     let mut saved = Saved::default();
-    for (set, state) in Set::BOTH.iter().zip([&run.static_state, &run.dynamic_state]) {
+    for (set, state) in Set::BOTH
+        .iter()
+        .zip([&run.static_state, &run.dynamic_state])
+    {
         let (gradient, seen) = state.statistics.parts();
         saved.insert(&format!("{}.gradient", set.name()), gradient.to_vec());
         // Counts stay below 2^24 between two rounds, so f32 holds them exactly.

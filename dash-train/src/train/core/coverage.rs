@@ -287,7 +287,11 @@ mod tests {
                 (splat[DEPTH], splat[OPACITY]) = (depth, [0.9, 0.001][usize::from(depth < 2.0)]);
             }
             let set = spots(&[(0.9, 1.0, 9.0, true), (0.001, 1.0, 1.0, true)], &device).0;
-            value(nearness(&set, &Coverage::of(&splats.concat(), &camera()), &[]))
+            value(nearness(
+                &set,
+                &Coverage::of(&splats.concat(), &camera()),
+                &[],
+            ))
         };
         let cost = |place: [f32; 2]| cost_of(place, 1.0);
         let whole = cost([4.0, 4.0]);

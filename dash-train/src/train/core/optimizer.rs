@@ -85,13 +85,7 @@ impl Optimizer {
 
     /// Rearranges the moments of every parameter under `prefix` whose rows follow `sources`; rows
     /// marked `fresh` start anew.
-    pub fn edit_rows(
-        &mut self,
-        prefix: &str,
-        sources: &[usize],
-        fresh: &[bool],
-        rows: usize,
-    ) {
+    pub fn edit_rows(&mut self, prefix: &str, sources: &[usize], fresh: &[bool], rows: usize) {
         for (_, moments) in self
             .moments
             .range_mut(prefix.to_string()..)

@@ -14,13 +14,13 @@ use rand_pcg::Pcg64;
 use super::capture::{self, TimeSpan};
 use super::config::{DensifyConfig, ScheduleConfig};
 use super::densify::{DensityStatistics, SceneScale};
-use super::skipped::Skipped;
 use super::hold_out;
 use super::initial::{Region, initial_points, near_plane};
 use super::optimizer::Optimizer;
 use super::rates::Rates;
 use super::sampler::ViewSampler;
 use super::sets::{RowEdit, Set};
+use super::skipped::Skipped;
 use super::times::Times;
 use crate::TrainError;
 use crate::dataset::{Dataset, View};
@@ -132,6 +132,7 @@ impl<M> Run<M> {
             background,
             sh_degree: 0,
             near_plane,
+            ndc_limit: None,
             trajectory_basis: TrajectoryBasis::Linear,
             offsets: OffsetPlacement::BeforeActivation,
             gaps: Gaps::default(),

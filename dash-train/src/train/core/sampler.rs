@@ -13,7 +13,7 @@ const NEW: usize = 8;
 
 /// Draws every candidate once, in random order, before any comes again.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
-pub(crate) struct ViewSampler {
+pub struct ViewSampler {
     left: Vec<u32>,
     /// Whether `left` has been told since it was drawn.
     #[serde(skip)]
@@ -22,7 +22,7 @@ pub(crate) struct ViewSampler {
 
 impl ViewSampler {
     /// The next of the views for which `is_candidate` holds.
-    pub(crate) fn next(
+    pub fn next(
         &mut self,
         n: usize,
         is_candidate: impl Fn(usize) -> bool,
@@ -38,7 +38,7 @@ impl ViewSampler {
     /// The next while candidates become more: only a few are drawn before they are listed anew, half
     /// of them from those that are new, of every `time` as many as of any other: what moves is lost where
     /// few pictures show the way.
-    pub(crate) fn next_of_growing(
+    pub fn next_of_growing(
         &mut self,
         n: usize,
         is_candidate: impl Fn(usize) -> bool,
@@ -60,18 +60,18 @@ impl ViewSampler {
     }
 
     /// The views that are left of the round, next first; once for each round.
-    pub(crate) fn tell_new_round(&mut self) -> Option<impl Iterator<Item = usize>> {
+    pub fn tell_new_round(&mut self) -> Option<impl Iterator<Item = usize>> {
         let is_new = !std::mem::replace(&mut self.is_told, true);
         is_new.then(|| self.left.iter().rev().map(|&view| view as usize))
     }
 
     /// The largest index among the views left of the round.
-    pub(crate) fn largest(&self) -> Option<usize> {
+    pub fn largest(&self) -> Option<usize> {
         self.left.iter().max().map(|&view| view as usize)
     }
 
     /// Forgets what is left of the round.
-    pub(crate) fn restart(&mut self) {
+    pub fn restart(&mut self) {
         self.left.clear();
     }
 }

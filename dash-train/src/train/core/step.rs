@@ -105,7 +105,7 @@ pub fn step<M: Method>(run: &mut Run<M>, hooks: &mut Hooks<M>) -> Result<StepRep
 }
 
 /// The index of the view to train on.
-fn next_view<M>(run: &mut Run<M>, hooks: &mut Hooks<M>) -> usize {
+fn next_view<M: Method>(run: &mut Run<M>, hooks: &mut Hooks<M>) -> usize {
     let mut extensions = hooks.extensions.iter_mut();
     let chosen = extensions.find_map(|extension| extension.next_view(run));
     let n = run.train_views.len();

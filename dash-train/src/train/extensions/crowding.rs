@@ -3,9 +3,9 @@
 
 use serde::{Deserialize, Serialize};
 
+use crate::TrainError;
 use crate::train::core::{Extension, Run};
 use crate::train::paper::Dash;
-use crate::TrainError;
 
 /// Share of the Gaussians that the decomposition made dynamic which is no crowd yet. Only where synchronised cameras show
 /// every time: of a monocular capture each time has one picture, and more Gaussians show nothing more.

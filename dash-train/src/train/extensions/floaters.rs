@@ -48,7 +48,10 @@ impl<M> Extension<M> for Floaters {
         }
         let weight = self.0.nearness;
         if weight > 0.0 {
-            let motion = forward.motion.clone().map(|motion| to_host(motion.detach()));
+            let motion = forward
+                .motion
+                .clone()
+                .map(|motion| to_host(motion.detach()));
             let cost = nearness(
                 &run.scene.static_set,
                 forward.static_probe.coverage(),

@@ -75,6 +75,9 @@ impl Extension<Dash> for TimeGaps {
         _forward: &Forward,
     ) -> Result<Vec<Tensor<1>>, TrainError> {
         let found = run.method.unsteadiness.take();
-        Ok(found.map(|cost| cost * self.0.steadiness).into_iter().collect())
+        Ok(found
+            .map(|cost| cost * self.0.steadiness)
+            .into_iter()
+            .collect())
     }
 }

@@ -211,4 +211,3 @@ impl RunFolder {
         read_lines(&self.curve_path())
     }
 }
-

@@ -5,7 +5,6 @@ mod folder;
 mod lines;
 
 use std::fs::{self, File};
-use std::path::Path;
 use std::sync::Arc;
 use std::time::Instant;
 
@@ -126,7 +125,7 @@ pub fn train(
         let due = |(probe, _): &&mut (CurveProbe, File)| probe.is_due(step) && !last;
         if let Some((probe, file)) = curve.as_mut().filter(due) {
             let scene = (trainer.scene(), TablePrecision::Single);
-            let line = probe.measure(scene, step, seconds, &run.root)?;
+            let line = probe.measure(scene, step, seconds, run.root())?;
             append(file, &line, &run.curve_path())?;
         }
         if step.is_multiple_of(trainer.config().checkpoint_interval) || last {
@@ -144,7 +143,7 @@ pub fn train(
     // The last line is about what is left of the scene.
     if let Some((probe, file)) = &mut curve {
         let step = trainer.steps_done();
-        let line = probe.measure((scene, precision), step, seconds, &run.root)?;
+        let line = probe.measure((scene, precision), step, seconds, run.root())?;
         append(file, &line, &run.curve_path())?;
     }
     Ok((trainer, seconds))

@@ -13,8 +13,8 @@ use rand_pcg::Pcg64;
 use super::config::{DensifyConfig, ScheduleConfig};
 use super::sets::Set;
 pub use adaptive::Adaptive;
-pub(crate) use statistics::MEANS;
 pub use statistics::DensityStatistics;
+pub(crate) use statistics::MEANS;
 
 /// Opacity that a reset leaves at most. Source: 3DGS.
 const RESET_OPACITY: f32 = 0.01;

@@ -269,10 +269,7 @@ pub(super) fn table_bits(trials: &mut Trials) -> Result<(), TrainError> {
 /// Some of the times of training views, in order.
 fn times(trials: &Trials) -> Vec<f32> {
     let run = trials.run;
-    let views = run
-        .train_views
-        .iter()
-        .map(|&v| &run.dataset.views[v]);
+    let views = run.train_views.iter().map(|&v| &run.dataset.views[v]);
     // Times are not negative, so that their bits are in their order.
     let times: BTreeSet<u32> = views.map(|view| view.time.to_bits()).collect();
     let times: Vec<f32> = times.into_iter().map(f32::from_bits).collect();

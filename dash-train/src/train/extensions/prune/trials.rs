@@ -188,7 +188,11 @@ impl<'a> Trials<'a> {
             }
             let looked_at = scores.psnr.len();
             let so_far = scores.against(&self.scores);
-            if looked_at >= FIRST_VIEWS && so_far.into_iter().any(|outcome| outcome.is_clearly_worse(self.max_loss)) {
+            if looked_at >= FIRST_VIEWS
+                && so_far
+                    .into_iter()
+                    .any(|outcome| outcome.is_clearly_worse(self.max_loss))
+            {
                 break;
             }
         }
