@@ -65,7 +65,8 @@ fn run() -> Result<(), Failure> {
                 );
             }
         },
-        pace: None,
+        clock: None,
+        additions: Default::default(),
     };
     let (trainer, _) = train(&run, &config.train, dataset.clone(), &device, options)?;
     let name = config.data.device.as_str();

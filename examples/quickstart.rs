@@ -72,7 +72,8 @@ fn run() -> Result<(), Failure> {
                 );
             }
         },
-        pace: None,
+        clock: None,
+        additions: Default::default(),
     };
     let (trainer, _) = train(&run, &config, dataset.clone(), &device, options)?;
 

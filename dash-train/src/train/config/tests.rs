@@ -4,17 +4,15 @@ use super::*;
 pub(crate) fn small(assignments: &[&str]) -> TrainConfig {
     let mut config = TrainConfig::preset(Preset::Quick);
     let of_all = [
-        "max_initial_points=300",
-        "min_initial_points=0",
-        "stages.warmup=0.1",
-        "stages.min_following=0",
-        "stages.settle=0.5",
-        "stages.decomposition=0.3",
-        "decomposition.floor=0",
-        "decomposition.quantile=0.5",
-        "decomposition.encoder.log2_hashmap_size=8",
-        "field.deformation.encoder.log2_hashmap_size=8",
-        "field.deformation.hidden=8",
+        "initial_points=[0, 300]",
+        "method.stages=[0.1, 0.3]",
+        "extensions.following.min_steps=0",
+        "extensions.following.handover=0.5",
+        "method.motion_floor=0",
+        "method.static_quantile=0.5",
+        "method.motion_field.log2_hashmap_size=8",
+        "method.field.log2_hashmap_size=8",
+        "method.field.hidden=8",
     ];
     for assignment in of_all.iter().chain(assignments) {
         config.set(assignment).expect("a known key");
@@ -40,113 +38,110 @@ fn every_preset_is_valid_and_survives_toml() {
     }
 }
 
-/// Keys that came after the first runs were made.
-#[test]
-fn what_older_runs_do_not_say_is_as_it_was() {
-    let config = TrainConfig::preset(Preset::Paper);
-    let text = toml::to_string(&config).expect("serialises");
-    let newer = [
-        "means_in_turns",
-        "at_once",
-        "cells_with_gaps",
-        "steadiness",
-        "moved_share",
-        "smoothness_share",
-        "smoothness_interval",
-        "nearness",
-        "found_places",
-        "crowd",
-        "promote_floor",
-        "matching_floor",
-        "averaged",
-    ];
-    let is_newer = |line: &&str| newer.iter().any(|key| line.starts_with(key));
-    let older: Vec<&str> = text.lines().filter(|line| !is_newer(line)).collect();
-    // Both sets have a crowd, each by two keys.
-    assert_eq!(text.lines().count() - older.len(), newer.len() + 3);
-    let read = toml::from_str::<TrainConfig>(&older.join("\n")).expect("parses");
-    assert_eq!(read, config);
-}
-
 #[test]
 fn set_changes_one_value_and_refuses_others() {
     let mut config = TrainConfig::preset(Preset::Default);
-    config.set("loss.dssim=0").expect("a number");
-    assert_eq!(config.loss.dssim, 0.0);
-    config.set("decomposition.basis=linear").expect("a word");
+    config.set("dssim=0").expect("a number");
+    assert_eq!(config.dssim, 0.0);
+    config.set("method.trajectories=linear").expect("a word");
     config.set("background=[1, 1.0, 1]").expect("a list");
-    config
-        .set("learning_rates.extent=5.0")
-        .expect("an absent option");
-    for bad in [
-        "loss.dsim=0",
-        "loss.dssim",
-        "loss.dssim=2",
-        "loss.static_opacity=-0.1",
-        "loss.nearness=-0.1",
-        "loss.moved_share=1.1",
-        "loss.visible_motion=nan",
-        "loss.smoothness_share=0",
-        "field.cells_with_gaps=0",
-        "field.cells_with_gaps=1.1",
-        "loss.smoothness_share=1.1",
-        "loss.smoothness_interval=0",
-        "near_plane=0",
-        "ndc_limit=0.9",
-        "density_static.max_scale=0",
-        "density_dynamic.max_scale=nan",
-        "gap_steps=0.5",
-        "decomposition.promote_floor=-0.1",
-        "decomposition.matching_floor=-0.1",
-        "density_dynamic.crowd_of_split=-1",
-        "decomposition.basis={polyline={spans=4, anchor=1.1}}",
-        "iterations=x",
-        "a.b=1",
+    config.set("optimizer.extent=5").expect("an absent option");
+    assert_eq!(config.optimizer.extent, Some(5.0));
+    config.set("optimizer.extent=none").expect("an option");
+    assert_eq!(config.optimizer.extent, None);
+    config.set("extensions.floaters=none").expect("a section");
+    assert!(config.extensions.floaters.is_none());
+    let refused = config.set("extensions.floaters.opacity=0.1");
+    let refused = refused.expect_err("off").to_string();
+    assert!(refused.contains("extensions.floaters=on") || refused.contains("floaters=on"));
+    config.set("extensions.floaters=on").expect("a section");
+    assert_eq!(
+        config.extensions,
+        TrainConfig::preset(Preset::Default).extensions
+    );
+    let before = config.clone();
+    for (bad, named) in [
+        ("dsim=0", "dssim"),
+        ("dssim", "KEY=VALUE"),
+        ("dssim=2", "dssim"),
+        (
+            "extensions.floaters.opacity=-0.1",
+            "extensions.floaters.opacity",
+        ),
+        (
+            "extensions.floaters.nearness=-0.1",
+            "extensions.floaters.nearness",
+        ),
+        (
+            "extensions.rest_cost.gaussians=nan",
+            "extensions.rest_cost.gaussians",
+        ),
+        ("method.smoothness_share=0", "method.smoothness_share"),
+        ("method.smoothness_share=1.1", "method.smoothness_share"),
+        ("method.smoothness_interval=0", "method.smoothness_interval"),
+        ("extensions.gaps.coarsen=0", "extensions.gaps.coarsen"),
+        ("extensions.gaps.coarsen=1.1", "extensions.gaps.coarsen"),
+        ("near_plane=0", "near_plane"),
+        (
+            "extensions.scale_limit.max_scale=0",
+            "extensions.scale_limit.max_scale",
+        ),
+        (
+            "extensions.demotion.min_motion=-0.1",
+            "extensions.demotion.min_motion",
+        ),
+        (
+            "extensions.prune.max_loss_db=0",
+            "extensions.prune.max_loss_db",
+        ),
+        ("densify.static.interval=0", "densify.static.interval"),
+        (
+            "densify.dynamic.opacity_reset_interval=0",
+            "opacity_reset_interval",
+        ),
+        ("method.stages=[0.5, 0.4]", "method.stages"),
+        ("method.field.hidden=0", "method.field.hidden"),
+        ("method.field.resolution=[0, 4]", "method.field"),
+        ("initial_points=[9, 4]", "initial_points"),
+        ("iterations=x", "iterations"),
+        ("a.b=1", "no key `a`"),
     ] {
-        assert!(config.set(bad).is_err(), "{bad}");
+        let refused = config.set(bad).expect_err(bad).to_string();
+        assert!(refused.contains(named), "{bad}: {refused}");
+        assert_eq!(config, before, "{bad}");
     }
 }
 
 #[test]
-fn zeros_of_time_follow_from_the_frames() {
-    let resolutions = |base: u32, finest: u32, n_frames: usize, seen_at_once: bool| {
-        let mut config = TrainConfig::preset(Preset::Default);
-        let encoder = &mut config.field.deformation.encoder;
-        encoder.base_resolution[3] = base;
-        encoder.finest_resolution[3] = finest;
-        let fitted = config.for_frames(n_frames, seen_at_once);
-        let fitted = fitted.field.deformation.encoder;
-        [fitted.base_resolution[3], fitted.finest_resolution[3]]
+fn ranges_name_the_value_that_was_found() {
+    let mut config = TrainConfig::preset(Preset::Quick);
+    config.densify.dynamic.during[1] = -0.25;
+    let refused = config.validate().expect_err("negative").to_string();
+    for said in ["densify.dynamic.during", "-0.25", "not negative"] {
+        assert!(refused.contains(said), "{refused}");
+    }
+}
+
+#[test]
+fn time_resolutions_follow_from_the_frames() {
+    use crate::train::core::CaptureFacts;
+    use crate::train::paper::TimeResolution::{self, Fixed, PerFrame, UpToFrames};
+    let cells = |time: TimeResolution, n_frames: usize, is_synchronized: bool| {
+        time.cells(&CaptureFacts {
+            n_frames,
+            is_synchronized,
+        })
     };
-    assert_eq!(resolutions(4, 0, 24, false), [4, 12]);
-    assert_eq!(resolutions(4, 0, 5, false), [3, 3]);
-    assert_eq!(resolutions(0, 0, 24, false), [12, 12]);
-    assert_eq!(resolutions(4, 0, 24, true), [4, 23]);
-    assert_eq!(resolutions(4, 0, 5, true), [4, 4]);
-    assert_eq!(resolutions(0, 0, 24, true), [23, 23]);
+    assert_eq!(cells(UpToFrames(4), 24, false), [4, 12]);
+    assert_eq!(cells(UpToFrames(4), 5, false), [3, 3]);
+    assert_eq!(cells(PerFrame, 24, false), [12, 12]);
+    assert_eq!(cells(UpToFrames(4), 24, true), [4, 23]);
+    assert_eq!(cells(UpToFrames(4), 5, true), [4, 4]);
+    assert_eq!(cells(PerFrame, 24, true), [23, 23]);
     for frames in [0, 1, 2, 3] {
-        assert_eq!(resolutions(4, 0, frames, true), [2, 2], "{frames}");
+        assert_eq!(cells(UpToFrames(4), frames, true), [2, 2], "{frames}");
     }
-    for seen_at_once in [false, true] {
-        assert_eq!(resolutions(0, 9, 24, seen_at_once), [9, 9]);
-        assert_eq!(resolutions(4, 9, 24, seen_at_once), [4, 9]);
+    for is_synchronized in [false, true] {
+        assert_eq!(cells(Fixed([8, 25]), 24, is_synchronized), [8, 25]);
     }
-}
-
-#[test]
-fn gaps_make_the_field_coarser_in_space_once() {
-    let coarsened = |factor: f32| {
-        let mut config = TrainConfig::preset(Preset::Quick);
-        config.field.cells_with_gaps = factor;
-        config.field.deformation.encoder.base_resolution = vec![1, 5, 4, 7];
-        config.field.deformation.encoder.finest_resolution = vec![16, 16, 9, 12];
-        config.coarsen_for_gaps();
-        let once = config.clone();
-        config.coarsen_for_gaps();
-        assert_eq!(config, once);
-        let encoder = once.field.deformation.encoder;
-        [encoder.base_resolution, encoder.finest_resolution]
-    };
-    assert_eq!(coarsened(0.25), [[1, 2, 1, 7], [4, 4, 3, 12]]);
-    assert_eq!(coarsened(1.0), [[1, 5, 4, 7], [16, 16, 9, 12]]);
 }

@@ -85,3 +85,6 @@ fn with_target<M>(run: &Run<M>, image: Tensor<3>, view: &View) -> Result<Targets
     };
     Ok((image, target, Some(on_host)))
 }
+
+#[cfg(test)]
+mod tests;

@@ -222,3 +222,6 @@ fn control_density<M: Method>(run: &mut Run<M>, hooks: &mut Hooks<M>) {
     }
     hooks.tell_edits(run);
 }
+
+#[cfg(test)]
+mod tests;

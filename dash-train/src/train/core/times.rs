@@ -54,3 +54,36 @@ impl Times {
         (around.after - around.before <= longest).then_some(around)
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use rand::SeedableRng;
+    use rand_pcg::Pcg64;
+
+    use super::*;
+
+    #[test]
+    fn times_around_are_of_training_and_of_one_side_of_a_gap() {
+        let frames = [0, 1, 2, 3, 4, 5, 6, 7, 16, 17, 18, 19, 20];
+        let time = |frame: usize| frame as f32 / 20.0;
+        // Each several times, in no order.
+        let times = Times::of(frames.iter().chain(frames.iter().rev()).map(|&f| time(f)));
+        let mut rng = Pcg64::seed_from_u64(5);
+        let mut drawn = |frame: usize| -> Vec<[usize; 2]> {
+            let around = (0..100).filter_map(|_| times.around(time(frame), &mut rng));
+            let frame_of = |time: f32| (time * 20.0).round() as usize;
+            let around = around.map(|a| [frame_of(a.before), frame_of(a.after)]);
+            let mut around: Vec<[usize; 2]> = around.collect();
+            around.sort_unstable();
+            around.dedup();
+            around
+        };
+        assert_eq!(drawn(4), [[1, 7], [2, 6], [3, 5]]);
+        assert_eq!(drawn(1), [[0, 2]]);
+        assert_eq!(drawn(6), [[5, 7]]);
+        for without in [0, 7, 16, 20] {
+            assert!(drawn(without).is_empty(), "{without}");
+        }
+        assert_eq!(Times::of(std::iter::empty()).around(0.0, &mut rng), None);
+    }
+}

@@ -111,6 +111,11 @@ impl Averaging {
         }
     }
 
+    /// Steps that the mean is of so far.
+    pub fn n_steps(&self) -> usize {
+        self.average.n_steps
+    }
+
     /// The step after which the mean is taken: everything that density control or a reset changed has settled.
     fn start<M: Method>(&self, run: &Run<M>) -> usize {
         let config = &run.config;
@@ -230,13 +235,20 @@ mod tests {
     use super::*;
     use crate::synth;
     use crate::train::config::tests::small;
-    use crate::train::{latest_checkpoint, load_checkpoint, save_checkpoint};
+    use crate::train::extensions::{Demotion, DemotionConfig};
+    use crate::train::{Trainer, latest_checkpoint, load_checkpoint, save_checkpoint};
 
     /// Of `bounce`, 4 cameras, 4 frames, 32x24 pixels, with both sets from step 18 on.
-    fn trainer(averaged: &str) -> Trainer {
-        let config = small(&["iterations=60", averaged]);
+    fn trainer(share: f32) -> Trainer {
+        let share = format!("extensions.averaging.share={share}");
+        let config = small(&["iterations=60", &share]);
         let dataset = Arc::new(synth::loaded(4, 4, [32, 24]));
         Trainer::new(config, dataset, &Device::flex()).expect("valid")
+    }
+
+    fn start_of(trainer: &Trainer) -> usize {
+        let averaging = trainer.hooks.get::<Averaging>().expect("on");
+        averaging.start(&trainer.run)
     }
 
     /// The parameters after each step from `from` to the last.
@@ -244,8 +256,8 @@ mod tests {
         let mut found = Vec::new();
         while !trainer.is_finished() {
             trainer.step().expect("finite");
-            if trainer.step >= from {
-                found.push(named_parameters(&trainer.scene));
+            if trainer.run.step >= from {
+                found.push(named_parameters(trainer.scene()));
             }
         }
         found
@@ -253,13 +265,13 @@ mod tests {
 
     #[test]
     fn the_scene_is_the_mean_of_the_steps_that_count() {
-        let steps = parameters(&mut trainer("stages.averaged=0"), 31);
-        let mut averaged = trainer("stages.averaged=0.2");
-        assert_eq!(start(&averaged), 48);
+        let steps = parameters(&mut trainer(0.0), 31);
+        let mut averaged = trainer(0.2);
+        assert_eq!(start_of(&averaged), 48);
         let found = parameters(&mut averaged, 59);
         // Until then it is as without.
         assert!(found[0] == steps[28]);
-        assert!(averaged.scene.dynamic.is_some());
+        assert!(averaged.scene().dynamic.is_some());
         for (name, found) in &found[1] {
             // After 50 and 60 steps.
             let [a, b] = [19, 29].map(|step| &steps[step][name].values);
@@ -275,54 +287,72 @@ mod tests {
 
     #[test]
     fn it_is_taken_once_all_that_comes_and_goes_is_settled() {
-        for (set, expected) in [
-            (["stages.averaged=0.1"; 2], 54),
-            (["stages.averaged=0"; 2], 60),
-            (["stages.averaged=1"; 2], 42),
-            (["stages.averaged=1", "density_static.until=0.9"], 54),
-            (["stages.averaged=1", "density_dynamic.until=1"], 60),
-            (["stages.averaged=1", "stages.decomposition=0.8"], 48),
+        for (share, set, expected) in [
+            (0.1, "", 54),
+            (0.0, "", 60),
+            (1.0, "", 42),
+            (1.0, "densify.static.during=[0, 0.9]", 54),
+            (1.0, "densify.dynamic.during=[0, 1]", 60),
+            (1.0, "method.stages=[0.1, 0.8]", 48),
         ] {
-            let mut trainer = trainer(set[0]);
-            trainer.config.set(set[1]).expect("a known key");
-            assert_eq!(start(&trainer), expected, "{set:?}");
+            let share = format!("extensions.averaging.share={share}");
+            let mut config = small(&["iterations=60", &share]);
+            if !set.is_empty() {
+                config.set(set).expect("a known key");
+            }
+            let dataset = Arc::new(synth::loaded(4, 4, [32, 24]));
+            let trainer = Trainer::new(config, dataset, &Device::flex()).expect("valid");
+            assert_eq!(start_of(&trainer), expected, "{share} {set}");
         }
-        let mut trainer = trainer("stages.averaged=0.1");
-        trainer.config.decomposition.review_interval = 1;
-        trainer.config.decomposition.review_floor = 0.0;
-        while trainer.step < 54 {
+        let mut trainer = trainer(0.1);
+        let demotion = |trainer: &mut Trainer, min_motion: f32| {
+            let demotion = trainer.hooks.get_mut::<Demotion>().expect("on");
+            demotion.config = DemotionConfig {
+                interval: 1,
+                min_motion,
+            };
+        };
+        demotion(&mut trainer, 0.0);
+        while trainer.run.step < 54 {
             trainer.step().expect("finite");
         }
         // All of them would be found at rest.
-        trainer.config.decomposition.review_floor = 10.0;
-        let counts = trainer.scene.counts();
+        demotion(&mut trainer, 10.0);
+        let counts = trainer.scene().counts();
         assert!(counts.1 > 0);
         while !trainer.is_finished() {
             trainer.step().expect("finite");
-            assert_eq!(trainer.scene.counts(), counts, "step {}", trainer.step);
+            assert_eq!(
+                trainer.scene().counts(),
+                counts,
+                "step {}",
+                trainer.run.step
+            );
         }
     }
 
     #[test]
     fn a_checkpoint_holds_it() {
-        let mut whole = trainer("stages.averaged=0.5");
-        let mut cut = trainer("stages.averaged=0.5");
-        while cut.step < 57 {
+        let mut whole = trainer(0.5);
+        let mut cut = trainer(0.5);
+        while cut.run.step < 57 {
             cut.step().expect("finite");
         }
         let folder = tempfile::tempdir().expect("a folder");
         save_checkpoint(&cut, folder.path(), 1.0).expect("written");
         let path = latest_checkpoint(folder.path()).expect("read");
         let path = path.expect("just written");
-        let load = || load_checkpoint(&path, cut.dataset.clone(), &Device::flex());
+        let load = || load_checkpoint(&path, cut.run.dataset.clone(), &Device::flex());
         let (mut resumed, _) = load().expect("read");
-        assert_eq!(resumed.average.n_steps, 1);
+        let averaging = resumed.hooks.get::<Averaging>().expect("on");
+        assert_eq!(averaging.average.n_steps, 1);
         let last = |trainer: &mut Trainer| parameters(trainer, 60).pop();
         assert!(last(&mut whole) == last(&mut resumed));
 
-        let (_, means) = cut.average.to_tensors();
+        let averaging = cut.hooks.get::<Averaging>().expect("on");
+        let means = averaging.average.to_tensors();
         let refused = |means: &BTreeMap<String, HostTensor>| {
-            let file = path.join("average.safetensors");
+            let file = path.join("averaging.safetensors");
             dash_model::scene_file::write_tensors(&file, means).expect("written");
             load().err().expect("refused").to_string()
         };
@@ -330,7 +360,8 @@ mod tests {
         let (name, mean) = fewer.pop_first().expect("means");
         let error = refused(&fewer);
         assert!(
-            error.contains(&format!("means of `{name}`")) && error.contains("average.safetensors"),
+            error.contains(&format!("means of `{name}`"))
+                && error.contains("averaging.safetensors"),
             "{error}"
         );
         let mut more = means;

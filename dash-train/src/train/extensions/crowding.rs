@@ -47,3 +47,50 @@ impl Extension<Dash> for Crowding {
         Ok(())
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use std::sync::Arc;
+
+    use burn::tensor::Device;
+    use dash_model::{DeformationField, DynamicPart, GaussianRows, Gaussians, SpaceBox};
+
+    use super::*;
+    use crate::synth;
+    use crate::train::{Preset, TrainConfig, Trainer};
+
+    /// The crowd once a decomposition made `n` Gaussians dynamic.
+    fn crowd_after(n: usize, is_synchronized: bool, set: &str) -> Option<usize> {
+        let mut config = TrainConfig::preset(Preset::Quick);
+        config.set(set).expect("a known key");
+        let dataset = Arc::new(synth::loaded(4, 4, [32, 24]));
+        let mut trainer = Trainer::new(config, dataset, &Device::flex()).expect("valid");
+        let run = &mut trainer.run;
+        if !is_synchronized {
+            run.start = None;
+        }
+        run.step = run.stages().end;
+        let points = vec![[0.0; 3]; n];
+        let rows = GaussianRows::from_points(&points, &points, 0, 0.1);
+        let (space, device) = (SpaceBox::fixed(1.0), &run.device);
+        let field = DeformationField::new(&run.method.field, space, &mut run.rng, device);
+        run.scene.dynamic = Some(DynamicPart {
+            gaussians: Gaussians::from_rows(&rows, device),
+            field: field.expect("valid"),
+        });
+        if let Some(crowding) = trainer.hooks.get_mut::<Crowding>() {
+            crowding.before_step(&mut trainer.run).expect("counts");
+        }
+        trainer.run.dynamic_state.crowd
+    }
+
+    #[test]
+    fn half_of_what_the_decomposition_makes_dynamic_is_no_crowd() {
+        let on = "extensions.crowding.free=400";
+        let after = |n| crowd_after(n, true, on);
+        let expected = [1, 800, 900, 6_000].map(after);
+        assert_eq!(expected, [400, 400, 450, 3_000].map(Some));
+        assert_eq!(crowd_after(6_000, true, "extensions.crowding=none"), None);
+        assert_eq!(crowd_after(6_000, false, on), Some(400), "monocular");
+    }
+}

@@ -21,7 +21,7 @@ pub struct FloatersConfig {
 }
 
 /// See [`FloatersConfig`].
-pub struct Floaters(FloatersConfig);
+pub struct Floaters(pub(crate) FloatersConfig);
 
 impl Floaters {
     /// From its section.

@@ -26,7 +26,7 @@ pub struct RestCostConfig {
 }
 
 /// See [`RestCostConfig`].
-pub struct RestCost(RestCostConfig);
+pub struct RestCost(pub(crate) RestCostConfig);
 
 impl RestCost {
     /// From its section.

@@ -73,10 +73,9 @@ mod tests {
 
     use super::*;
     use crate::synth;
-    use crate::train::trainer::start_from;
-    use crate::train::{Preset, TrainConfig};
+    use crate::train::{Preset, TrainConfig, Trainer};
 
-    const MEASURE: Measure = Measure {
+    const SCALE: SceneScale = SceneScale {
         centre: [1.0, 0.0, 0.0],
         extent: 2.0,
     };
@@ -86,7 +85,7 @@ mod tests {
         rows.log_scales[0] = scales.map(f32::ln);
         let device = Device::flex().autodiff();
         let set = Gaussians::from_rows(&rows, &device);
-        let after = shrunk(set, 0.1, MEASURE);
+        let after = shrunk(set, 0.1, SCALE);
         assert!(after.log_scales.val().is_require_grad());
         after.to_rows().log_scales[0].map(f32::exp)
     }
@@ -111,26 +110,27 @@ mod tests {
     }
 
     #[test]
-    fn training_shrinks_what_is_too_large_unless_it_is_to_be_removed() {
-        let longest = |oversized: Oversized| {
+    fn training_shrinks_oversized_gaussians_where_it_is_on() {
+        let longest = |is_on: bool| {
             let mut config = TrainConfig::preset(Preset::Quick);
-            config.density_static.oversized = oversized;
+            if !is_on {
+                config.extensions.scale_limit = None;
+            }
             let dataset = Arc::new(synth::loaded(6, 2, [32, 24]));
             let mut trainer = Trainer::new(config, dataset, &Device::flex()).expect("valid");
-            let middle = trainer.core.space;
-            let middle = std::array::from_fn(|axis| 0.5 * (middle.min[axis] + middle.max[axis]));
-            let large = 9.0 * trainer.extent;
-            let rows = GaussianRows::from_points(&[middle], &[[0.5; 3]], 1, large);
-            start_from(&mut trainer, &rows);
+            let SceneScale { centre, extent } = trainer.run.scale();
+            let large = 9.0 * extent;
+            let rows = GaussianRows::from_points(&[centre], &[[0.5; 3]], 1, large);
+            trainer.start_from(&rows);
             for _ in 0..INTERVAL {
                 trainer.step().expect("trains");
             }
-            let rows = trainer.scene.static_set.to_rows();
-            rows.log_scales[0][0].exp() / trainer.extent
+            let rows = trainer.run.scene.static_set.to_rows();
+            rows.log_scales[0][0].exp() / trainer.run.extent
         };
-        let shrunk = longest(Oversized::Shrunk);
+        let shrunk = longest(true);
         assert!((shrunk / 0.1 - 1.0).abs() < 0.01, "{shrunk}");
-        let left = longest(Oversized::Removed);
+        let left = longest(false);
         assert!(left > 1.0, "{left}");
     }
 }

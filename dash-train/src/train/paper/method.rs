@@ -249,3 +249,46 @@ impl Method for Dash {
         Ok(())
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use std::sync::Arc;
+
+    use burn::tensor::Device;
+    use dash_model::GaussianRows;
+
+    use super::*;
+    use crate::synth;
+    use crate::train::{Preset, TrainConfig, Trainer};
+
+    fn run() -> Run<Dash> {
+        let config = TrainConfig::preset(Preset::Quick);
+        let dataset = Arc::new(synth::loaded(4, 4, [32, 24]));
+        let trainer = Trainer::new(config, dataset, &Device::flex()).expect("valid");
+        trainer.run
+    }
+
+    #[test]
+    fn dynamic_gaussians_have_the_room_that_static_ones_leave() {
+        let mut run = run();
+        let most = [0, 9_000, 10_000, 11_000].map(|n| {
+            let points = vec![[0.0; 3]; n];
+            let rows = GaussianRows::from_points(&points, &points, 0, 0.1);
+            run.scene.static_set = dash_model::Gaussians::from_rows(&rows, &run.device);
+            Dash::capacity(&run, Set::Dynamic)
+        });
+        assert_eq!(most, [14_000, 5_000, 4_000, 4_000]);
+    }
+
+    #[test]
+    fn static_gaussians_leave_room_before_the_decomposition_and_have_all_where_nothing_moves() {
+        let mut run = run();
+        let mut most = |step: usize, nothing_moves: bool| {
+            (run.step, run.method.nothing_moves) = (step, nothing_moves);
+            Dash::capacity(&run, Set::Static)
+        };
+        assert_eq!(most(2_700, false), 7_500);
+        assert_eq!(most(2_701, false), 10_000);
+        assert_eq!(most(0, true), 14_000);
+    }
+}

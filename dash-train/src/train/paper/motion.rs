@@ -22,7 +22,7 @@ pub(super) const RELEASED_BOUND: f32 = 1.0;
 
 impl Run<Dash> {
     /// Starts the decomposition stage.
-    pub(super) fn start_motion(&mut self) -> Result<(), TrainError> {
+    pub(crate) fn start_motion(&mut self) -> Result<(), TrainError> {
         let n = self.scene.static_set.len();
         let method = &mut self.method;
         let space = match method.config.form {

@@ -149,7 +149,7 @@ mod tests {
     use rand_pcg::Pcg64;
 
     use super::*;
-    use crate::train::optimizer::to_host;
+    use crate::train::core::{CaptureFacts, to_host};
     use crate::train::{Preset, TrainConfig};
 
     const SPANS: usize = 4;
@@ -171,10 +171,15 @@ mod tests {
 
     /// Gaussians at random places of a fresh field, with trajectories by coefficients, if any.
     fn part(n: usize, trajectories: &[f32], rng: &mut Pcg64, device: &Device) -> DynamicPart {
-        let config = TrainConfig::preset(Preset::Quick).for_frames(8, true);
+        let facts = CaptureFacts {
+            n_frames: 8,
+            is_synchronized: true,
+        };
+        let config = TrainConfig::preset(Preset::Quick)
+            .method
+            .deformation(&facts);
         let space = SpaceBox::fixed(1.0);
-        let deformation = &config.field.deformation;
-        let field = DeformationField::new(deformation, space, rng, device).expect("valid");
+        let field = DeformationField::new(&config, space, rng, device).expect("valid");
         let points: Vec<[f32; 3]> = (0..n)
             .map(|_| std::array::from_fn(|_| rng.random_range(-1.0..1.0)))
             .collect();
@@ -201,16 +206,16 @@ mod tests {
             let mut sums = [0.0; 2];
             for k in 0..DRAWS {
                 let time = k as f32 / DRAWS as f32;
-                let measure = Measure {
+                let request = Request {
                     share,
-                    step: Some([5e-3, 1e-4]),
+                    is_smooth: true,
                     around: Some(Around {
                         before: time - 0.2,
                         after: time + 0.2,
                     }),
                     extent: 1.0,
                 };
-                let found = regularity(&dynamic, &settings(), time, &measure, &mut rng);
+                let found = probe(&dynamic, &settings(), time, &request, &mut rng);
                 let found = found.expect("valid");
                 let terms = [found.smoothness, found.unsteadiness];
                 for (sum, term) in sums.iter_mut().zip(terms) {
@@ -266,13 +271,13 @@ mod tests {
                 own.chunks_exact(SPANS * 3).map(off).sum::<f64>() / N as f64
             };
             dynamic.gaussians.trajectories = Some(own);
-            let measure = Measure {
+            let request = Request {
                 share: 1.0,
-                step: None,
+                is_smooth: false,
                 around: Some(Around { before, after }),
                 extent,
             };
-            let found = regularity(&dynamic, &settings(), time, &measure, &mut rng);
+            let found = probe(&dynamic, &settings(), time, &request, &mut rng);
             let found = found.expect("valid");
             assert!(found.smoothness.is_none());
             let found = found.unsteadiness.expect("asked for");
@@ -306,30 +311,5 @@ mod tests {
                 assert!(error < 1e-4, "{extent}, {k}: {} {expected}", gradient[k]);
             }
         }
-    }
-
-    #[test]
-    fn times_around_are_of_training_and_of_one_side_of_a_gap() {
-        let frames = [0, 1, 2, 3, 4, 5, 6, 7, 16, 17, 18, 19, 20];
-        let time = |frame: usize| frame as f32 / 20.0;
-        // Each several times, in no order.
-        let times = Times::of(frames.iter().chain(frames.iter().rev()).map(|&f| time(f)));
-        let mut rng = Pcg64::seed_from_u64(5);
-        let mut drawn = |frame: usize| -> Vec<[usize; 2]> {
-            let around = (0..100).filter_map(|_| times.around(time(frame), &mut rng));
-            let frame_of = |time: f32| (time * 20.0).round() as usize;
-            let around = around.map(|a| [frame_of(a.before), frame_of(a.after)]);
-            let mut around: Vec<[usize; 2]> = around.collect();
-            around.sort_unstable();
-            around.dedup();
-            around
-        };
-        assert_eq!(drawn(4), [[1, 7], [2, 6], [3, 5]]);
-        assert_eq!(drawn(1), [[0, 2]]);
-        assert_eq!(drawn(6), [[5, 7]]);
-        for without in [0, 7, 16, 20] {
-            assert!(drawn(without).is_empty(), "{without}");
-        }
-        assert_eq!(Times::of(std::iter::empty()).around(0.0, &mut rng), None);
     }
 }

@@ -14,7 +14,7 @@ fn times_that_no_training_picture_shows_are_gaps() {
     let gaps = |dataset: &Dataset, preset: Preset| {
         let config = TrainConfig::preset(preset);
         let trainer = Trainer::new(config, Arc::new(dataset.clone()), &Device::flex());
-        trainer.expect("valid").scene.settings.gaps
+        trainer.expect("valid").run.scene.settings.gaps
     };
     assert!(gaps(&whole, Preset::Quick).is_empty());
     assert!(gaps(&with_a_gap, Preset::Paper).is_empty());
@@ -31,7 +31,7 @@ fn encoder_for(dataset: &Dataset, keep: &dyn Fn(&View) -> bool) -> HashEncoderCo
     dataset.views.retain(|view| keep(view));
     let config = TrainConfig::preset(Preset::Quick);
     let trainer = Trainer::new(config, Arc::new(dataset), &Device::flex()).expect("valid");
-    trainer.config.field.deformation.encoder
+    trainer.run.method.field.encoder
 }
 
 #[test]
@@ -43,12 +43,12 @@ fn cells_of_time_follow_from_what_training_pictures_show() {
     };
     assert_eq!(cells(&|_| true), (10, 10));
     assert_eq!(cells(&|view| view.frame.is_multiple_of(2)), (5, 5));
-    // Cameras that take turns.
+    // A monocular capture.
     assert_eq!(cells(&|view| view.camera_index == view.frame % 6), (6, 6));
 }
 
 #[test]
-fn the_field_is_coarser_where_cameras_take_turns_with_long_gaps() {
+fn the_field_is_coarser_in_monocular_captures_with_long_gaps() {
     let rig = synth::loaded(6, 24, [32, 24]);
     let cells = |keep: &dyn Fn(&View) -> bool| encoder_for(&rig, keep).finest_resolution[0];
     let in_turns = |view: &View| view.camera_index == view.frame * 5 % 6;

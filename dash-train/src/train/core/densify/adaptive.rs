@@ -128,12 +128,13 @@ fn normal(rng: &mut impl Rng) -> f32 {
 #[cfg(test)]
 mod tests {
     use rand::SeedableRng;
-    use rand_pcg::Pcg64;
 
-    use super::super::config::{Preset, TrainConfig};
     use super::*;
+    use crate::train::core::densify::threshold;
+    use crate::train::core::{DensifyConfig, DensityStatistics, SceneScale, Set};
+    use crate::train::{Preset, TrainConfig};
 
-    const UNIT: Measure = Measure {
+    const UNIT: SceneScale = SceneScale {
         centre: [1.5, 0.0, 0.0],
         extent: 1.0,
     };
@@ -151,96 +152,82 @@ mod tests {
         rows
     }
 
-    fn statistics(high: &[usize]) -> DensityStatistics {
-        let mut statistics = DensityStatistics::new(4);
-        for &row in high {
-            statistics.gradient[row] = 1.0;
-            statistics.seen[row] = 2;
-        }
-        statistics
+    fn config() -> DensifyConfig {
+        TrainConfig::preset(Preset::Default).densify.static_set
+    }
+
+    /// Of four Gaussians, each seen twice, by their sums of gradients.
+    fn statistics(gradients: [f32; 4]) -> DensityStatistics {
+        DensityStatistics::from_parts(gradients.to_vec(), vec![2; 4])
+    }
+
+    /// A round with room for so many and this threshold.
+    fn round(
+        rows: &GaussianRows,
+        gradients: [f32; 4],
+        (max_gaussians, gradient_threshold): (usize, f32),
+        prunes_oversized: bool,
+    ) -> Edit {
+        let config = config();
+        let round = Round {
+            set: Set::Static,
+            step: 100,
+            rows,
+            statistics: &statistics(gradients),
+            config: &config,
+            gradient_threshold,
+            max_gaussians,
+            was_reset: true,
+            scale: UNIT,
+        };
+        Adaptive { prunes_oversized }.round(&round, &mut Pcg64::seed_from_u64(1))
     }
 
     #[test]
     fn small_are_cloned_large_are_split_and_transparent_are_pruned() {
-        let config = TrainConfig::preset(Preset::Default).density_static;
-        let mut rng = Pcg64::seed_from_u64(1);
-        let round = control_density(
-            &rows(),
-            &statistics(&[0, 1]),
-            &config,
-            UNIT,
-            false,
-            &mut rng,
-        );
-        assert_eq!(round.sources, [0, 2, 0, 1, 1]);
-        assert_eq!(round.fresh, [false, false, true, true, true]);
-        assert_eq!(
-            round.rows.means[2], round.rows.means[0],
-            "a clone stays where it was"
-        );
-        assert_ne!(
-            round.rows.means[3], round.rows.means[4],
-            "children are drawn apart"
-        );
-        let shrunk = round.rows.log_scales[3][0].exp();
+        let edit = round(&rows(), [1.0, 1.0, 0.0, 0.0], (100, 2e-4), false);
+        assert_eq!(edit.sources, [0, 2, 0, 1, 1]);
+        assert_eq!(edit.fresh, [false, false, true, true, true]);
+        let means = &edit.rows.means;
+        assert_eq!(means[2], means[0], "a clone stays where it was");
+        assert_ne!(means[3], means[4], "children are drawn apart");
+        let shrunk = edit.rows.log_scales[3][0].exp();
         assert!((shrunk - 0.5 / 1.6).abs() < 1e-6, "{shrunk}");
     }
 
     #[test]
     fn the_limit_keeps_the_highest_gradients() {
-        let config = DensityConfig {
-            max_gaussians: 5,
-            ..TrainConfig::preset(Preset::Default).density_static
-        };
-        let mut many = statistics(&[0, 1, 2]);
-        many.gradient[2] = 9.0;
-        let mut rng = Pcg64::seed_from_u64(1);
-        let round = control_density(&rows(), &many, &config, UNIT, false, &mut rng);
-        assert_eq!(round.sources, [0, 1, 2, 2]);
+        let edit = round(&rows(), [1.0, 1.0, 9.0, 0.0], (5, 2e-4), false);
+        assert_eq!(edit.sources, [0, 1, 2, 2]);
     }
 
     #[test]
     fn the_more_there_are_the_more_each_has_to_pay_for() {
-        let preset = TrainConfig::preset(Preset::Default).density_static;
-        let base = preset.gradient_threshold;
-        let threshold = |crowd: usize, n: usize| {
-            let preset = preset.clone();
-            DensityConfig { crowd, ..preset }.threshold(n) / base
-        };
-        assert_eq!([0, 400, 100_000].map(|n| threshold(0, n)), [1.0; 3]);
-        assert_eq!([0, 400, 1_000].map(|n| threshold(400, n)), [1.0, 1.0, 2.5]);
+        let config = config();
+        let base = config.gradient_threshold;
+        let of = |crowd: Option<usize>, n: usize| threshold(&config, crowd, n) / base;
+        assert_eq!([0, 400, 100_000].map(|n| of(None, n)), [1.0; 3]);
+        assert_eq!([0, 400, 1_000].map(|n| of(Some(400), n)), [1.0, 1.0, 2.5]);
 
         // Two of four rows, at 2.5 times the threshold: enough where two are a crowd, not where one is.
-        let mut paid = statistics(&[0, 1]);
-        for row in 0..2 {
-            paid.gradient[row] = 2.5 * base * paid.seen[row] as f32;
-        }
-        let grown = |crowd: usize| {
-            let config = DensityConfig {
-                crowd,
-                ..preset.clone()
-            };
-            let mut rng = Pcg64::seed_from_u64(1);
-            control_density(&rows(), &paid, &config, UNIT, false, &mut rng)
+        let paid = 2.5 * 2.0 * base;
+        let grown = |crowd: Option<usize>| {
+            let limits = (100, threshold(&config, crowd, 4));
+            round(&rows(), [paid, paid, 0.0, 0.0], limits, false)
                 .rows
                 .len()
         };
-        assert_eq!((grown(0), grown(2), grown(1)), (5, 5, 3));
+        assert_eq!((grown(None), grown(Some(2)), grown(Some(1))), (5, 5, 3));
     }
 
     #[test]
     fn broken_are_pruned_and_oversized_unless_they_are_shrunk() {
-        let left = |oversized: Oversized| {
-            let config = DensityConfig {
-                oversized,
-                ..TrainConfig::preset(Preset::Default).density_static
-            };
+        let left = |prunes_oversized: bool| {
             let mut broken = rows();
             broken.means[0][1] = f32::NAN;
-            let mut rng = Pcg64::seed_from_u64(1);
-            control_density(&broken, &statistics(&[]), &config, UNIT, true, &mut rng).sources
+            round(&broken, [0.0; 4], (100, 2e-4), prunes_oversized).sources
         };
-        assert_eq!(left(Oversized::Removed), [2]);
-        assert_eq!(left(Oversized::Shrunk), [1, 2]);
+        assert_eq!(left(true), [2]);
+        assert_eq!(left(false), [1, 2]);
     }
 }

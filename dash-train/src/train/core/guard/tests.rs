@@ -9,10 +9,11 @@ use dash_model::{GaussianRows, Gaussians};
 use super::*;
 use crate::dataset::Dataset;
 use crate::synth;
-use crate::train::TrainConfig;
 use crate::train::config::tests::small;
-use crate::train::density::DensityStatistics;
-use crate::train::trainer::STATIC;
+use crate::train::core::DensityStatistics;
+use crate::train::extensions::{Averaging, Floaters, FloatersConfig, RestCost, RestCostConfig};
+use crate::train::paper::Decomposition;
+use crate::train::{TrainConfig, Trainer};
 
 /// The split of [`config`].
 const SPLIT: usize = 12;
@@ -37,9 +38,9 @@ fn dataset() -> Arc<Dataset> {
 fn config() -> TrainConfig {
     small(&[
         "iterations=40",
-        "decomposition.review_interval=0",
-        "density_static.until=0",
-        "density_dynamic.until=0",
+        "extensions.demotion=none",
+        "densify.static.during=[0, 0]",
+        "densify.dynamic.during=[0, 0]",
     ])
 }
 
@@ -54,7 +55,7 @@ fn trained(steps: usize, device: &Device) -> Trainer {
 
 /// The names and values of all parameters.
 fn parameters(trainer: &Trainer) -> Vec<(String, Vec<u32>)> {
-    let all = named_parameters(&trainer.scene).into_iter();
+    let all = named_parameters(&trainer.run.scene).into_iter();
     all.map(|(name, tensor)| {
         let bits = tensor.values.iter().map(|value| value.to_bits()).collect();
         (name, bits)
@@ -62,10 +63,23 @@ fn parameters(trainer: &Trainer) -> Vec<(String, Vec<u32>)> {
     .collect()
 }
 
+/// Steps that the mean of the parameters is of.
+fn averaged(trainer: &Trainer) -> usize {
+    trainer.hooks.get::<Averaging>().expect("on").n_steps()
+}
+
+fn floaters(trainer: &mut Trainer) -> &mut FloatersConfig {
+    &mut trainer.hooks.get_mut::<Floaters>().expect("on").0
+}
+
+fn rest_cost(trainer: &mut Trainer) -> &mut RestCostConfig {
+    &mut trainer.hooks.get_mut::<RestCost>().expect("on").0
+}
+
 fn edit_static(trainer: &mut Trainer, edit: impl FnOnce(&mut GaussianRows)) {
-    let mut rows = trainer.scene.static_set.to_rows();
+    let mut rows = trainer.run.scene.static_set.to_rows();
     edit(&mut rows);
-    trainer.scene.static_set = Gaussians::from_rows(&rows, &trainer.device);
+    trainer.run.scene.static_set = Gaussians::from_rows(&rows, &trainer.run.device);
 }
 
 /// The one step that is skipped; the next one is not.
@@ -90,7 +104,7 @@ fn colours_without_higher_coefficients_train() {
         while !trainer.is_finished() {
             assert!(!trainer.step().expect("trains").skipped);
         }
-        assert_eq!(trainer.scene.static_set.sh_degree(), 0);
+        assert_eq!(trainer.run.scene.static_set.sh_degree(), 0);
     }
 }
 
@@ -98,7 +112,7 @@ fn colours_without_higher_coefficients_train() {
 fn a_lost_mean_costs_its_gaussian_and_one_step() {
     for device in devices() {
         let mut trainer = trained(3, &device);
-        let n = trainer.scene.static_set.len();
+        let n = trainer.run.scene.static_set.len();
         edit_static(&mut trainer, |rows| rows.means[17][1] = f32::NAN);
         let skipped = skipped_once(&mut trainer);
         assert!(skipped.loss_is_finite, "a lost Gaussian is not drawn");
@@ -106,13 +120,13 @@ fn a_lost_mean_costs_its_gaussian_and_one_step() {
             skipped.found,
             [NonFinite {
                 tensor: "scene.static_set.means".into(),
-                part: Part::Values,
+                place: Place::Values,
                 n_rows: 1,
                 of: n,
                 rows: vec![17],
             }]
         );
-        assert_eq!(trainer.scene.static_set.len(), n - 1);
+        assert_eq!(trainer.run.scene.static_set.len(), n - 1);
         assert_eq!(skipped.remedies, ["1 static Gaussian removed"]);
         let text = skipped.to_string();
         assert!(
@@ -126,20 +140,20 @@ fn a_lost_mean_costs_its_gaussian_and_one_step() {
 fn the_mean_of_the_last_steps_starts_anew_without_what_was_lost() {
     for device in devices() {
         let mut config = config();
-        config.set("stages.averaged=0.5").expect("a known key");
+        config.set("extensions.averaging.share=0.5").expect("a known key");
         let mut trainer = Trainer::new(config, dataset(), &device).expect("valid");
         while trainer.steps_done() < 31 {
             assert!(!trainer.step().expect("trains").skipped);
         }
-        assert_eq!(trainer.average.to_tensors().0, 1);
-        let n = trainer.scene.static_set.len();
+        assert_eq!(averaged(&trainer), 1);
+        let n = trainer.run.scene.static_set.len();
         edit_static(&mut trainer, |rows| rows.means[0][0] = f32::NAN);
         skipped_once(&mut trainer);
-        assert_eq!(trainer.average.to_tensors().0, 0);
+        assert_eq!(averaged(&trainer), 0);
         while !trainer.is_finished() {
             trainer.step().expect("trains");
         }
-        let means = named_parameters(&trainer.scene).remove("static_set.means");
+        let means = named_parameters(&trainer.run.scene).remove("static_set.means");
         let means = means.expect("means").values;
         assert_eq!(means.len(), 3 * (n - 1));
         assert!(means.iter().all(|value| value.is_finite()));
@@ -151,8 +165,8 @@ fn the_mean_of_the_last_steps_starts_anew_without_what_was_lost() {
 fn a_lost_loss_is_traced_to_its_gaussians() {
     for device in devices() {
         let mut trainer = trained(3, &device);
-        trainer.config.loss.static_opacity = 0.01;
-        let n = trainer.scene.static_set.len();
+        
+        let n = trainer.run.scene.static_set.len();
         edit_static(&mut trainer, |rows| {
             rows.opacity_logits[5] = f32::NAN;
             rows.opacity_logits[9] = f32::NAN;
@@ -162,11 +176,11 @@ fn a_lost_loss_is_traced_to_its_gaussians() {
         let values: Vec<&NonFinite> = skipped
             .found
             .iter()
-            .filter(|found| found.part == Part::Values)
+            .filter(|found| found.place == Place::Values)
             .collect();
         assert_eq!(values.len(), 1);
         assert_eq!(values[0].rows, [5, 9]);
-        assert_eq!(trainer.scene.static_set.len(), n - 2);
+        assert_eq!(trainer.run.scene.static_set.len(), n - 2);
     }
 }
 
@@ -175,7 +189,7 @@ fn the_skipped_step_changes_no_other_parameter_and_no_moment() {
     let device = devices().remove(0);
     let mut trainer = trained(SPLIT + 3, &device);
     let before = parameters(&trainer);
-    let (moments, steps) = trainer.optimizer.to_tensors();
+    let (moments, steps) = trainer.run.optimizer.to_tensors();
     let table = "scene.dynamic.field.encoder.table";
     spoil(&mut trainer, table, &[6], f32::INFINITY);
     assert!(trainer.step().expect("goes on").skipped);
@@ -188,7 +202,7 @@ fn the_skipped_step_changes_no_other_parameter_and_no_moment() {
             assert_eq!(after, expected, "{name}[{i}]");
         }
     }
-    let (moments_after, steps_after) = trainer.optimizer.to_tensors();
+    let (moments_after, steps_after) = trainer.run.optimizer.to_tensors();
     let others = |name: &&String| !name.ends_with(table);
     assert!(moments_after.keys().eq(moments.keys().filter(others)));
     assert!(steps_after.keys().eq(steps.keys().filter(others)));
@@ -199,13 +213,13 @@ fn the_skipped_step_changes_no_other_parameter_and_no_moment() {
 
 /// Puts `value` into places of a parameter of the scene.
 fn spoil(trainer: &mut Trainer, tensor: &str, places: &[usize], value: f32) {
-    let mut all = named_parameters(&trainer.scene);
+    let mut all = named_parameters(&trainer.run.scene);
     let name = tensor.strip_prefix("scene.").expect("of the scene");
     let parameter = all.get_mut(name).expect("a parameter's name");
     for &place in places {
         parameter.values[place] = value;
     }
-    trainer.scene = with_parameters(trainer.scene.clone(), all).expect("its own parameters");
+    trainer.run.scene = with_parameters(trainer.run.scene.clone(), all).expect("its own parameters");
 }
 
 #[test]
@@ -225,10 +239,10 @@ fn lost_entries_of_tables_and_networks_start_from_zero() {
             let found = skipped
                 .found
                 .iter()
-                .find(|found| found.part == Part::Values);
+                .find(|found| found.place == Place::Values);
             let found = found.expect("named");
             assert_eq!((found.tensor.as_str(), found.rows[0]), (tensor, row));
-            let all = named_parameters(&trainer.scene);
+            let all = named_parameters(&trainer.run.scene);
             let finite = |values: &[f32]| values.iter().all(|value| value.is_finite());
             assert!(all.values().all(|tensor| finite(&tensor.values)));
         }
@@ -240,22 +254,22 @@ fn lost_entries_of_tables_and_networks_start_from_zero() {
 fn a_gradient_that_overflows_costs_its_gaussian() {
     for device in devices() {
         let mut trainer = trained(10, &device);
-        let n = trainer.scene.static_set.len();
-        let own = trainer.scene.static_set.trajectories.as_ref();
+        let n = trainer.run.scene.static_set.len();
+        let own = trainer.run.scene.static_set.trajectories.as_ref();
         let row = own.expect("settled").val().narrow(0, 7, 1);
         let cost = ((row + 1.0) * 1e30).powi_scalar(2).sum();
         let loss = to_host(cost.clone())[0];
         assert_eq!(loss, f32::INFINITY);
-        let faults = look(&trainer, &cost.backward(), loss).expect("reads");
-        skip(&mut trainer, faults, "made", loss).expect("mends");
+        let faults = look(&mut trainer.run, &cost.backward(), loss).expect("reads");
+        skip(&mut trainer.run, faults, "made", loss).expect("mends");
         let skipped = trainer.take_skipped_steps().remove(0);
         assert!(!skipped.loss_is_finite);
         let [found] = skipped.found.as_slice() else {
             panic!("{skipped}");
         };
         assert!(found.tensor.ends_with("trajectories"), "{skipped}");
-        assert_eq!((found.part, &found.rows[..]), (Part::Gradient, &[7][..]));
-        assert_eq!(trainer.scene.static_set.len(), n - 1);
+        assert_eq!((found.place, &found.rows[..]), (Place::Gradient, &[7][..]));
+        assert_eq!(trainer.run.scene.static_set.len(), n - 1);
         assert!(!trainer.step().expect("goes on").skipped, "mended");
     }
 }
@@ -265,7 +279,7 @@ fn a_gradient_that_overflows_costs_its_gaussian() {
 fn a_trajectory_of_any_length_trains() {
     for device in devices() {
         let mut trainer = trained(10, &device);
-        trainer.config.loss.visible_motion = 1.0;
+        rest_cost(&mut trainer).gaussians = 1.0;
         edit_static(&mut trainer, |rows| {
             let width = rows.trajectory_width;
             rows.trajectories[7 * width..8 * width].fill(1e30);
@@ -279,18 +293,18 @@ fn a_trajectory_of_any_length_trains() {
 fn a_lost_dynamic_gaussian_is_removed_and_a_lost_set_ends_the_run() {
     let device = devices().remove(0);
     let mut trainer = trained(SPLIT + 3, &device);
-    let (_, n) = trainer.scene.counts();
+    let (_, n) = trainer.run.scene.counts();
     assert!(n > 1, "some move");
     let tensor = "scene.dynamic.gaussians.log_scales";
     spoil(&mut trainer, tensor, &[0], f32::NAN);
     assert_eq!(skipped_once(&mut trainer).found[0].rows, [0]);
-    assert_eq!(trainer.scene.counts().1, n - 1);
+    assert_eq!(trainer.run.scene.counts().1, n - 1);
     let all: Vec<usize> = (0..3 * (n - 1)).collect();
     spoil(&mut trainer, tensor, &all, f32::NEG_INFINITY);
     let error = trainer.step().expect_err("nothing is left to train");
     assert!(error.to_string().contains(tensor), "{error}");
     assert_eq!(
-        trainer.scene.counts().1,
+        trainer.run.scene.counts().1,
         n - 1,
         "nothing passes for the scene"
     );
@@ -301,7 +315,7 @@ fn what_cannot_be_mended_ends_the_run_with_its_name() {
     let device = devices().remove(0);
     let mut trainer = trained(2, &device);
     // The regulariser's weight is at fault, which no parameter shows.
-    trainer.config.loss.static_opacity = f32::INFINITY;
+    floaters(&mut trainer).opacity = f32::INFINITY;
     let error = (0..MAX_SKIPPED_IN_A_ROW).find_map(|k| trainer.step().err().map(|e| (k, e)));
     let (steps, error) = error.expect("gives up");
     assert_eq!(steps, MAX_SKIPPED_IN_A_ROW - 1);
@@ -318,22 +332,24 @@ fn a_run_that_lost_all_its_gaussians_ends_with_an_empty_scene() {
     for moves in [false, true] {
         for device in devices() {
             let mut config = config();
-            config.decomposition.enabled = moves;
+            if !moves {
+                config.method.decomposition = Decomposition::None;
+            }
             let mut trainer = Trainer::new(config, dataset(), &device).expect("valid");
             for _ in 0..2 {
                 trainer.step().expect("trains");
             }
-            let n = trainer.scene.static_set.len();
+            let n = trainer.run.scene.static_set.len();
             edit_static(&mut trainer, |rows| *rows = rows.gather(&[]));
-            trainer.optimizer.edit_rows(STATIC, &[], &[], n);
-            trainer.density_static = DensityStatistics::new(0);
+            trainer.run.optimizer.edit_rows(Set::Static.prefix(), &[], &[], n);
+            trainer.run.static_state.statistics = DensityStatistics::new(0);
             while !trainer.is_finished() {
                 let report = trainer.step().expect("goes on");
                 assert!(!report.skipped && report.loss.is_finite());
                 assert_eq!((report.n_static, report.n_dynamic), (0, 0));
             }
-            let (scene, _, _) = trainer.needed_scene().expect("nothing to leave out");
-            assert_eq!(scene.counts(), (0, 0));
+            let finished = trainer.finished().expect("nothing to leave out");
+            assert_eq!(finished.scene.counts(), (0, 0));
         }
     }
 }

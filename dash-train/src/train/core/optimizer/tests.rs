@@ -22,22 +22,6 @@ fn after_steps(gradient: [f32; 3], damping: f32) -> Vec<f32> {
 }
 
 #[test]
-fn moments_of_a_decoder_in_parts_are_refused() {
-    for name in [
-        "scene.dynamic.field.decoder.layers.0.weight",
-        "scene.dynamic.field.head_means.bias",
-    ] {
-        let steps = BTreeMap::from([(name.to_string(), 3)]);
-        let refused = Optimizer::from_tensors(BTreeMap::new(), steps, &Device::flex());
-        let refused = refused.err().expect("refused");
-        assert!(
-            refused.contains(name) && refused.contains("begin anew"),
-            "{refused}"
-        );
-    }
-}
-
-#[test]
 fn rows_added_to_none_start_anew() {
     let device = Device::flex();
     let mut optimizer = Optimizer::default();

@@ -44,3 +44,107 @@ pub(super) fn make_room(run: &mut Run<Dash>, min_steps: usize) {
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use std::sync::Arc;
+
+    use burn::tensor::Device;
+    use dash_model::TrajectoryBasis;
+
+    use crate::synth;
+    use crate::train::{Preset, TrainConfig, Trainer};
+
+    /// A run of a synchronised rig of 24 frames, with extensions told that it begins.
+    fn begun(preset: Preset, iterations: usize, set: &[&str]) -> Trainer {
+        let mut config = TrainConfig::preset(preset);
+        config.iterations = iterations;
+        config.initial_points = [50, 50];
+        for assignment in ["extensions.prune=none"].iter().chain(set) {
+            config.set(assignment).expect("a known key");
+        }
+        let dataset = Arc::new(synth::loaded(4, 24, [32, 24]));
+        let mut trainer = Trainer::new(config, dataset, &Device::flex()).expect("valid");
+        for _ in 0..2 {
+            // A resumed run begins again: its stages change no more.
+            for extension in &mut trainer.hooks.extensions {
+                extension.begin(&mut trainer.run).expect("begins");
+            }
+        }
+        trainer
+    }
+
+    /// Steps of the warm-up, of following, until the decomposition, and until the end of both density controls.
+    fn stages(preset: Preset, iterations: usize, set: &[&str]) -> [usize; 5] {
+        let run = begun(preset, iterations, set).run;
+        let [warmup, decomposition] = run.method.config.stages;
+        let following = run.method.handover * (decomposition - warmup);
+        let densify = &run.config.densify;
+        let ends = [densify.static_set.during[1], densify.dynamic.during[1]];
+        [warmup, following, decomposition, ends[0], ends[1]].map(|share| run.config.step_at(share))
+    }
+
+    #[test]
+    fn what_is_followed_from_a_time_is_at_rest_then() {
+        let followed = |set: &[&str]| {
+            let run = begun(Preset::Quick, 6_000, set).run;
+            assert_eq!(run.scene.settings.trajectory_basis, run.method.basis);
+            run.method.basis
+        };
+        // The middle frame of 24.
+        let middle = 12.0 / 23.0;
+        let line = followed(&["method.trajectories=linear"]);
+        assert_eq!(line.at(middle), [0.0]);
+        assert!((line.at(1.0)[0] - (1.0 - middle)).abs() < 1e-6);
+        let polyline = followed(&[]);
+        assert_eq!(polyline.len(), 12);
+        assert!((polyline.anchor() - middle).abs() < 1e-6);
+        let paper = followed(&["method.trajectories=linear", "extensions.following=none"]);
+        assert_eq!(paper, TrajectoryBasis::Linear);
+    }
+
+    #[test]
+    fn short_runs_follow_for_as_many_steps_as_there_can_be() {
+        let quick = |iterations| stages(Preset::Quick, iterations, &[]);
+        // 0.95 (0.45 - 0.1) 6,000 = 1,995 are enough.
+        assert_eq!(quick(6_000), [600, 1_995, 2_700, 3_600, 4_200]);
+        // 0.95 (0.6 - 0.06) 1,500 = 770 are all that there can be.
+        assert_eq!(quick(1_500), [90, 770, 900, 1_125, 1_275]);
+        assert_eq!(quick(200), [12, 103, 120, 150, 170]);
+        // The warm-up gives way before the decomposition does.
+        let [warmup, following, end, end_static, end_dynamic] = quick(2_300);
+        assert_eq!([following, end], [800, 1_035]);
+        assert!((150..230).contains(&warmup), "{warmup}");
+        assert_eq!([end_static, end_dynamic], [1_380, 1_610]);
+        let [warmup, following, end, end_static, end_dynamic] = quick(2_000);
+        assert_eq!((warmup, following), (120, 800));
+        assert!((900..1_200).contains(&end), "{end}");
+        assert!((1_200..1_500).contains(&end_static), "{end_static}");
+        assert!((1_400..1_700).contains(&end_dynamic), "{end_dynamic}");
+    }
+
+    #[test]
+    fn runs_that_need_no_more_steps_keep_their_shares() {
+        let default = |set: &[&str]| stages(Preset::Default, 15_000, set);
+        assert_eq!(default(&[]), [1_500, 2_625, 5_250, 9_000, 10_500]);
+        let short = |set: &[&str]| stages(Preset::Quick, 1_000, set);
+        let unmoved = [100, 332, 450, 600, 700];
+        assert_eq!(short(&["extensions.following.min_steps=0"]), unmoved);
+        assert_eq!(short(&["method.decomposition=all"]), unmoved);
+        let all_times = short(&["extensions.following=none"]);
+        assert_eq!(all_times, [100, 350, 450, 600, 700]);
+        // Later stages than those of a short run stay where they are.
+        assert_eq!(
+            short(&[
+                "method.stages=[0.1, 0.9]",
+                "extensions.following.handover=1",
+                "extensions.following.min_steps=1000"
+            ]),
+            [60, 840, 900, 600, 700]
+        );
+        assert_eq!(
+            short(&["densify.dynamic.during=[0.37, 0]"]),
+            [60, 513, 600, 750, 0]
+        );
+    }
+}

@@ -170,8 +170,8 @@ mod tests {
 
     fn weights(dataset: &Dataset, view: usize, least: f32) -> Option<Vec<f32>> {
         let all: Vec<usize> = (0..dataset.views.len()).collect();
-        let part = start_span(dataset, &all).expect("a rig");
-        let moved = SmallMotion::compare(part, dataset, &all, [0.0; 3], least).expect("pictures");
+        let span = start_span(dataset, &all).expect("a rig");
+        let moved = SmallMotion::compare(span, dataset, &all, [0.0; 3], least).expect("pictures");
         let view = &dataset.views[view];
         moved.weights(view, &view.rgb([0.0; 3]).expect("a picture"))
     }

@@ -143,10 +143,10 @@ mod tests {
     /// The cost to a field in which nothing moves.
     fn cost_at_rest(memory: &Memory, step: usize) -> Option<f32> {
         let device = Device::flex().autodiff();
-        let config = TrainConfig::preset(Preset::Quick).decomposition;
+        let config = TrainConfig::preset(Preset::Quick).method;
         let (basis, mut rng) = (TrajectoryBasis::polyline(4), Pcg64::seed_from_u64(1));
         let space = SpaceBox::fixed(2.0);
-        let (grid, hidden) = (&config.encoder, config.hidden);
+        let (grid, hidden) = (&config.motion_encoder(), config.motion_field.hidden);
         let field = MotionField::new(grid, hidden, basis, space, &mut rng, &device);
         let cost = memory.cost(&field.expect("valid"), basis, step, &device);
         cost.expect("valid").map(|cost| to_host(cost)[0])

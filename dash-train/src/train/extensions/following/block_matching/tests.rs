@@ -7,8 +7,10 @@ use dash_model::decomposition::MotionStatistics;
 
 use super::*;
 use crate::dataset::{Dataset, Layout, View};
+use crate::train::core::Extension;
+use crate::train::extensions::following::Following;
 use crate::train::{
-    Preset, TrainConfig, latest_checkpoint, load_checkpoint, save_checkpoint, split, start_from,
+    Preset, TrainConfig, Trainer, latest_checkpoint, load_checkpoint, save_checkpoint,
 };
 
 /// Points of a small body.
@@ -109,22 +111,24 @@ fn dataset(in_turns: bool) -> Dataset {
     }
 }
 
-/// A run whose coarse field knows the way to the fourth of five frames, and that the body goes on like that.
-fn trainer(dataset: Dataset, floor: f32) -> Trainer {
+/// How large a world unit appears in these pictures, in shares of the width.
+const SCALE: f32 = 110.0 / 4.0 / WIDTH as f32;
+
+/// A run whose coarse field knows the way to the fourth of five frames, and that the body goes on like that; a world
+/// unit appears as large as `scale`.
+fn trainer(dataset: Dataset, scale: f32) -> Trainer {
     let mut config = TrainConfig::preset(Preset::Quick);
     config.iterations = 400;
-    config.min_initial_points = 50;
-    config.decomposition.matching_floor = floor;
+    config.initial_points[0] = 50;
     let mut trainer = Trainer::new(config, Arc::new(dataset), &Device::flex()).expect("valid");
     let points: Vec<[f32; 3]> = cloud().iter().map(Vec3::to_array).collect();
     let colors: Vec<[f32; 3]> = (0..N).map(color).collect();
     let mut rows = GaussianRows::from_points(&points, &colors, 0, 0.05);
     rows.opacity_logits.fill(dash_model::logit(0.9));
-    start_from(&mut trainer, &rows);
-    split::start_motion(&mut trainer).expect("valid");
-    trainer.motion_statistics = MotionStatistics::new(N);
-    let scale = 110.0 / 4.0 / WIDTH as f32;
-    trainer.motion_statistics.add(&[scale; N], &[1.0; N]);
+    trainer.start_from(&rows);
+    trainer.run.start_motion().expect("valid");
+    trainer.run.method.statistics = MotionStatistics::new(N);
+    trainer.run.method.statistics.add(&[scale; N], &[1.0; N]);
     let ways = [
         ([0.5, 0.75], WAY),
         ([0.75, 1.0], 2.0 * WAY),
@@ -135,19 +139,19 @@ fn trainer(dataset: Dataset, floor: f32) -> Trainer {
     for (times, place) in ways.into_iter().cycle().take(4 * ways.len()) {
         let moved: Vec<(usize, Vec3)> = (0..N).map(|row| (row, place)).collect();
         let coefficients = coefficients(&trainer);
-        teach(&mut trainer, &moved, coefficients, times).expect("valid");
+        teach(&mut trainer.run, &moved, coefficients, times).expect("valid");
     }
     trainer
 }
 
 fn coefficients(trainer: &Trainer) -> Tensor<2> {
-    let coefficients = coarse::coefficients(trainer).expect("valid");
+    let coefficients = trainer.run.coefficients().expect("valid");
     coefficients.expect("it moves").detach()
 }
 
 /// The mean displacement of the body at a time.
 fn mean_at(trainer: &Trainer, time: f32) -> Vec3 {
-    let basis = trainer.config.decomposition.basis;
+    let basis = trainer.run.method.basis;
     let moved = basis.displacement(coefficients(trainer), time);
     let moved = to_host(moved.expect("valid"));
     moved.chunks_exact(3).map(Vec3::from_slice).sum::<Vec3>() / N as f32
@@ -155,16 +159,17 @@ fn mean_at(trainer: &Trainer, time: f32) -> Vec3 {
 
 /// Passes all steps of following without training in them.
 fn follow(trainer: &mut Trainer) {
-    let stages = coarse::Stages::of(trainer);
-    for step in stages.warmup..stages.settle {
-        trainer.step = step;
-        meet_new_frames(trainer).expect("pictures");
+    let stages = trainer.run.stages();
+    let following = trainer.hooks.get_mut::<Following>().expect("on");
+    for step in stages.warmup..stages.handover {
+        trainer.run.step = step;
+        following.before_step(&mut trainer.run).expect("pictures");
     }
 }
 
 #[test]
 fn the_field_is_taught_where_a_body_is_that_did_not_go_on_as_it_went() {
-    let mut trainer = trainer(dataset(false), 0.015);
+    let mut trainer = trainer(dataset(false), SCALE);
     let before = [0.25, 0.75, 1.0].map(|time| mean_at(&trainer, time));
     assert!(before[1].distance(WAY) < 0.05, "{before:?}");
     assert!(before[2].distance(WAY + SHIFT) > 0.4, "{before:?}");
@@ -177,60 +182,64 @@ fn the_field_is_taught_where_a_body_is_that_did_not_go_on_as_it_went() {
 
 #[test]
 fn where_a_body_was_found_is_remembered_until_following_ends() {
-    let mut trainer = trainer(dataset(false), 0.015);
-    let view = trainer.dataset.views[0].clone();
-    let cost = |trainer: &mut Trainer| {
-        let mut loss = |weight: f32| {
-            trainer.config.loss.found_places = weight;
-            to_host(trainer.forward(&view).expect("renders").loss)[0]
-        };
-        loss(1.0) - loss(0.0)
+    let mut trainer = trainer(dataset(false), SCALE);
+    let cost = |trainer: &Trainer| {
+        let run = &trainer.run;
+        let field = run.method.motion.as_ref().expect("it moves");
+        let cost = remembered(trainer).cost(field, run.method.basis, run.step, &run.device);
+        cost.expect("valid").map_or(0.0, |cost| to_host(cost)[0])
     };
-    assert_eq!(cost(&mut trainer), 0.0, "nothing was found yet");
+    assert_eq!(cost(&trainer), 0.0, "nothing was found yet");
     follow(&mut trainer);
-    assert!(cost(&mut trainer) < 1e-3, "it is where it was found");
+    assert!(cost(&trainer) < 1e-3, "it is where it was found");
     let elsewhere: Vec<(usize, Vec3)> = (0..N).map(|row| (row, 2.0 * WAY)).collect();
     let coefficients = coefficients(&trainer);
-    teach(&mut trainer, &elsewhere, coefficients, [0.75, 1.0]).expect("valid");
-    assert!(cost(&mut trainer) > 0.5, "it has been forgotten");
+    teach(&mut trainer.run, &elsewhere, coefficients, [0.75, 1.0]).expect("valid");
+    assert!(cost(&trainer) > 0.5, "it has been forgotten");
 
     let folder = tempfile::tempdir().expect("a folder");
     save_checkpoint(&trainer, folder.path(), 1.0).expect("written");
     let path = latest_checkpoint(folder.path()).expect("read");
     let path = path.expect("just written");
-    let (resumed, _) =
-        load_checkpoint(&path, trainer.dataset.clone(), &Device::flex()).expect("read");
-    assert_eq!(resumed.found_places, trainer.found_places);
+    let dataset = trainer.run.dataset.clone();
+    let (resumed, _) = load_checkpoint(&path, dataset, &Device::flex()).expect("read");
+    assert_eq!(remembered(&resumed), remembered(&trainer));
 
-    trainer.step = coarse::Stages::of(&trainer).end;
-    coarse::enter_stage(&mut trainer).expect("split");
-    assert_eq!(trainer.found_places, Memory::default());
+    trainer.run.step = trainer.run.stages().handover;
+    let following = trainer.hooks.get_mut::<Following>().expect("on");
+    following.before_step(&mut trainer.run).expect("hands over");
+    assert_eq!(remembered(&trainer), &Memory::default());
+}
+
+/// What the run remembers.
+fn remembered(trainer: &Trainer) -> &Memory {
+    &trainer.hooks.get::<Following>().expect("on").memory
 }
 
 #[test]
-fn slow_bodies_and_cameras_that_take_turns_teach_nothing() {
-    for (in_turns, floor) in [(false, 0.0), (false, 0.5), (true, 0.015)] {
-        let mut trainer = trainer(dataset(in_turns), floor);
+fn slow_bodies_and_monocular_captures_teach_nothing() {
+    for (in_turns, scale) in [(false, 0.03 * SCALE), (true, SCALE)] {
+        let mut trainer = trainer(dataset(in_turns), scale);
         let before = to_host(coefficients(&trainer));
         follow(&mut trainer);
         assert_eq!(
             before,
             to_host(coefficients(&trainer)),
-            "{in_turns} {floor}"
+            "{in_turns} {scale}"
         );
     }
 }
 
 #[test]
 fn others_keep_their_trajectories() {
-    let mut trainer = trainer(dataset(false), 0.015);
+    let mut trainer = trainer(dataset(false), SCALE);
     let before = to_host(coefficients(&trainer));
     let top = |row: &usize| *row >= N / 2;
     let to = Vec3::new(0.0, 0.5, 0.2);
     let moved: Vec<(usize, Vec3)> = (0..N).filter(top).map(|row| (row, to)).collect();
     let from = coefficients(&trainer);
     let off = |trainer: &Trainer| {
-        let basis = trainer.config.decomposition.basis;
+        let basis = trainer.run.method.basis;
         let now = basis.displacement(coefficients(trainer), 1.0);
         let now = to_host(now.expect("valid"));
         let off = |row: usize| Vec3::from_slice(&now[3 * row..]).distance(to);
@@ -238,7 +247,7 @@ fn others_keep_their_trajectories() {
         (3 * N / 4..N).map(off).sum::<f32>() / (N / 4) as f32
     };
     let far = off(&trainer);
-    teach(&mut trainer, &moved, from, [0.75, 1.0]).expect("valid");
+    teach(&mut trainer.run, &moved, from, [0.75, 1.0]).expect("valid");
     assert!(off(&trainer) < 0.3 * far, "{} {far}", off(&trainer));
     let after = to_host(coefficients(&trainer));
     let width = before.len() / N;

@@ -1,5 +1,5 @@
+use super::super::tests::{N, SHIFT, WAY, cloud, color, pair};
 use super::*;
-use crate::train::matching::tests::{N, SHIFT, WAY, cloud, color, pair};
 
 /// The shift found of a cloud that goes `SHIFT`, where it is expected to go `expected`.
 fn found(

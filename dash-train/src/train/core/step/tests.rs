@@ -1,0 +1,81 @@
+use std::sync::Arc;
+
+use burn::tensor::Device;
+
+use crate::dataset::Dataset;
+use crate::synth;
+use crate::train::core::densify::reset_due;
+use crate::train::{Keep, Preset, TrainConfig, Trainer};
+
+#[test]
+fn what_a_reset_hides_has_time_to_come_back_before_the_last_round() {
+    for (iterations, expected) in [(3_428, vec![]), (6_000, vec![2_000])] {
+        let config = TrainConfig {
+            iterations,
+            ..TrainConfig::preset(Preset::Quick)
+        };
+        let schedule = config.schedule();
+        let resets: Vec<usize> = (0..iterations)
+            .filter(|&step| reset_due(&schedule, &schedule.densify.static_set, 0, step))
+            .collect();
+        assert_eq!(resets, expected, "{iterations} steps");
+    }
+}
+
+/// The largest ways that a mean and a log scale go in the first step, in units of their rates (and the extent).
+fn first_steps(dataset: &Dataset, set: [&str; 2]) -> [f32; 2] {
+    let mut config = TrainConfig::preset(Preset::Quick);
+    config.keep(Keep::All);
+    config.initial_points[0] = 50;
+    for assignment in set {
+        config.set(assignment).expect("a known key");
+    }
+    let units = [config.optimizer.means, 5e-3];
+    let dataset = Arc::new(dataset.clone());
+    let mut trainer = Trainer::new(config, dataset, &Device::flex()).expect("valid");
+    let rows = |trainer: &Trainer| trainer.scene().static_set.to_rows();
+    let before = rows(&trainer);
+    trainer.step().expect("finite");
+    let after = rows(&trainer);
+    let longest = |before: &[[f32; 3]], after: &[[f32; 3]]| {
+        let ways = before.iter().flatten().zip(after.iter().flatten());
+        ways.map(|(a, b)| (a - b).abs()).fold(0.0, f32::max)
+    };
+    [
+        longest(&before.means, &after.means) / (units[0] * trainer.run.extent),
+        longest(&before.log_scales, &after.log_scales) / units[1],
+    ]
+}
+
+#[test]
+fn means_are_faster_in_monocular_captures_and_scales_in_synchronised_ones() {
+    let rig = synth::loaded(12, 96, [16, 16]);
+    let mut monocular = rig.clone();
+    let mut times: Vec<f32> = rig.views.iter().map(|view| view.time).collect();
+    times.sort_by(f32::total_cmp);
+    times.dedup();
+    monocular.views.retain(|view| {
+        let frame = times.iter().position(|time| *time == view.time);
+        frame.is_some_and(|frame| view.camera_index == 7 * frame % 12)
+    });
+    // Adam's first step has the length of the rate.
+    let none = [
+        "extensions.capture_rates.monocular=1",
+        "extensions.capture_rates.synchronized=1",
+    ];
+    let both = [
+        "extensions.capture_rates.monocular=2.5",
+        "extensions.capture_rates.synchronized=2",
+    ];
+    for (dataset, set, expected) in [
+        (&rig, none, [1.0, 1.0]),
+        (&rig, both, [1.0, 2.0]),
+        (&monocular, none, [1.0, 1.0]),
+        (&monocular, both, [2.5, 1.0]),
+    ] {
+        let found = first_steps(dataset, set);
+        for (found, expected) in found.into_iter().zip(expected) {
+            assert!((found / expected - 1.0).abs() < 1e-2, "{found} {expected}");
+        }
+    }
+}
