@@ -108,7 +108,6 @@ fn scene((offsets, smoothstep): (OffsetPlacement, bool), device: &Device) -> Dyn
             background: BACKGROUND,
             sh_degree: SH_DEGREE,
             near_plane: NEAR_PLANE,
-            ndc_limit: None,
             trajectory_basis: BASIS,
             offsets,
             gaps: Gaps::default(),

@@ -44,4 +44,4 @@ pub use hash_encoder::{HashEncoder, HashEncoderConfig};
 pub use motion::MotionField;
 pub use scene::{DynamicScene, Layer, OffsetPlacement, Rendering, SceneSettings};
 pub use space::{SpaceBox, TrajectoryBasis};
-pub use splat_ply::{Clipping, read_splat_ply, write_splat_ply};
+pub use splat_ply::{read_splat_ply, write_splat_ply};

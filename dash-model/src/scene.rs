@@ -1,18 +1,16 @@
 //! The whole scene: static Gaussians, and the few that move.
 
 use burn::module::{Module, Param};
-use burn::tensor::{Bool, Tensor};
+use burn::tensor::Tensor;
 use dash_kernels::Camera;
 use dash_kernels::project::{Activation, ProjectOptions, project};
 use dash_kernels::rasterize::{RasterizeOptions, rasterize};
 use dash_kernels::rows::join_rows;
-use dash_kernels::splats::{MEAN_X, MEAN_Y, N_COLUMNS, NEAR_PLANE};
+use dash_kernels::splats::N_COLUMNS;
 use serde::{Deserialize, Serialize};
 
 use crate::gaussians::LOGIT_LIMIT;
-use crate::{
-    Clipping, Deformed, DynamicPart, Gaps, GaussianRows, Gaussians, ModelError, TrajectoryBasis,
-};
+use crate::{Deformed, DynamicPart, Gaps, GaussianRows, Gaussians, ModelError, TrajectoryBasis};
 
 /// Where the decoder's rotation and scale offsets are added.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
@@ -34,13 +32,7 @@ pub struct SceneSettings {
     /// Active spherical-harmonics degree, at most the stored one.
     pub sh_degree: usize,
     /// Gaussians nearer than this along a camera's z are not drawn, world units.
-    #[serde(default = "default_near_plane")]
     pub near_plane: f64,
-    /// Gaussians whose mean is projected to where x or y in normalised device coordinates (-1 to 1 in the
-    /// picture) is beyond this are left out by [`DynamicScene::render`]; `None`: none is. So far out the projection of
-    /// a covariance, exact at its mean only, says nothing about what the picture shows of it.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub ndc_limit: Option<f64>,
     /// Functions of time of the coarse trajectories.
     pub trajectory_basis: TrajectoryBasis,
     /// Where rotation and scale offsets are added.
@@ -48,20 +40,6 @@ pub struct SceneSettings {
     /// Parts of the clip of which nothing was seen, see [`DynamicPart::deform`].
     #[serde(default, skip_serializing_if = "Gaps::is_empty")]
     pub gaps: Gaps,
-}
-
-impl SceneSettings {
-    /// What pictures leave out.
-    pub fn clipping(&self) -> Clipping {
-        Clipping {
-            near_plane: self.near_plane,
-            ndc_limit: self.ndc_limit,
-        }
-    }
-}
-
-fn default_near_plane() -> f64 {
-    NEAR_PLANE
 }
 
 /// A dynamic scene. A scene in which nothing moves has no dynamic part at all.
@@ -112,8 +90,7 @@ impl Rendering {
 }
 
 impl DynamicScene {
-    /// Packed splats of the static Gaussians, see [`project`]; those beyond [`SceneSettings::ndc_limit`] are among
-    /// them.
+    /// Packed splats of the static Gaussians, see [`project`].
     ///
     /// # Errors
     /// When a shape does not fit.
@@ -147,8 +124,7 @@ impl DynamicScene {
         )?)
     }
 
-    /// Packed splats of the dynamic Gaussians at `time`, those beyond [`SceneSettings::ndc_limit`] among them; `None`
-    /// without a dynamic part.
+    /// Packed splats of the dynamic Gaussians at `time`; `None` without a dynamic part.
     ///
     /// # Errors
     /// When a shape does not fit.
@@ -186,21 +162,6 @@ impl DynamicScene {
                 near_plane: self.settings.near_plane,
             },
         )?)
-    }
-
-    /// The same splats, those beyond [`SceneSettings::ndc_limit`] as rows of zeros, which are not drawn.
-    fn within_limit(&self, splats: Tensor<2>, camera: &Camera) -> Tensor<2> {
-        let dims = splats.dims();
-        let Some(limit) = self.settings.ndc_limit.filter(|_| dims[0] > 0) else {
-            return splats;
-        };
-        let beyond = |column: usize, size: usize| -> Tensor<2, Bool> {
-            let half = 0.5 * size as f64;
-            let pixels = splats.clone().detach().narrow(1, column, 1);
-            ((pixels - half) / half).abs().greater_elem(limit)
-        };
-        let hidden = beyond(MEAN_X, camera.width).bool_or(beyond(MEAN_Y, camera.height));
-        splats.mask_fill(hidden.expand(dims), 0.0)
     }
 
     /// Draws packed splats over the scene's background.
@@ -249,7 +210,7 @@ impl DynamicScene {
             (Some(splats), None) | (None, Some(splats)) => splats,
             (None, None) => Tensor::zeros([0, N_COLUMNS], &self.static_set.means.device()),
         };
-        self.rasterize(self.within_limit(splats, camera), camera)
+        self.rasterize(splats, camera)
     }
 
     /// All Gaussians as they are at `time`: static rows first.

@@ -10,11 +10,12 @@
 
 use burn::module::{Module, ModuleMapper, Param};
 use burn::tensor::{Device, Tensor};
+use dash_kernels::splats::NEAR_PLANE;
 use dash_model::scene_file::TablePrecision;
 use dash_model::{
-    Camera, Clipping, DeformationConfig, DeformationField, DynamicPart, DynamicScene, Gaps,
-    GaussianRows, Gaussians, HashEncoderConfig, Head, Heads, Layer, ModelError, OffsetPlacement,
-    Representation, SceneSettings, SpaceBox, TrajectoryBasis, read_splat_ply, write_splat_ply,
+    Camera, DeformationConfig, DeformationField, DynamicPart, DynamicScene, Gaps, GaussianRows,
+    Gaussians, HashEncoderConfig, Head, Heads, Layer, ModelError, OffsetPlacement, Representation,
+    SceneSettings, SpaceBox, TrajectoryBasis, read_splat_ply, write_splat_ply,
 };
 use rand::{Rng, SeedableRng};
 use rand_pcg::Pcg64;
@@ -101,7 +102,6 @@ fn scene(
             background: [0.1, 0.2, 0.3],
             sh_degree: 1,
             near_plane: 0.2,
-            ndc_limit: Some(50.0),
             trajectory_basis: BASIS,
             offsets,
             gaps: Gaps::default(),
@@ -138,53 +138,6 @@ fn what_is_nearer_than_the_near_plane_is_not_drawn() {
         let background = [0.1, 0.2, 0.3, 0.0, 0.0];
         let empty = pixels(&scene, 0.3, Layer::Full);
         assert!(empty.chunks_exact(5).all(|pixel| pixel == background));
-    }
-}
-
-#[test]
-fn what_is_far_out_of_the_picture_is_not_drawn() {
-    // Four in front of the camera, whose half picture is 20 / 45 wide at a distance of 1.
-    let ndc = |offset: f32| f64::from(offset / 4.0 * 45.0 / 20.0);
-    for device in devices() {
-        for direction in [[1.0, 0.0], [-1.0, 0.0], [0.0, 1.0], [0.0, -1.0]] {
-            for moves in [false, true] {
-                let offset = 20.0;
-                let mut far = rows(1, 1, 1);
-                far.means[0] = [direction[0] * offset, direction[1] * offset, 0.0];
-                // So large that the picture shows it all the same.
-                far.log_scales[0] = [2.5; 3];
-                let mut scene = scene(5, Some(7), OffsetPlacement::BeforeActivation, &device);
-                let without = pixels(&scene, 0.3, Layer::Full);
-                if let Some(dynamic) = scene.dynamic.as_mut().filter(|_| moves) {
-                    let mut all = dynamic.gaussians.to_rows();
-                    far.trajectory_width = all.trajectory_width;
-                    far.trajectories = vec![0.0; far.trajectory_width];
-                    all.append(&far);
-                    dynamic.gaussians = Gaussians::from_rows(&all, &device);
-                } else {
-                    let mut all = scene.static_set.to_rows();
-                    all.append(&far);
-                    scene.static_set = Gaussians::from_rows(&all, &device);
-                }
-                scene.settings.ndc_limit = None;
-                let with = pixels(&scene, 0.3, Layer::Full);
-                assert!(largest_difference(&with, &without) > 0.1, "{direction:?}");
-                scene.settings.ndc_limit = Some(ndc(offset + 2.0));
-                assert_eq!(pixels(&scene, 0.3, Layer::Full), with);
-                scene.settings.ndc_limit = Some(ndc(offset - 2.0));
-                assert_eq!(pixels(&scene, 0.3, Layer::Full), without);
-                // Steps of training draw the splats, not the limited picture.
-                let splats = if moves {
-                    scene.dynamic_splats(&camera(), 0.3).expect("projects")
-                } else {
-                    Some(scene.static_splats(&camera()).expect("projects"))
-                };
-                let splats = splats.expect("a layer").into_data();
-                let splats = splats.try_into_vec::<f32>().expect("f32");
-                let last = &splats[splats.len() - dash_kernels::splats::N_COLUMNS..];
-                assert!(last[dash_kernels::splats::RADIUS_X] > 0.0, "{last:?}");
-            }
-        }
     }
 }
 
@@ -293,14 +246,7 @@ fn an_anchored_scene_is_at_rest_there_and_its_files_say_so() {
     }
     let start = pixels(&anchored(0.0), 0.9, Layer::Full);
     assert_ne!(pixels(&middle, 0.9, Layer::Full), start);
-    let (plain, text) = saved(
-        &{
-            let mut scene = anchored(0.0);
-            scene.settings.ndc_limit = None;
-            scene
-        },
-        "start",
-    );
+    let (plain, text) = saved(&anchored(0.0), "start");
     plain.expect("reads");
     assert!(text.contains("\"format_version\": 2"), "{text}");
     for bad in [-0.1, 1.5] {
@@ -735,11 +681,11 @@ fn an_instant_survives_the_ply_and_draws_alike() {
             OffsetPlacement::AfterActivation,
         ] {
             let scene = scene(6, Some(5), offsets, &device);
-            let clipping = scene.settings.clipping();
-            write_splat_ply(&path, &scene.at(0.7).expect("deforms"), &clipping).expect("writes");
-            let (read, limits) = read_splat_ply(&path).expect("reads");
-            assert_eq!(read, scene.at(0.7).expect("deforms"));
-            assert_eq!(limits, clipping);
+            let written = scene.at(0.7).expect("deforms");
+            write_splat_ply(&path, &written, scene.settings.near_plane).expect("writes");
+            let (read, near_plane) = read_splat_ply(&path).expect("reads");
+            assert_eq!(read, written);
+            assert_eq!(near_plane, scene.settings.near_plane);
             let instant = DynamicScene {
                 static_set: Gaussians::from_rows(&read, &device),
                 dynamic: None,
@@ -804,20 +750,16 @@ fn part_logits(scene: &DynamicScene) -> Vec<f32> {
 }
 
 #[test]
-fn comments_of_a_ply_say_what_pictures_leave_out() {
+fn a_comment_of_a_ply_holds_the_near_plane() {
     let folder = tempfile::tempdir().expect("a scratch folder");
-    let path = folder.path().join("clipped.ply");
-    let clipping = Clipping {
-        near_plane: 0.1 + 0.2,
-        ndc_limit: Some(8.0),
-    };
-    write_splat_ply(&path, &rows(3, 5, 3), &clipping).expect("writes");
-    assert_eq!(read_splat_ply(&path).expect("reads").1, clipping);
-    let plain = Clipping::default();
-    write_splat_ply(&path, &rows(3, 5, 3), &plain).expect("writes");
+    let path = folder.path().join("near.ply");
+    let near_plane = 0.1 + 0.2;
+    write_splat_ply(&path, &rows(3, 5, 3), near_plane).expect("writes");
+    assert_eq!(read_splat_ply(&path).expect("reads").1, near_plane);
+    write_splat_ply(&path, &rows(3, 5, 3), NEAR_PLANE).expect("writes");
     let bytes = std::fs::read(&path).expect("reads");
     assert!(!String::from_utf8_lossy(&bytes).contains("comment"));
-    assert_eq!(read_splat_ply(&path).expect("reads").1, plain);
+    assert_eq!(read_splat_ply(&path).expect("reads").1, NEAR_PLANE);
     let header = b"ply\nformat binary_little_endian 1.0\n";
     let damaged = [
         header,
@@ -833,7 +775,7 @@ fn comments_of_a_ply_say_what_pictures_leave_out() {
 fn a_truncated_ply_is_an_error_that_names_the_file() {
     let folder = tempfile::tempdir().expect("a scratch folder");
     let path = folder.path().join("cut.ply");
-    write_splat_ply(&path, &rows(3, 5, 3), &Clipping::default()).expect("writes");
+    write_splat_ply(&path, &rows(3, 5, 3), NEAR_PLANE).expect("writes");
     let whole = std::fs::read(&path).expect("reads");
     for length in 0..whole.len() {
         std::fs::write(&path, &whole[..length]).expect("writes");

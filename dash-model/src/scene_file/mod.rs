@@ -3,7 +3,7 @@
 //! Version 2 of the files may hold tables of features as 16-bit floats, and the higher colour
 //! coefficients of those Gaussians only that have any, `SET.sh_rest`, with the numbers of these
 //! Gaussians, `SET.sh_rest.rows`. In version 3 tables may also lack their rows of zeros, see `marks`. In version 4
-//! trajectories may be at rest at another time than the first, and the settings may have an `ndc_limit`; in version 5
+//! trajectories may be at rest at another time than the first; in version 5
 //! they may have `gaps`, in version 6 also such as go on beyond the clip. A file is of the lowest version that has what is in it.
 
 mod marks;
@@ -35,7 +35,7 @@ const PLAIN_VERSION: u32 = 1;
 const REDUCED_VERSION: u32 = 2;
 /// Version of those in which tables may also lack rows.
 const MARKED_VERSION: u32 = 3;
-/// Version of those with an anchor of trajectories, or a limit to what is drawn.
+/// Version of those with an anchor of trajectories.
 const LIMITED_VERSION: u32 = 4;
 /// Version of those with gaps in time.
 const GAPS_VERSION: u32 = 5;
@@ -178,7 +178,7 @@ fn settings_version(settings: &SceneSettings) -> u32 {
         FORMAT_VERSION
     } else if !settings.gaps.is_empty() {
         GAPS_VERSION
-    } else if settings.ndc_limit.is_some() || settings.trajectory_basis.anchor() != 0.0 {
+    } else if settings.trajectory_basis.anchor() != 0.0 {
         LIMITED_VERSION
     } else {
         PLAIN_VERSION

@@ -138,7 +138,6 @@ impl Make {
                 background: BACKGROUND,
                 sh_degree: 1,
                 near_plane: NEAR_PLANE * f64::from(self.scale),
-                ndc_limit: None,
                 trajectory_basis: BASIS,
                 offsets: OffsetPlacement::BeforeActivation,
                 gaps: Gaps::default(),

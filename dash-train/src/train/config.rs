@@ -42,10 +42,6 @@ pub struct TrainConfig {
     /// Gaussians nearer to a camera than this are not drawn, world units. Absent: a part of the
     /// distance at which the training cameras see something.
     pub near_plane: Option<f64>,
-    /// Gaussians whose mean is farther out of the picture than this, in normalised device coordinates, are not
-    /// drawn, but in the steps of training. Absent: all are, as in 3DGS. Ours.
-    #[serde(default)]
-    pub ndc_limit: Option<f64>,
     /// Training times more than so many typical steps apart are ends of a gap, through which Gaussians go in straight
     /// lines, or turn once where they agree on it. Absent: through gaps, too, the field is asked. Ours.
     #[serde(default)]
@@ -312,11 +308,7 @@ impl TrainConfig {
             if keys.peek().is_none() {
                 let optional = matches!(
                     path,
-                    "background"
-                        | "near_plane"
-                        | "ndc_limit"
-                        | "gap_steps"
-                        | "learning_rates.extent"
+                    "background" | "near_plane" | "gap_steps" | "learning_rates.extent"
                 );
                 if !cursor.contains_key(key) && !optional {
                     let known: Vec<&str> = cursor.keys().map(String::as_str).collect();

@@ -36,7 +36,6 @@ impl TrainConfig {
             sh_interval: 1.0 / 15.0,
             background: None,
             near_plane: None,
-            ndc_limit: None,
             gap_steps: Some(GAP_STEPS),
             max_initial_points: 100_000,
             min_initial_points: 20_000,

@@ -163,7 +163,6 @@ impl Trainer {
                 background,
                 sh_degree: 0,
                 near_plane,
-                ndc_limit: config.ndc_limit,
                 trajectory_basis: config.decomposition.basis,
                 offsets: config.field.offsets,
                 gaps: gaps.unwrap_or_default(),

@@ -71,11 +71,6 @@ impl TrainConfig {
             "near_plane must be greater than 0",
         )?;
         check(
-            self.ndc_limit
-                .is_none_or(|limit| limit >= 1.0 && limit.is_finite()),
-            "ndc_limit must be at least 1, the border of the picture",
-        )?;
-        check(
             self.gap_steps
                 .is_none_or(|steps| steps >= 1.0 && steps.is_finite()),
             "gap_steps must be at least 1",

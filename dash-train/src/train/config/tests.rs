@@ -92,7 +92,6 @@ fn set_changes_one_value_and_refuses_others() {
         "loss.smoothness_share=1.1",
         "loss.smoothness_interval=0",
         "near_plane=0",
-        "ndc_limit=0.9",
         "density_static.max_scale=0",
         "density_dynamic.max_scale=nan",
         "gap_steps=0.5",
