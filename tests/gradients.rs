@@ -91,7 +91,7 @@ fn scene((offsets, smoothstep): (OffsetPlacement, bool), device: &Device) -> Dyn
             finest_resolution: vec![5, 5, 5, 4],
             smoothstep,
             reference_sizing: false,
-            left_out_levels: Vec::new(),
+            pruned_levels: Vec::new(),
         },
         hidden: 8,
         layers: 1,

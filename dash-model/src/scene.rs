@@ -1,4 +1,6 @@
-//! The whole scene: static Gaussians, and the few that move.
+//! A dynamic scene and its rendering.
+
+mod settings;
 
 use burn::module::{Module, Param};
 use burn::tensor::Tensor;
@@ -7,61 +9,61 @@ use dash_kernels::project::{Activation, ProjectOptions, project};
 use dash_kernels::rasterize::{RasterizeOptions, rasterize};
 use dash_kernels::rows::join_rows;
 use dash_kernels::splats::N_COLUMNS;
-use serde::{Deserialize, Serialize};
+
+pub use settings::{OffsetPlacement, SceneSettings};
 
 use crate::gaussians::LOGIT_LIMIT;
-use crate::{Deformed, DynamicPart, Gaps, GaussianRows, Gaussians, ModelError, TrajectoryBasis};
+use crate::{Deformed, DynamicPart, GaussianRows, Gaussians, ModelError};
 
-/// Where the decoder's rotation and scale offsets are added.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "snake_case")]
-pub enum OffsetPlacement {
-    /// To log scales and raw quaternions: a scale stays positive whatever the decoder says.
-    BeforeActivation,
-    /// To scales and unit quaternions, as the released DASH code does; a negative scale draws as
-    /// its absolute value.
-    AfterActivation,
-}
-
-/// What rendering needs to know beside the parameters.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct SceneSettings {
-    /// Colour behind everything, sRGB in [0, 1].
-    pub background: [f32; 3],
-    /// Active spherical-harmonics degree, at most the stored one.
-    pub sh_degree: usize,
-    /// Gaussians nearer than this along a camera's z are not drawn, world units.
-    pub near_plane: f64,
-    /// Functions of time of the coarse trajectories.
-    pub trajectory_basis: TrajectoryBasis,
-    /// Where rotation and scale offsets are added.
-    pub offsets: OffsetPlacement,
-    /// Parts of the clip of which nothing was seen, see [`DynamicPart::deform`].
-    #[serde(default, skip_serializing_if = "Gaps::is_empty")]
-    pub gaps: Gaps,
-}
-
-/// A dynamic scene. A scene in which nothing moves has no dynamic part at all.
+/// A dynamic scene: static Gaussians, and an optional dynamic part.
+///
+/// # Source
+/// DASH Eqs. 1-2 (rendering) and 10 (both sets together).
+///
+/// # Example
+/// ```
+/// use burn::tensor::Device;
+/// use dash_model::{Camera, DynamicScene, GaussianRows, Gaussians, Layer, SceneSettings};
+///
+/// let device = Device::flex();
+/// let rows = GaussianRows::from_points(&[[0.0; 3], [0.3, 0.0, 0.2]], &[[0.9, 0.2, 0.1]; 2], 0, 0.1);
+/// let scene = DynamicScene {
+///     static_set: Gaussians::from_rows(&rows, &device),
+///     // A `DynamicPart` adds deformed Gaussians.
+///     dynamic: None,
+///     settings: SceneSettings { background: [1.0; 3], ..Default::default() },
+/// };
+/// let camera = Camera::new(40.0, 40.0, 16.0, 12.0, 32, 24).look_at(
+///     [0.0, 0.0, -3.0],
+///     [0.0; 3],
+///     [0.0, -1.0, 0.0],
+/// );
+/// let picture = scene.render(&camera, 0.5)?;
+/// assert_eq!(picture.rgb().dims(), [24, 32, 3]);
+/// // The layers of the decomposition, and all Gaussians of one instant.
+/// scene.render_layer(&camera, 0.5, Layer::Static)?.alpha();
+/// assert_eq!(scene.at(0.5)?, rows);
+/// # Ok::<(), dash_model::ModelError>(())
+/// ```
 #[derive(Module, Debug)]
 pub struct DynamicScene {
-    /// Gaussians that never move.
+    /// Static Gaussians.
     pub static_set: Gaussians,
-    /// Gaussians that move.
+    /// Dynamic Gaussians and their field; `None` in a static scene.
     pub dynamic: Option<DynamicPart>,
-    /// What rendering needs to know beside the parameters.
+    /// What rendering needs beside the parameters.
     #[module(skip)]
     pub settings: SceneSettings,
 }
 
-/// Which Gaussians a picture shows.
+/// The Gaussians that a picture shows.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Layer {
-    /// All of them.
+    /// Static and dynamic ones.
     Full,
-    /// Those that never move.
+    /// Static ones only.
     Static,
-    /// Those that move.
+    /// Dynamic ones only.
     Dynamic,
 }
 
@@ -98,8 +100,7 @@ impl DynamicScene {
         self.static_splats_at(self.static_set.means.val(), camera)
     }
 
-    /// Packed splats of the static Gaussians with other means `[N, 3]`, as the coarse stage moves
-    /// them.
+    /// Packed splats of the static Gaussians with other means `[N, 3]`, which the coarse stage displaces.
     ///
     /// # Errors
     /// When a shape does not fit.
@@ -197,23 +198,25 @@ impl DynamicScene {
         time: f32,
         layer: Layer,
     ) -> Result<Rendering, ModelError> {
-        let still = match layer {
+        let static_splats = match layer {
             Layer::Dynamic => None,
             Layer::Full | Layer::Static => Some(self.static_splats(camera)?),
         };
-        let moving = match layer {
+        let dynamic_splats = match layer {
             Layer::Static => None,
             Layer::Full | Layer::Dynamic => self.dynamic_splats(camera, time)?,
         };
-        let splats = match (still, moving) {
-            (Some(still), Some(moving)) => join_rows(still, moving)?,
+        let splats = match (static_splats, dynamic_splats) {
+            (Some(static_splats), Some(dynamic_splats)) => {
+                join_rows(static_splats, dynamic_splats)?
+            }
             (Some(splats), None) | (None, Some(splats)) => splats,
             (None, None) => Tensor::zeros([0, N_COLUMNS], &self.static_set.means.device()),
         };
         self.rasterize(splats, camera)
     }
 
-    /// All Gaussians as they are at `time`: static rows first.
+    /// All Gaussians at `time`, static rows first.
     ///
     /// # Errors
     /// When a shape does not fit.
@@ -254,7 +257,7 @@ impl DynamicScene {
     }
 }
 
-/// The logits of opacities, within what the sigmoid still answers.
+/// The logits of opacities, within [`LOGIT_LIMIT`].
 fn logits(opacities: Tensor<1>) -> Tensor<1> {
     let least = (1.0 + f64::from(LOGIT_LIMIT).exp()).recip();
     let opacities = opacities.clamp(least, 1.0 - least);

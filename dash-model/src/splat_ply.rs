@@ -10,7 +10,7 @@ use serde_ply::{PlyReader, PropertyType};
 
 use crate::{GaussianRows, ModelError};
 
-/// Higher coefficients per channel that a file may hold: degrees 0 to 3.
+/// Higher SH coefficients per channel of degrees 0 to 3.
 const REST_COUNTS: [usize; 4] = [0, 3, 8, 15];
 
 /// The comment of the header that holds the near plane; the number follows.
@@ -86,6 +86,18 @@ pub fn read_splat_ply(path: &Path) -> Result<(GaussianRows, f64), ModelError> {
 /// The format has no column for the near plane (world units). Where it is not that of 3DGS it becomes a comment of the
 /// header, which [`read_splat_ply`] understands and other readers skip.
 ///
+/// # Example
+/// ```
+/// use dash_model::{GaussianRows, read_splat_ply, write_splat_ply};
+///
+/// let rows = GaussianRows::from_points(&[[0.0; 3], [0.5; 3]], &[[0.8; 3]; 2], 3, 0.1);
+/// let path = std::env::temp_dir().join(format!("dash-{}.ply", std::process::id()));
+/// write_splat_ply(&path, &rows, 0.05)?;
+/// assert_eq!(read_splat_ply(&path)?, (rows, 0.05));
+/// # std::fs::remove_file(path).expect("written above");
+/// # Ok::<(), dash_model::ModelError>(())
+/// ```
+///
 /// # Errors
 /// [`ModelError::Io`].
 pub fn write_splat_ply(
@@ -132,7 +144,7 @@ pub fn write_splat_ply(
     })
 }
 
-/// Where each attribute stands in a file's rows.
+/// The column of each attribute in a file's rows.
 struct Columns {
     means: [usize; 3],
     dc: [usize; 3],
@@ -204,7 +216,7 @@ impl Columns {
     }
 }
 
-/// All rows of an element, flattened; grows with what is read, not with what the header claims.
+/// All rows of an element, flattened. It grows with the rows read: the header's count is not trusted.
 #[derive(Default)]
 struct Table {
     values: Vec<f32>,

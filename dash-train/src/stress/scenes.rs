@@ -158,7 +158,7 @@ fn field(scale: f32, device: &Device) -> Result<DeformationField, TrainError> {
             finest_resolution: vec![2048; 4],
             smoothstep: false,
             reference_sizing: false,
-            left_out_levels: Vec::new(),
+            pruned_levels: Vec::new(),
         },
         hidden: 8,
         layers: 1,

@@ -212,7 +212,7 @@ fn read(
             )?;
             let path = checkpoint.join("motion.safetensors");
             let parameters = read_tensors(&path)?;
-            Some(with_parameters(skeleton, parameters).map_err(|found| damaged(&path, found))?)
+            Some(with_parameters(skeleton, parameters).map_err(|e| damaged(&path, e.to_string()))?)
         }
     };
     let path = checkpoint.join("optimizer.safetensors");

@@ -140,7 +140,7 @@ impl Trainer {
         let gaps = config
             .gap_steps
             .map(|steps| Gaps::between(times.clone(), steps));
-        let has_long_gaps = Gaps::between(times.clone(), LONG_GAP).lie_within();
+        let has_long_gaps = Gaps::between(times.clone(), LONG_GAP).any_closed();
         if has_long_gaps && !coarse::shown_at_once(start_part) {
             config.coarsen_for_gaps();
         }

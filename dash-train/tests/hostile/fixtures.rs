@@ -297,7 +297,7 @@ fn scene(tables: Option<Tables>) -> Vec<u8> {
             finest_resolution: vec![finest; 4],
             smoothstep: false,
             reference_sizing: false,
-            left_out_levels: Vec::new(),
+            pruned_levels: Vec::new(),
         },
         hidden: 2,
         layers: 2,
