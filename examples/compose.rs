@@ -46,7 +46,7 @@ fn main() -> Result<(), ModelError> {
         finest_resolution: vec![SIZE as u32, SIZE as u32],
         smoothstep: false,
         reference_sizing: false,
-        left_out_levels: Vec::new(),
+        pruned_levels: Vec::new(),
     }
     .init(&mut rng, &device)?;
     let decoder = Mlp::new(&[encoder.n_output_features(), 32, 3], &mut rng, &device);

@@ -12,7 +12,7 @@ use dash_kernels::rasterize::{self, N_CHANNELS};
 use dash_kernels::splats::NEAR_PLANE;
 use dash_kernels::splats::{MEAN_Y, N_COLUMNS};
 use dash_model::{
-    Camera, Clipping, DynamicScene, Gaps, GaussianRows, Gaussians, OffsetPlacement, SceneSettings,
+    Camera, DynamicScene, Gaps, GaussianRows, Gaussians, OffsetPlacement, SceneSettings,
     TrajectoryBasis, read_splat_ply, write_splat_ply,
 };
 use rand::{Rng, SeedableRng};
@@ -52,7 +52,6 @@ fn rendered(rows: &GaussianRows, camera: &Camera, device: &burn::tensor::Device)
             background: BACKGROUND,
             sh_degree: SH_DEGREE,
             near_plane: NEAR_PLANE,
-            ndc_limit: None,
             trajectory_basis: TrajectoryBasis::Linear,
             offsets: OffsetPlacement::BeforeActivation,
             gaps: Gaps::default(),
@@ -172,7 +171,7 @@ fn a_random_scene() {
     let folder = tempfile::tempdir().expect("a scratch folder");
     let path: PathBuf = folder.path().join("random.ply");
     let written = random(2000);
-    write_splat_ply(&path, &written, &Clipping::default()).expect("writes");
+    write_splat_ply(&path, &written, NEAR_PLANE).expect("writes");
     let (rows, _) = read_splat_ply(&path).expect("reads");
     assert_eq!(rows, written, "the file holds every bit");
     let camera = Camera::new(150.0, 155.0, 83.0, 58.0, 160, 121).look_at(

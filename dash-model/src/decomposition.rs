@@ -1,6 +1,17 @@
-//! Which Gaussians move: statistics over many views, and the threshold.
+//! Static/dynamic decomposition: motion statistics over many views, and the threshold on them.
+//!
+//! ```
+//! use dash_model::decomposition::{MotionStatistics, percentile_threshold, select_dynamic};
+//!
+//! let mut statistics = MotionStatistics::new(4);
+//! // Motion of each Gaussian in two views, weighted by visibility.
+//! statistics.add(&[0.0, 0.1, 0.9, 0.1], &[1.0, 1.0, 0.5, 1.0]);
+//! statistics.add(&[0.1, 0.1, 1.0, 0.0], &[1.0, 1.0, 1.0, 0.0]);
+//! assert_eq!(percentile_threshold(&statistics.means(), 0.5), 0.1);
+//! assert_eq!(select_dynamic(&statistics.means(), 0.5, 0.0), [false, false, true, false]);
+//! ```
 
-/// Motion of every Gaussian, gathered over training steps and their views.
+/// The mean motion of every Gaussian over training views.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct MotionStatistics {
     weighted: Vec<f32>,
@@ -8,7 +19,7 @@ pub struct MotionStatistics {
 }
 
 impl MotionStatistics {
-    /// No evidence yet for `n` Gaussians.
+    /// Empty statistics of `n` Gaussians.
     pub fn new(n: usize) -> Self {
         Self {
             weighted: vec![0.0; n],
@@ -26,8 +37,7 @@ impl MotionStatistics {
         (&self.weighted, &self.weights)
     }
 
-    /// Adds one view's measurements. Those that are not finite, and those of zero weight (not seen
-    /// in this view), do not count.
+    /// Adds the motion in one view. Values that are not finite, and those of weight 0 (not visible in this view), are ignored.
     ///
     /// # Panics
     /// When the numbers of Gaussians differ.
@@ -35,7 +45,7 @@ impl MotionStatistics {
         assert_eq!(
             motion.len(),
             self.weights.len(),
-            "one measurement for each Gaussian"
+            "one motion for each Gaussian"
         );
         assert_eq!(
             weights.len(),
@@ -50,7 +60,7 @@ impl MotionStatistics {
         }
     }
 
-    /// Follows a change of the rows.
+    /// The statistics of the rows named by `sources`, after a change of the set.
     pub fn gather(&self, sources: &[usize]) -> Self {
         Self {
             weighted: sources.iter().map(|&row| self.weighted[row]).collect(),
@@ -58,7 +68,7 @@ impl MotionStatistics {
         }
     }
 
-    /// Mean motion of each Gaussian; 0 where nothing was seen.
+    /// Mean motion of each Gaussian; 0 where it was never visible.
     pub fn means(&self) -> Vec<f32> {
         self.weighted
             .iter()
@@ -68,8 +78,7 @@ impl MotionStatistics {
     }
 }
 
-/// The value below which a share `quantile` of the finite motions lies; infinite when there are
-/// none, so that nothing is above it.
+/// The `quantile` of the finite motions; infinite when there are none, so that no motion exceeds it.
 pub fn percentile_threshold(motion: &[f32], quantile: f32) -> f32 {
     let mut finite: Vec<f32> = motion.iter().copied().filter(|m| m.is_finite()).collect();
     if finite.is_empty() {
@@ -79,12 +88,12 @@ pub fn percentile_threshold(motion: &[f32], quantile: f32) -> f32 {
     *finite.select_nth_unstable_by(rank, f32::total_cmp).1
 }
 
-/// Marks the motions above both the percentile and an absolute floor. Equal motions are always
-/// marked alike, and what is not finite is static.
+/// Selects the motions above both the `quantile` and an absolute `floor`. Equal motions get equal decisions; a motion that
+/// is not finite is static.
 ///
 /// # Source
-/// The paper's `|dp| > tau` with `tau` the top-k % percentile; `floor` is ours (0 in the paper), so
-/// that a scene in which nothing moves has no dynamic part.
+/// The paper's `|dp| > tau` with `tau` the top-k % percentile. `floor` is ours (0 in the paper), so that a static scene has
+/// no dynamic part.
 pub fn select_dynamic(motion: &[f32], quantile: f32, floor: f32) -> Vec<bool> {
     let threshold = percentile_threshold(motion, quantile);
     motion
@@ -107,7 +116,7 @@ mod tests {
     }
 
     #[test]
-    fn ties_are_marked_alike_and_nan_is_static() {
+    fn equal_motions_get_equal_decisions_and_nan_is_static() {
         assert_eq!(select_dynamic(&[1.0; 7], 0.8, 0.0), [false; 7]);
         let mask = select_dynamic(&[0.0, 0.0, 0.0, 5.0, 5.0, f32::NAN], 0.5, 0.0);
         assert_eq!(mask, [false, false, false, true, true, false]);
@@ -123,7 +132,7 @@ mod tests {
     }
 
     #[test]
-    fn statistics_average_what_was_seen() {
+    fn statistics_average_over_visible_views() {
         let mut statistics = MotionStatistics::new(3);
         statistics.add(&[1.0, f32::NAN, 4.0], &[1.0, 1.0, 0.0]);
         statistics.add(&[3.0, 2.0, 4.0], &[3.0, 1.0, 0.0]);

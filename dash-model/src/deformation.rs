@@ -1,16 +1,18 @@
-//! The field over space and time with its multi-head decoder.
+//! The deformation field: features over space and time, and a multi-head decoder.
 
+mod config;
 mod decoder;
 mod heads;
+mod packing;
 
 use burn::module::Module;
 use burn::tensor::{Device, Tensor};
 use rand::Rng;
-use serde::{Deserialize, Serialize};
 
-use crate::encoders::{Representation, SpaceTimeEncoder, TimeEmbedding};
+use crate::encoders::SpaceTimeEncoder;
 use crate::gaussians::to_host;
-use crate::{HashEncoderConfig, ModelError, SpaceBox};
+use crate::{ModelError, SpaceBox};
+pub use config::DeformationConfig;
 pub(crate) use decoder::Decoder;
 use heads::{APPEARANCE, MEAN, QUAT, SCALE};
 pub use heads::{Head, Heads};
@@ -18,94 +20,7 @@ pub use heads::{Head, Heads};
 /// World units per unit of the position head, as a share of the diagonal (see `motion.rs`).
 const OUTPUT_SCALE: f32 = 0.1;
 
-/// Sizes of a [`DeformationField`].
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct DeformationConfig {
-    /// How features over space and time are stored.
-    #[serde(default)]
-    pub representation: Representation,
-    /// Units of every hidden layer of the decoder.
-    pub hidden: usize,
-    /// Hidden layers between the encoding and the heads.
-    pub layers: usize,
-    /// The four-dimensional grid (x, y, z, t). [`Representation::Hash`] holds it as it is;
-    /// [`Representation::HexPlane`] and [`Representation::Grid4d`] the grids over some of its axes at the same
-    /// resolutions; [`Representation::Embedding`] its time axis at the base and the finest resolution, and as
-    /// many features for each Gaussian as all levels have.
-    pub encoder: HashEncoderConfig,
-    /// What the decoder has heads for beside positions.
-    #[serde(default)]
-    pub heads: Heads,
-}
-
-impl DeformationConfig {
-    /// Features that every Gaussian has to have of its own, see [`Gaussians::embeddings`].
-    ///
-    /// [`Gaussians::embeddings`]: crate::Gaussians::embeddings
-    pub fn embedding_width(&self) -> usize {
-        match self.representation {
-            Representation::Embedding => TimeEmbedding::embedding_width(&self.encoder),
-            _ => 0,
-        }
-    }
-
-    /// Checks the grid.
-    ///
-    /// # Errors
-    /// When it is out of range or not four-dimensional.
-    pub fn validate(&self) -> Result<(), ModelError> {
-        let grid = &self.encoder;
-        if grid.base_resolution.len() != 4 || grid.finest_resolution.len() != 4 {
-            return Err(ModelError::Config(format!(
-                "expected 4 resolutions (x, y, z, t) in encoder.base_resolution and in \
-                 encoder.finest_resolution, found {} and {}",
-                grid.base_resolution.len(),
-                grid.finest_resolution.len()
-            )));
-        }
-        grid.layout()?;
-        if self.representation != Representation::Hash && !grid.left_out_levels.is_empty() {
-            return Err(ModelError::Config(
-                "levels can be left out (encoder.left_out_levels) of the representation `hash` only"
-                    .into(),
-            ));
-        }
-        self.n_values().map(drop)
-    }
-
-    /// Multiplications for one Gaussian at one time, those that find corners' weights aside; saturating.
-    pub fn multiplications(&self) -> usize {
-        let features = SpaceTimeEncoder::n_output_features_of(self);
-        let (hidden, layers) = (self.hidden, self.layers.saturating_sub(1));
-        let trunk = layers.saturating_mul(hidden).saturating_add(features);
-        let heads: usize = self.heads.present().map(|(_, width)| width).sum();
-        trunk
-            .saturating_add(heads)
-            .saturating_mul(hidden)
-            .saturating_add(SpaceTimeEncoder::multiplications(self))
-    }
-
-    /// How many values the parameters of a field of these sizes hold, saturating.
-    ///
-    /// # Errors
-    /// When the grid's configuration is out of range.
-    pub(crate) fn n_values(&self) -> Result<u128, ModelError> {
-        let linear = |from: u128, to: u128| from.saturating_mul(to).saturating_add(to);
-        let (hidden, layers) = (self.hidden as u128, self.layers as u128);
-        let features = SpaceTimeEncoder::n_output_features_of(self) as u128;
-        let trunk = linear(features, hidden)
-            .saturating_add(linear(hidden, hidden).saturating_mul(layers.saturating_sub(1)));
-        let heads = self.heads.present().fold(0u128, |sum, (_, width)| {
-            sum.saturating_add(linear(hidden, width as u128))
-        });
-        Ok(SpaceTimeEncoder::n_values(self)?
-            .saturating_add(trunk)
-            .saturating_add(heads))
-    }
-}
-
-/// What the field adds to canonical Gaussians at one time; `None` where it has no head for it.
+/// What the field adds to canonical Gaussians at one time; `None` for a head that the field does not have.
 #[derive(Debug, Clone)]
 pub struct Offsets {
     /// To the means `[N, 3]`, world units.
@@ -120,11 +35,31 @@ pub struct Offsets {
     pub sh_dc: Option<Tensor<3>>,
 }
 
-/// Deformation over space and time: features, a shared decoder, one head each for position, rotation and
-/// scale.
+/// A deformation field: features over space and time, a shared decoder, and one head each for positions, rotations and
+/// scales.
 ///
 /// # Source
 /// DASH Eqs. 7-10.
+///
+/// # Example
+/// ```
+/// use burn::tensor::{Device, Tensor};
+/// use dash_model::{DeformationConfig, DeformationField, HashEncoderConfig, SpaceBox};
+/// use rand::SeedableRng;
+///
+/// let grid = HashEncoderConfig::new(4, 10, [4, 4, 4, 2], [32, 32, 32, 8]);
+/// let mut config = DeformationConfig::new(grid, 16);
+/// config.heads.appearance = true;
+/// let device = Device::flex();
+/// let mut rng = rand_pcg::Pcg64::seed_from_u64(1);
+/// let field = DeformationField::new(&config, SpaceBox::fixed(1.0), &mut rng, &device)?;
+/// let means = Tensor::<2>::from_data([[0.1, 0.2, 0.3], [-0.5, 0.0, 0.5]], &device);
+/// let offsets = field.decode(field.features(means, None, 0.5)?)?;
+/// assert_eq!(offsets.means.dims(), [2, 3]);
+/// assert_eq!(offsets.quats.expect("a head").dims(), [2, 4]);
+/// assert_eq!(offsets.opacity_logits.expect("a head").dims(), [2]);
+/// # Ok::<(), dash_model::ModelError>(())
+/// ```
 #[derive(Module, Debug)]
 pub struct DeformationField {
     encoder: SpaceTimeEncoder,
@@ -139,23 +74,16 @@ impl DeformationField {
     /// A field over `space` and the whole clip that deforms nothing yet.
     ///
     /// # Errors
-    /// When the grid's configuration is out of range or not four-dimensional.
+    /// When the configuration is out of range, or a table is too large for the device.
     pub fn new(
         config: &DeformationConfig,
         space: SpaceBox,
         rng: &mut impl Rng,
         device: &Device,
     ) -> Result<Self, ModelError> {
-        let hidden = config.hidden;
-        if hidden == 0 || config.layers == 0 {
-            return Err(ModelError::Config(format!(
-                "the decoder needs at least one hidden layer of one unit, found {} of {hidden}",
-                config.layers
-            )));
-        }
         let encoder = SpaceTimeEncoder::new(config, rng, device)?;
         let mut widths = vec![SpaceTimeEncoder::n_output_features_of(config)];
-        widths.extend(std::iter::repeat_n(hidden, config.layers));
+        widths.extend(std::iter::repeat_n(config.hidden, config.layers));
         Ok(Self {
             encoder,
             decoder: Decoder::new(&widths, &config.heads, rng, device)?,
@@ -167,8 +95,8 @@ impl DeformationField {
     /// The features `G_4D(P, t)`.
     ///
     /// # Shapes
-    /// `means [N, 3]` in world units, `embeddings [N, E]` where the configuration asks for them ->
-    /// `[N, features]`
+    /// `means [N, 3]` in world units, `embeddings [N, E]` with `E` of [`DeformationConfig::embedding_width`] unless that is 0
+    /// `-> [N, features]`
     ///
     /// # Errors
     /// When a shape does not fit.
@@ -184,7 +112,7 @@ impl DeformationField {
     /// The features at points of the 4D unit cube.
     ///
     /// # Shapes
-    /// `points [N, 4]`, `embeddings [N, E]` where the configuration asks for them `-> [N, features]`
+    /// `points [N, 4]` (x, y, z, t) in [0, 1], `embeddings [N, E]` as for [`DeformationField::features`] `-> [N, features]`
     ///
     /// # Errors
     /// When a shape does not fit.
@@ -199,7 +127,7 @@ impl DeformationField {
     /// Decodes features into offsets.
     ///
     /// # Shapes
-    /// `features [N, features]`
+    /// `[N, features]` -> see [`Offsets`]
     ///
     /// # Errors
     /// When the features have another width, or there are more than the device holds.
@@ -227,7 +155,7 @@ impl DeformationField {
         })
     }
 
-    /// The field without a head.
+    /// The field without one of its heads.
     pub fn without_head(&self, head: Head) -> Self {
         let mut field = self.clone();
         let heads = &mut field.config.heads;
@@ -239,54 +167,59 @@ impl DeformationField {
         field
     }
 
-    /// The field without some levels of its hash grid, counted as they are now; what they hold on
-    /// average goes into the decoder's first bias.
+    /// The field without some levels of its hash grid. Their average contribution goes into the decoder's first bias.
+    ///
+    /// `pruned` indexes the levels that the field has now.
     ///
     /// # Shapes
-    /// `typical`: the mean of [`DeformationField::features`] over what the field is asked for, a value
-    /// for each.
+    /// `typical [features]`: the mean of [`DeformationField::features`] over the points and times of interest.
     ///
     /// # Errors
-    /// When the field has no hash grid or no such level, none would be left, or `typical` has another
-    /// length.
-    pub fn without_levels(&self, left_out: &[usize], typical: &[f32]) -> Result<Self, ModelError> {
+    /// [`ModelError::Argument`] when the field has no hash grid or `typical` has another length,
+    /// [`ModelError::Kernel`] when there is no such level or none would remain.
+    pub fn without_levels(&self, pruned: &[usize], typical: &[f32]) -> Result<Self, ModelError> {
         let SpaceTimeEncoder::Hash(encoder) = &self.encoder else {
-            return Err(ModelError::Config(
-                "a field without a hash grid has no levels to leave out".into(),
+            return Err(ModelError::argument(
+                "pruned",
+                "levels of a hash grid",
+                format!("a field of {:?}", self.config.representation),
             ));
         };
         let width = encoder.layout().n_features_per_level();
         let n_features = encoder.n_output_features();
         if typical.len() != n_features {
-            return Err(ModelError::Config(format!(
-                "expected the means of {n_features} features, found {}",
-                typical.len()
-            )));
+            return Err(ModelError::argument(
+                "typical",
+                format!("the means of {n_features} features"),
+                typical.len().to_string(),
+            ));
         }
-        let reduced = encoder.without(left_out)?;
+        let reduced = encoder.without(pruned)?;
         let kept: Vec<bool> = (0..n_features)
-            .map(|feature| !left_out.contains(&(feature / width)))
+            .map(|feature| !pruned.contains(&(feature / width)))
             .collect();
         let mut field = self.clone();
         field.decoder = self
             .decoder
             .with_features(&kept, typical, &self.config.heads)?;
         field.encoder = SpaceTimeEncoder::Hash(reduced);
-        // The configuration counts all levels there ever were.
+        // The configuration indexes the levels before any pruning.
         let config = &mut field.config.encoder;
         let present: Vec<usize> = (0..config.n_levels)
-            .filter(|level| !config.left_out_levels.contains(level))
+            .filter(|level| !config.pruned_levels.contains(level))
             .collect();
         config
-            .left_out_levels
-            .extend(left_out.iter().map(|&level| present[level]));
-        config.left_out_levels.sort_unstable();
+            .pruned_levels
+            .extend(pruned.iter().map(|&level| present[level]));
+        config.pruned_levels.sort_unstable();
         Ok(field)
     }
 
-    /// The field with zeros in the entries of its hash grid that points at `means [N, 3]`, in world units, read
-    /// at no time, and how many entries are read of how many, see [`HashEncoder::without_unread`]. `None` of a
-    /// field without a hash grid.
+    /// The field with zeros in the entries of its hash grid that `means` read at no time, and the numbers of entries read
+    /// and of all entries. `None` for a field without a hash grid. See [`HashEncoder::without_unread`].
+    ///
+    /// # Shapes
+    /// `means [N, 3]`, world units.
     ///
     /// [`HashEncoder::without_unread`]: crate::HashEncoder::without_unread
     pub fn without_unread(&self, means: Tensor<2>) -> Option<(Self, [usize; 2])> {
@@ -305,17 +238,17 @@ impl DeformationField {
         &self.space
     }
 
-    /// The sizes it was made with.
+    /// The sizes of the field.
     pub fn config(&self) -> &DeformationConfig {
         &self.config
     }
 
-    /// Its hidden layers and heads.
+    /// The hidden layers and heads.
     pub(crate) fn decoder(&self) -> &Decoder {
         &self.decoder
     }
 
-    /// Its features.
+    /// The features over space and time.
     pub fn encoder(&self) -> &SpaceTimeEncoder {
         &self.encoder
     }

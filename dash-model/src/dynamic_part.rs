@@ -1,4 +1,7 @@
-//! The Gaussians that move, with the field that moves them.
+//! The dynamic Gaussians and their deformation field.
+
+mod deformed;
+mod pruning;
 
 use burn::module::{Module, Param};
 use burn::tensor::activation::sigmoid;
@@ -6,58 +9,44 @@ use burn::tensor::{Int, Tensor};
 use dash_kernels::project::{Activation, ShCoeffs};
 use dash_kernels::rows::join_rows;
 
-use crate::gaussians::to_host;
-use crate::unseen::turn;
-use crate::{DeformationField, Gaussians, Head, ModelError, OffsetPlacement, SceneSettings};
+pub use deformed::Deformed;
 
-/// Share of a gap's length that must have been seen on both sides of it to tell velocities.
-const LEAST_SEEN: f32 = 0.5;
+use crate::time_gaps::turn;
+use crate::{DeformationField, Gaussians, ModelError, OffsetPlacement, SceneSettings};
 
-/// The Gaussians that move, and the field that moves them.
+/// Share of a gap's length that pictures must cover on both sides of it, so that velocities can be measured.
+const LEAST_OBSERVED: f32 = 0.5;
+
+/// The dynamic Gaussians of a scene and the field that deforms them.
+///
+/// # Example
+/// ```
+/// use burn::tensor::Device;
+/// use dash_model::{
+///     DeformationConfig, DeformationField, DynamicPart, GaussianRows, Gaussians, HashEncoderConfig,
+///     SceneSettings, SpaceBox,
+/// };
+/// use rand::SeedableRng;
+///
+/// let device = Device::flex();
+/// let mut rng = rand_pcg::Pcg64::seed_from_u64(1);
+/// let rows = GaussianRows::from_points(&[[0.0; 3], [0.5; 3]], &[[0.8; 3]; 2], 0, 0.1);
+/// let grid = HashEncoderConfig::new(2, 8, [4, 4, 4, 2], [8, 8, 8, 4]);
+/// let config = DeformationConfig::new(grid, 8);
+/// let part = DynamicPart {
+///     gaussians: Gaussians::from_rows(&rows, &device),
+///     field: DeformationField::new(&config, SpaceBox::fixed(1.0), &mut rng, &device)?,
+/// };
+/// let deformed = part.deform(&SceneSettings::default(), 0.5)?;
+/// assert_eq!(deformed.means.dims(), [2, 3]);
+/// # Ok::<(), dash_model::ModelError>(())
+/// ```
 #[derive(Module, Debug)]
 pub struct DynamicPart {
     /// Canonical Gaussians.
     pub gaussians: Gaussians,
-    /// The 4D hash field and its decoder.
+    /// The field over space and time.
     pub field: DeformationField,
-}
-
-/// Attributes of the dynamic Gaussians at one time, ready for projection.
-#[derive(Debug, Clone)]
-pub struct Deformed {
-    /// `[N, 3]`, world units.
-    pub means: Tensor<2>,
-    /// `[N, 4]`.
-    pub quats: Tensor<2>,
-    /// `[N, 3]`, logarithms or not as `activation` says.
-    pub scales: Tensor<2>,
-    /// `[N]`, logits or not as `activation` says.
-    pub opacities: Tensor<1>,
-    /// Colour coefficients, of which the constant ones may change.
-    pub sh_coeffs: ShCoeffs,
-    /// What projection applies to scales and opacities.
-    pub activation: Activation,
-}
-
-impl Deformed {
-    /// A `share` of the way to how the same Gaussians are at another time. The offsets of both are to the same
-    /// canonical quaternions, which are therefore not of opposite signs.
-    fn on_the_way_to(self, other: Self, share: f32) -> Self {
-        fn between<const D: usize>(from: Tensor<D>, to: Tensor<D>, share: f32) -> Tensor<D> {
-            from * (1.0 - share) + to * share
-        }
-        Self {
-            means: between(self.means, other.means, share),
-            quats: between(self.quats, other.quats, share),
-            scales: between(self.scales, other.scales, share),
-            opacities: between(self.opacities, other.opacities, share),
-            sh_coeffs: ShCoeffs {
-                dc: between(self.sh_coeffs.dc, other.sh_coeffs.dc, share),
-                rest: self.sh_coeffs.rest,
-            },
-            activation: self.activation,
-        }
-    }
 }
 
 impl DynamicPart {
@@ -81,127 +70,54 @@ impl DynamicPart {
         Ok(means + basis.displacement(coefficients.val(), time)?)
     }
 
-    /// The Gaussians at `time`. Through one of [`SceneSettings::gaps`] they go in straight lines from how they are
-    /// before to how they are after; those whose velocities before and after agree on where they turned in between go by
-    /// there. The field is asked four times then. Beyond an end of what was seen they go on as they came there, as far
-    /// as it is that they were seen to come.
+    /// The Gaussians at `time`.
+    ///
+    /// Inside one of [`SceneSettings::gaps`] they are interpolated between both sides of the gap. Means follow a path with
+    /// one turn where the velocities before and after the gap agree on it; this evaluates the field four times. Before the
+    /// first and after the last time seen, means are extrapolated by point reflection at the edge.
     ///
     /// # Source
-    /// DASH Eqs. 9-10; the coarse trajectory below the field's offsets and the way through gaps are ours.
+    /// DASH Eqs. 9-10. The coarse trajectory below the field's offsets and the treatment of gaps are ours.
     ///
     /// # Errors
     /// When a shape does not fit.
     pub fn deform(&self, settings: &SceneSettings, time: f32) -> Result<Deformed, ModelError> {
-        if let Some(end) = settings.gaps.beyond(time) {
-            let mut deformed = self.deform_straight(settings, end.at)?;
-            let inner = self.deform_straight(settings, end.inner)?;
-            deformed.means = deformed.means * 2.0 - inner.means;
+        if let Some(beyond) = settings.gaps.extrapolation(time) {
+            let mut deformed = self.deform_linear(settings, beyond.edge)?;
+            let mirrored = self.deform_linear(settings, beyond.mirrored)?;
+            deformed.means = deformed.means * 2.0 - mirrored.means;
             return Ok(deformed);
         }
-        let Some(gap) = settings.gaps.around(time) else {
-            return self.deform_straight(settings, time);
+        let Some(gap) = settings.gaps.interpolation(time) else {
+            return self.deform_linear(settings, time);
         };
-        let [from, to] = [gap.from, gap.to].map(|time| self.deform_straight(settings, time));
+        let [from, to] = [gap.from, gap.to].map(|time| self.deform_linear(settings, time));
         let (from, to) = (from?, to?);
         let (before, after) = (from.means.clone(), to.means.clone());
-        let mut deformed = from.on_the_way_to(to, gap.share);
+        let mut deformed = from.lerp(to, gap.weight);
         let length = gap.to - gap.from;
-        if gap.beside >= LEAST_SEEN * length {
-            let means = |time: f32| self.deform_straight(settings, time).map(|at| at.means);
-            let scale = length / gap.beside;
-            let arrives = (before.clone() - means(gap.from - gap.beside)?) * scale;
-            let leaves = (means(gap.to + gap.beside)? - after.clone()) * scale;
-            deformed.means = deformed.means + turn(after - before, arrives, leaves, gap.share);
+        if gap.observed >= LEAST_OBSERVED * length {
+            let means = |time: f32| self.deform_linear(settings, time).map(|at| at.means);
+            let scale = length / gap.observed;
+            let arrives = (before.clone() - means(gap.from - gap.observed)?) * scale;
+            let leaves = (means(gap.to + gap.observed)? - after.clone()) * scale;
+            deformed.means = deformed.means + turn(after - before, arrives, leaves, gap.weight);
         }
         Ok(deformed)
     }
 
-    /// The Gaussians at `time`, through gaps in straight lines.
-    fn deform_straight(&self, settings: &SceneSettings, time: f32) -> Result<Deformed, ModelError> {
+    /// The Gaussians at `time`, interpolated linearly inside gaps.
+    fn deform_linear(&self, settings: &SceneSettings, time: f32) -> Result<Deformed, ModelError> {
         let at = |time: f32| -> Result<Deformed, ModelError> {
             self.deform_from(settings, time, self.features(time)?)
         };
-        match settings.gaps.around(time) {
-            Some(gap) => Ok(at(gap.from)?.on_the_way_to(at(gap.to)?, gap.share)),
+        match settings.gaps.interpolation(time) {
+            Some(gap) => Ok(at(gap.from)?.lerp(at(gap.to)?, gap.weight)),
             None => at(time),
         }
     }
 
-    /// The part without a head of its field. What the head adds on average over `times` becomes the
-    /// Gaussians' own, where offsets are added before the activation.
-    ///
-    /// # Errors
-    /// When a shape does not fit.
-    pub fn without_head(
-        &self,
-        settings: &SceneSettings,
-        head: Head,
-        times: &[f32],
-    ) -> Result<Self, ModelError> {
-        let mut part = self.clone();
-        part.field = part.field.without_head(head);
-        if settings.offsets == OffsetPlacement::AfterActivation {
-            return Ok(part);
-        }
-        let own = match head {
-            Head::Rotation => &mut part.gaussians.quats,
-            Head::Scale => &mut part.gaussians.log_scales,
-        };
-        let mut value = own.val();
-        for &time in times {
-            let offsets = self.field.decode(self.features(time)?)?;
-            let offset = match head {
-                Head::Rotation => offsets.quats,
-                Head::Scale => offsets.scales,
-            };
-            if let Some(offset) = offset {
-                value = value + offset / times.len() as f32;
-            }
-        }
-        *own = Param::from_tensor(value.detach());
-        Ok(part)
-    }
-
-    /// The part without some levels of its field's hash grid, see
-    /// [`DeformationField::without_levels`]; `typical` is of [`DynamicPart::mean_features`].
-    ///
-    /// # Errors
-    /// As there.
-    pub fn without_levels(&self, left_out: &[usize], typical: &[f32]) -> Result<Self, ModelError> {
-        let mut part = self.clone();
-        part.field = part.field.without_levels(left_out, typical)?;
-        Ok(part)
-    }
-
-    /// The part with zeros in the entries of its field's hash grid that its Gaussians read at no time, and how
-    /// many entries they read of how many. It looks the same. `None` where the field has no hash grid.
-    pub fn without_unread(&self) -> Option<(Self, [usize; 2])> {
-        let (field, counts) = self.field.without_unread(self.gaussians.means.val())?;
-        let part = Self {
-            gaussians: self.gaussians.clone(),
-            field,
-        };
-        Some((part, counts))
-    }
-
-    /// What the field's features are on average over the Gaussians and some times.
-    ///
-    /// # Errors
-    /// When there is no time, or a shape does not fit.
-    pub fn mean_features(&self, times: &[f32]) -> Result<Vec<f32>, ModelError> {
-        let mut sum: Option<Tensor<2>> = None;
-        for &time in times {
-            let mean = self.features(time)?.mean_dim(0);
-            sum = Some(match sum {
-                Some(sum) => sum + mean,
-                None => mean,
-            });
-        }
-        let sum = sum.ok_or_else(|| ModelError::Config("expected at least one time".into()))?;
-        Ok(to_host(sum.detach() / times.len() as f32))
-    }
-
-    /// The field's features at the Gaussians' canonical places.
+    /// The field's features at the canonical means.
     ///
     /// # Shapes
     /// `-> [N, features]`
@@ -214,11 +130,11 @@ impl DynamicPart {
         self.field.features(canonical.means.val(), embeddings, time)
     }
 
-    /// The same, and the features at other points of the field's unit cube, in one lookup: the gradient of a
-    /// lookup is as large as the tables, however few the points.
+    /// [`DynamicPart::features`], and the features at other points of the 4D unit cube, in one lookup. The gradient of each
+    /// lookup is as large as the tables, however few its points.
     ///
     /// # Shapes
-    /// `rows [M]`: whose embeddings each of `points [M, 4]` has `-> [N, features], [M, features]`
+    /// `rows [M]`: the Gaussians whose embeddings `points [M, 4]` take `-> [N, features], [M, features]`
     ///
     /// # Errors
     /// When a shape does not fit.
@@ -240,7 +156,7 @@ impl DynamicPart {
         Ok((features.clone().narrow(0, 0, n), features.narrow(0, n, m)))
     }
 
-    /// The Gaussians at `time`, from the field's features there, as [`DynamicPart::features`] gives them.
+    /// The Gaussians at `time`, from features of [`DynamicPart::features`], without regard to gaps.
     ///
     /// # Shapes
     /// `features [N, features]`

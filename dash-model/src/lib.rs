@@ -1,27 +1,76 @@
-//! The DASH model as Burn modules.
+//! The DASH model as Burn modules: dynamic-scene Gaussian splatting with 4D hash encoding and self-supervised
+//! static/dynamic decomposition.
 //!
-//! Each module can be taken alone: [`HashEncoder`], [`Gaussians`], [`MotionField`],
-//! [`DeformationField`], or the whole [`DynamicScene`].
+//! A [`DynamicScene`] holds static [`Gaussians`] and an optional [`DynamicPart`]: canonical Gaussians with a
+//! [`DeformationField`]. It renders a picture from a [`Camera`] at a time. Each module also works alone.
+//!
+//! # Conventions
+//! Those of [`dash_kernels`], and:
+//! - Time is in [0, 1] over the clip.
+//! - Colours are sRGB in [0, 1].
+//! - World units are the dataset's. Fields map a [`SpaceBox`] of the world onto the unit cube.
+//! - Shape letters: `N` Gaussians or points, `D` input dimensions, `L` levels, `F` features per level, `T` table entries,
+//!   `K` SH coefficients, `B` basis functions of trajectories, `E` values of an embedding, `H W` image.
+//! - A module is built on a device, from the caller's random number generator. `device.autodiff()` makes it trainable.
 //!
 //! # Map
-//! - `gaussians`: a set of 3D Gaussians and its host rows; `splat_ply`: the standard 3DGS PLY file.
-//! - `hash_encoder`, `mlp`: the building blocks of fields.
-//! - `space`: the box that a field covers, the basis of coarse trajectories.
-//! - `motion`, `decomposition`: what moves (DASH Eqs. 3-5).
-//! - `deformation`: how it moves (Eqs. 7-11); `encoders`: the features of that, in DASH's form and in others'.
-//! - `gaps`, `unseen`: times of which nothing was seen, and the way through them.
-//! - `scene`, `scene_file`: rendering (Eqs. 1-2, 10), and the scene on disk.
-//! - `parameters`: parameters by name.
+//! | items | are |
+//! | --- | --- |
+//! | [`Gaussians`], [`GaussianRows`] | a set of 3D Gaussians on a device, and its rows on the host for densify and prune |
+//! | [`read_splat_ply`], [`write_splat_ply`] | the standard 3DGS PLY file |
+//! | [`HashEncoder`], [`mlp`] | building blocks of fields |
+//! | [`SpaceBox`], [`TrajectoryBasis`] | the box that a field covers; coarse trajectories |
+//! | [`MotionField`], [`decomposition`] | the first stage: coarse motion, and which Gaussians are dynamic (DASH Eqs. 3-5) |
+//! | [`DeformationField`], [`Representation`] | the second stage: offsets over space and time (Eqs. 7-11), with DASH's encoder or those of other papers |
+//! | [`Gaps`] | time gaps: where to interpolate and extrapolate |
+//! | [`DynamicPart`], [`DynamicScene`] | deformation, rendering (Eqs. 1-2, 10), pruning of the field |
+//! | [`scene_file`] | the scene on disk |
+//! | [`parameters`] | parameters of any Burn module by name |
 //!
-//! Conventions are those of [`dash_kernels`]. Time is in [0, 1] over the clip, images are sRGB in
-//! [0, 1].
+//! # A module of this crate in your own model
+//! All modules derive Burn's `Module`: put one into your own, and Burn's optimizers, records and visitors see it.
+//!
+//! ```
+//! use burn::module::Module;
+//! use burn::optim::{AdamConfig, GradientsParams};
+//! use burn::tensor::{Device, Tensor};
+//! use dash_model::mlp::Mlp;
+//! use dash_model::{HashEncoder, HashEncoderConfig, ModelError};
+//! use rand::SeedableRng;
+//!
+//! /// A colour for each point of a picture.
+//! #[derive(Module, Debug)]
+//! struct Picture {
+//!     encoder: HashEncoder,
+//!     decoder: Mlp,
+//! }
+//!
+//! impl Picture {
+//!     fn forward(&self, points: Tensor<2>) -> Result<Tensor<2>, ModelError> {
+//!         Ok(self.decoder.forward(self.encoder.forward(points)?)?)
+//!     }
+//! }
+//!
+//! let device = Device::flex().autodiff();
+//! let mut rng = rand_pcg::Pcg64::seed_from_u64(1);
+//! let encoder = HashEncoderConfig::new(4, 10, [4, 4], [64, 64]).init(&mut rng, &device)?;
+//! let decoder = Mlp::new(&[encoder.n_output_features(), 16, 3], &mut rng, &device);
+//! let picture = Picture { encoder, decoder };
+//!
+//! let points = Tensor::<2>::from_data([[0.1, 0.9], [0.5, 0.5]], &device);
+//! let loss = picture.forward(points)?.powi_scalar(2).mean();
+//! let gradients = GradientsParams::from_grads(loss.backward(), &picture);
+//! let mut adam = AdamConfig::new().init();
+//! let picture = adam.step(1e-2, picture, gradients);
+//! assert!(picture.num_params() > 0);
+//! # Ok::<(), ModelError>(())
+//! ```
 
 pub mod decomposition;
 mod deformation;
 mod dynamic_part;
 mod encoders;
 mod error;
-mod gaps;
 mod gaussians;
 mod hash_encoder;
 pub mod mlp;
@@ -29,19 +78,23 @@ mod motion;
 pub mod parameters;
 mod scene;
 pub mod scene_file;
-mod space;
+mod space_box;
 mod splat_ply;
-mod unseen;
+#[cfg(test)]
+mod test_devices;
+mod time_gaps;
+mod trajectory;
 
 pub use dash_kernels::Camera;
 pub use deformation::{DeformationConfig, DeformationField, Head, Heads, Offsets};
 pub use dynamic_part::{Deformed, DynamicPart};
 pub use encoders::{Grid4d, HexPlanes, Representation, SpaceTimeEncoder, TimeEmbedding};
 pub use error::ModelError;
-pub use gaps::{End, Gap, Gaps};
 pub use gaussians::{GaussianRows, Gaussians, SH_C0, gather_rows, logit};
 pub use hash_encoder::{HashEncoder, HashEncoderConfig};
 pub use motion::MotionField;
 pub use scene::{DynamicScene, Layer, OffsetPlacement, Rendering, SceneSettings};
-pub use space::{SpaceBox, TrajectoryBasis};
-pub use splat_ply::{Clipping, read_splat_ply, write_splat_ply};
+pub use space_box::SpaceBox;
+pub use splat_ply::{read_splat_ply, write_splat_ply};
+pub use time_gaps::{GapExtrapolation, GapInterpolation, Gaps};
+pub use trajectory::TrajectoryBasis;

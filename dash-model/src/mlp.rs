@@ -1,4 +1,19 @@
-//! Small fully connected networks with a reproducible start.
+//! Small fully connected networks whose initial weights come from the caller's random number generator.
+//!
+//! ```
+//! use burn::tensor::{Device, Tensor};
+//! use dash_model::mlp::{Mlp, linear};
+//! use rand::SeedableRng;
+//!
+//! let device = Device::flex();
+//! let mut rng = rand_pcg::Pcg64::seed_from_u64(1);
+//! let mut mlp = Mlp::new(&[8, 16, 3], &mut rng, &device);
+//! // A last layer that starts near zero.
+//! mlp.layers[1] = linear(16, 3, 1e-3, &mut rng, &device);
+//! let outputs = mlp.forward(Tensor::zeros([5, 8], &device))?;
+//! assert_eq!(outputs.dims(), [5, 3]);
+//! # Ok::<(), dash_kernels::KernelError>(())
+//! ```
 
 use burn::module::Module;
 use burn::nn::Linear;
@@ -27,23 +42,25 @@ impl Mlp {
         Self { layers }
     }
 
+    /// The outputs of the last layer.
+    ///
     /// # Shapes
     /// `[N, first width] -> [N, last width]`
     ///
     /// # Errors
-    /// When the input has another width, or outgrows the device.
+    /// When the input has another width, or is too large for the device.
     pub fn forward(&self, input: Tensor<2>) -> Result<Tensor<2>, KernelError> {
         forward(input, self.layers.iter())
     }
 }
 
-/// What comes out of the last of some layers, with ReLU behind each of the others.
+/// The outputs of the last layer, with ReLU behind each of the others.
 ///
 /// # Shapes
 /// `[N, first width] -> [N, last width]`
 ///
 /// # Errors
-/// When the widths do not fit, or the device can't hold so many rows.
+/// When the widths do not fit, or the input is too large for the device.
 pub(crate) fn forward<'a>(
     input: Tensor<2>,
     layers: impl Iterator<Item = &'a Linear>,

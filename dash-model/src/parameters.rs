@@ -1,11 +1,32 @@
-//! A module's parameters by name, for files and optimisers.
+//! A module's parameters by name, for files and optimizers.
+//!
+//! Works on any Burn module:
+//!
+//! ```
+//! use burn::tensor::Device;
+//! use dash_model::mlp::Mlp;
+//! use dash_model::parameters::{named_parameters, with_parameters};
+//! use rand::SeedableRng;
+//!
+//! let mut rng = rand_pcg::Pcg64::seed_from_u64(1);
+//! let mlp = Mlp::new(&[4, 8, 3], &mut rng, &Device::flex());
+//! let mut parameters = named_parameters(&mlp);
+//! assert_eq!(parameters["layers.0.weight"].shape, [4, 8]);
+//! parameters.get_mut("layers.1.bias").expect("two layers").values.fill(0.5);
+//! let mlp = with_parameters(mlp, parameters)?;
+//! assert_eq!(named_parameters(&mlp)["layers.1.bias"].values, [0.5; 3]);
+//! # Ok::<(), dash_model::ModelError>(())
+//! ```
 
 use std::collections::BTreeMap;
 
 use burn::module::{Module, ModuleMapper, ModuleVisitor, Param};
 use burn::tensor::{Device, Tensor, TensorData};
 
-/// Row-major values and their shape.
+use crate::ModelError;
+use crate::gaussians::to_host;
+
+/// A tensor in host memory.
 #[derive(Debug, Clone, PartialEq)]
 pub struct HostTensor {
     /// Sizes, outermost first.
@@ -14,7 +35,7 @@ pub struct HostTensor {
     pub values: Vec<f32>,
 }
 
-/// All float parameters of a module by their path, such as `dynamic.field.encoder.table`.
+/// Copies all float parameters of a module to the host, by path, such as `dynamic.field.encoder.table`.
 pub fn named_parameters<M: Module>(module: &M) -> BTreeMap<String, HostTensor> {
     let mut collector = Collector::default();
     module.visit(&mut collector);
@@ -26,11 +47,11 @@ pub fn named_parameters<M: Module>(module: &M) -> BTreeMap<String, HostTensor> {
 /// The first size of a tensor may change (sets of Gaussians grow and shrink), the others may not.
 ///
 /// # Errors
-/// The name that is missing or whose shape does not fit, and why.
+/// [`ModelError::Parameter`] for one that is missing, unknown or of another shape.
 pub fn with_parameters<M: Module>(
     module: M,
     parameters: BTreeMap<String, HostTensor>,
-) -> Result<M, String> {
+) -> Result<M, ModelError> {
     let mut loader = Loader {
         path: Path::default(),
         parameters,
@@ -40,14 +61,16 @@ pub fn with_parameters<M: Module>(
     match loader.error {
         Some(error) => Err(error),
         None => match loader.parameters.keys().next() {
-            Some(extra) => Err(format!("`{extra}`, which this model does not have")),
+            Some(unknown) => Err(ModelError::parameter(unknown, "no such parameter", "one")),
             None => Ok(module),
         },
     }
 }
 
-/// A parameter with these values in row-major order. CUDA pads the rows of what it is sent in more than one dimension, and
-/// kernels, which read rows without gaps, would copy it whenever it is used; this is sent in one.
+/// A parameter with these values in row-major order.
+///
+/// The values are sent as one dimension: CUDA pads the rows of tensors of more dimensions, and every kernel would copy such
+/// a tensor to read rows without gaps.
 pub(crate) fn parameter<const D: usize>(
     values: Vec<f32>,
     shape: [usize; D],
@@ -61,20 +84,32 @@ pub(crate) fn parameter<const D: usize>(
     Param::from_tensor(flat.reshape(shape))
 }
 
-/// The path of the module being visited.
+/// The path of the module that a visitor is in, for one's own [`ModuleVisitor`] or [`ModuleMapper`].
+///
+/// # Example
+/// ```
+/// use dash_model::parameters::Path;
+///
+/// let mut path = Path::default();
+/// path.enter("encoder", "Struct:HashEncoder");
+/// path.enter("table", "Struct:Param");
+/// assert_eq!(path.name(), "encoder.table");
+/// path.exit("Struct:Param");
+/// assert_eq!(path.name(), "encoder");
+/// ```
 #[derive(Default)]
 pub struct Path(Vec<String>);
 
 impl Path {
-    /// Enters a submodule, as [`ModuleVisitor::enter_module`] and [`ModuleMapper::enter_module`] are told.
-    /// The choice that an enum makes has no name of its own: what is in it does.
+    /// Enters a submodule, with the arguments of [`ModuleVisitor::enter_module`] and [`ModuleMapper::enter_module`].
+    /// The variant of an enum adds no name.
     pub fn enter(&mut self, name: &str, container_type: &str) {
         if !container_type.starts_with("Enum:") {
             self.0.push(name.to_string());
         }
     }
 
-    /// Leaves it.
+    /// Leaves a submodule, with the argument of [`ModuleVisitor::exit_module`].
     pub fn exit(&mut self, container_type: &str) {
         if !container_type.starts_with("Enum:") {
             self.0.pop();
@@ -105,7 +140,7 @@ impl ModuleVisitor for Collector {
     fn visit_float<const D: usize>(&mut self, param: &Param<Tensor<D>>) {
         let tensor = param.val();
         let shape = tensor.dims().to_vec();
-        let values = crate::gaussians::to_host(tensor);
+        let values = to_host(tensor);
         self.found
             .insert(self.path.name(), HostTensor { shape, values });
     }
@@ -114,7 +149,7 @@ impl ModuleVisitor for Collector {
 struct Loader {
     path: Path,
     parameters: BTreeMap<String, HostTensor>,
-    error: Option<String>,
+    error: Option<ModelError>,
 }
 
 impl ModuleMapper for Loader {
@@ -129,15 +164,17 @@ impl ModuleMapper for Loader {
     fn map_float<const D: usize>(&mut self, param: Param<Tensor<D>>) -> Param<Tensor<D>> {
         let name = self.path.name();
         let Some(stored) = self.parameters.remove(&name) else {
-            self.error.get_or_insert(format!("no `{name}`"));
+            let expected = format!("a tensor of {D} dimensions");
+            self.error
+                .get_or_insert(ModelError::parameter(&name, expected, "none"));
             return param;
         };
-        let expected = param.dims();
-        if stored.shape.len() != D || stored.shape[1..] != expected[1..] {
-            self.error.get_or_insert(format!(
-                "`{name}` of shape {:?}, not {expected:?}",
-                stored.shape
-            ));
+        let dims = param.dims();
+        if stored.shape.len() != D || stored.shape[1..] != dims[1..] {
+            let expected = format!("shape {dims:?} (the first size may differ)");
+            let found = format!("{:?}", stored.shape);
+            self.error
+                .get_or_insert(ModelError::parameter(&name, expected, found));
             return param;
         }
         let shape = std::array::from_fn(|axis| stored.shape[axis]);

@@ -1,89 +1,69 @@
-//! The whole scene: static Gaussians, and the few that move.
+//! A dynamic scene and its rendering.
+
+mod settings;
 
 use burn::module::{Module, Param};
-use burn::tensor::{Bool, Tensor};
+use burn::tensor::Tensor;
 use dash_kernels::Camera;
 use dash_kernels::project::{Activation, ProjectOptions, project};
 use dash_kernels::rasterize::{RasterizeOptions, rasterize};
 use dash_kernels::rows::join_rows;
-use dash_kernels::splats::{MEAN_X, MEAN_Y, N_COLUMNS, NEAR_PLANE};
-use serde::{Deserialize, Serialize};
+use dash_kernels::splats::N_COLUMNS;
+
+pub use settings::{OffsetPlacement, SceneSettings};
 
 use crate::gaussians::LOGIT_LIMIT;
-use crate::{
-    Clipping, Deformed, DynamicPart, Gaps, GaussianRows, Gaussians, ModelError, TrajectoryBasis,
-};
+use crate::{Deformed, DynamicPart, GaussianRows, Gaussians, ModelError};
 
-/// Where the decoder's rotation and scale offsets are added.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "snake_case")]
-pub enum OffsetPlacement {
-    /// To log scales and raw quaternions: a scale stays positive whatever the decoder says.
-    BeforeActivation,
-    /// To scales and unit quaternions, as the released DASH code does; a negative scale draws as
-    /// its absolute value.
-    AfterActivation,
-}
-
-/// What rendering needs to know beside the parameters.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct SceneSettings {
-    /// Colour behind everything, sRGB in [0, 1].
-    pub background: [f32; 3],
-    /// Active spherical-harmonics degree, at most the stored one.
-    pub sh_degree: usize,
-    /// Gaussians nearer than this along a camera's z are not drawn, world units.
-    #[serde(default = "default_near_plane")]
-    pub near_plane: f64,
-    /// Gaussians whose mean is projected to where x or y in normalised device coordinates (-1 to 1 in the
-    /// picture) is beyond this are left out by [`DynamicScene::render`]; `None`: none is. So far out the projection of
-    /// a covariance, exact at its mean only, says nothing about what the picture shows of it.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub ndc_limit: Option<f64>,
-    /// Functions of time of the coarse trajectories.
-    pub trajectory_basis: TrajectoryBasis,
-    /// Where rotation and scale offsets are added.
-    pub offsets: OffsetPlacement,
-    /// Parts of the clip of which nothing was seen, see [`DynamicPart::deform`].
-    #[serde(default, skip_serializing_if = "Gaps::is_empty")]
-    pub gaps: Gaps,
-}
-
-impl SceneSettings {
-    /// What pictures leave out.
-    pub fn clipping(&self) -> Clipping {
-        Clipping {
-            near_plane: self.near_plane,
-            ndc_limit: self.ndc_limit,
-        }
-    }
-}
-
-fn default_near_plane() -> f64 {
-    NEAR_PLANE
-}
-
-/// A dynamic scene. A scene in which nothing moves has no dynamic part at all.
+/// A dynamic scene: static Gaussians, and an optional dynamic part.
+///
+/// # Source
+/// DASH Eqs. 1-2 (rendering) and 10 (both sets together).
+///
+/// # Example
+/// ```
+/// use burn::tensor::Device;
+/// use dash_model::{Camera, DynamicScene, GaussianRows, Gaussians, Layer, SceneSettings};
+///
+/// let device = Device::flex();
+/// let rows = GaussianRows::from_points(&[[0.0; 3], [0.3, 0.0, 0.2]], &[[0.9, 0.2, 0.1]; 2], 0, 0.1);
+/// let scene = DynamicScene {
+///     static_set: Gaussians::from_rows(&rows, &device),
+///     // A `DynamicPart` adds deformed Gaussians.
+///     dynamic: None,
+///     settings: SceneSettings { background: [1.0; 3], ..Default::default() },
+/// };
+/// let camera = Camera::new(40.0, 40.0, 16.0, 12.0, 32, 24).look_at(
+///     [0.0, 0.0, -3.0],
+///     [0.0; 3],
+///     [0.0, -1.0, 0.0],
+/// );
+/// let picture = scene.render(&camera, 0.5)?;
+/// assert_eq!(picture.rgb().dims(), [24, 32, 3]);
+/// // The layers of the decomposition, and all Gaussians of one instant.
+/// scene.render_layer(&camera, 0.5, Layer::Static)?.alpha();
+/// assert_eq!(scene.at(0.5)?, rows);
+/// # Ok::<(), dash_model::ModelError>(())
+/// ```
 #[derive(Module, Debug)]
 pub struct DynamicScene {
-    /// Gaussians that never move.
+    /// Static Gaussians.
     pub static_set: Gaussians,
-    /// Gaussians that move.
+    /// Dynamic Gaussians and their field; `None` in a static scene.
     pub dynamic: Option<DynamicPart>,
-    /// What rendering needs to know beside the parameters.
+    /// What rendering needs beside the parameters.
     #[module(skip)]
     pub settings: SceneSettings,
 }
 
-/// Which Gaussians a picture shows.
+/// The Gaussians that a picture shows.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Layer {
-    /// All of them.
+    /// Static and dynamic ones.
     Full,
-    /// Those that never move.
+    /// Static ones only.
     Static,
-    /// Those that move.
+    /// Dynamic ones only.
     Dynamic,
 }
 
@@ -112,8 +92,7 @@ impl Rendering {
 }
 
 impl DynamicScene {
-    /// Packed splats of the static Gaussians, see [`project`]; those beyond [`SceneSettings::ndc_limit`] are among
-    /// them.
+    /// Packed splats of the static Gaussians, see [`project`].
     ///
     /// # Errors
     /// When a shape does not fit.
@@ -121,8 +100,7 @@ impl DynamicScene {
         self.static_splats_at(self.static_set.means.val(), camera)
     }
 
-    /// Packed splats of the static Gaussians with other means `[N, 3]`, as the coarse stage moves
-    /// them.
+    /// Packed splats of the static Gaussians with other means `[N, 3]`, which the coarse stage displaces.
     ///
     /// # Errors
     /// When a shape does not fit.
@@ -147,8 +125,7 @@ impl DynamicScene {
         )?)
     }
 
-    /// Packed splats of the dynamic Gaussians at `time`, those beyond [`SceneSettings::ndc_limit`] among them; `None`
-    /// without a dynamic part.
+    /// Packed splats of the dynamic Gaussians at `time`; `None` without a dynamic part.
     ///
     /// # Errors
     /// When a shape does not fit.
@@ -188,21 +165,6 @@ impl DynamicScene {
         )?)
     }
 
-    /// The same splats, those beyond [`SceneSettings::ndc_limit`] as rows of zeros, which are not drawn.
-    fn within_limit(&self, splats: Tensor<2>, camera: &Camera) -> Tensor<2> {
-        let dims = splats.dims();
-        let Some(limit) = self.settings.ndc_limit.filter(|_| dims[0] > 0) else {
-            return splats;
-        };
-        let beyond = |column: usize, size: usize| -> Tensor<2, Bool> {
-            let half = 0.5 * size as f64;
-            let pixels = splats.clone().detach().narrow(1, column, 1);
-            ((pixels - half) / half).abs().greater_elem(limit)
-        };
-        let hidden = beyond(MEAN_X, camera.width).bool_or(beyond(MEAN_Y, camera.height));
-        splats.mask_fill(hidden.expand(dims), 0.0)
-    }
-
     /// Draws packed splats over the scene's background.
     ///
     /// # Errors
@@ -236,23 +198,25 @@ impl DynamicScene {
         time: f32,
         layer: Layer,
     ) -> Result<Rendering, ModelError> {
-        let still = match layer {
+        let static_splats = match layer {
             Layer::Dynamic => None,
             Layer::Full | Layer::Static => Some(self.static_splats(camera)?),
         };
-        let moving = match layer {
+        let dynamic_splats = match layer {
             Layer::Static => None,
             Layer::Full | Layer::Dynamic => self.dynamic_splats(camera, time)?,
         };
-        let splats = match (still, moving) {
-            (Some(still), Some(moving)) => join_rows(still, moving)?,
+        let splats = match (static_splats, dynamic_splats) {
+            (Some(static_splats), Some(dynamic_splats)) => {
+                join_rows(static_splats, dynamic_splats)?
+            }
             (Some(splats), None) | (None, Some(splats)) => splats,
             (None, None) => Tensor::zeros([0, N_COLUMNS], &self.static_set.means.device()),
         };
-        self.rasterize(self.within_limit(splats, camera), camera)
+        self.rasterize(splats, camera)
     }
 
-    /// All Gaussians as they are at `time`: static rows first.
+    /// All Gaussians at `time`, static rows first.
     ///
     /// # Errors
     /// When a shape does not fit.
@@ -293,7 +257,7 @@ impl DynamicScene {
     }
 }
 
-/// The logits of opacities, within what the sigmoid still answers.
+/// The logits of opacities, within [`LOGIT_LIMIT`].
 fn logits(opacities: Tensor<1>) -> Tensor<1> {
     let least = (1.0 + f64::from(LOGIT_LIMIT).exp()).recip();
     let opacities = opacities.clamp(least, 1.0 - least);

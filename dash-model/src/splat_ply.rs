@@ -10,61 +10,38 @@ use serde_ply::{PlyReader, PropertyType};
 
 use crate::{GaussianRows, ModelError};
 
-/// Higher coefficients per channel that a file may hold: degrees 0 to 3.
+/// Higher SH coefficients per channel of degrees 0 to 3.
 const REST_COUNTS: [usize; 4] = [0, 3, 8, 15];
 
-/// Comments of the header that hold what a picture leaves out; the number follows.
+/// The comment of the header that holds the near plane; the number follows.
 const NEAR_PLANE_COMMENT: &str = "dash near_plane";
-const NDC_LIMIT_COMMENT: &str = "dash ndc_limit";
 
-/// Which Gaussians a picture leaves out for where they are. The default is what 3DGS leaves out.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Clipping {
-    /// As [`SceneSettings::near_plane`](crate::SceneSettings::near_plane), world units.
-    pub near_plane: f64,
-    /// As [`SceneSettings::ndc_limit`](crate::SceneSettings::ndc_limit).
-    pub ndc_limit: Option<f64>,
-}
-
-impl Default for Clipping {
-    fn default() -> Self {
-        Self {
-            near_plane: NEAR_PLANE,
-            ndc_limit: None,
-        }
-    }
-}
-
-impl Clipping {
-    /// From a header's comments; the default for what they do not tell.
-    fn of_comments(comments: &[String]) -> Result<Self, String> {
-        let number = |name: &str| {
-            let found = comments.iter().find_map(|c| c.strip_prefix(name));
-            let parse = |text: &str| {
-                let value = text.trim().parse::<f64>().ok();
-                let sound = value.filter(|v| v.is_finite() && *v > 0.0);
-                sound.ok_or_else(|| format!("`comment {name}{text}`"))
-            };
-            found.map(parse).transpose()
-        };
-        Ok(Self {
-            near_plane: number(NEAR_PLANE_COMMENT)?.unwrap_or(NEAR_PLANE),
-            ndc_limit: number(NDC_LIMIT_COMMENT)?,
-        })
-    }
+/// The near plane in a header's comments; that of 3DGS where there is none.
+fn near_plane_of(comments: &[String]) -> Result<f64, String> {
+    let Some(text) = comments
+        .iter()
+        .find_map(|comment| comment.strip_prefix(NEAR_PLANE_COMMENT))
+    else {
+        return Ok(NEAR_PLANE);
+    };
+    let value = text.trim().parse::<f64>().ok();
+    value
+        .filter(|v| v.is_finite() && *v > 0.0)
+        .ok_or_else(|| format!("`comment {NEAR_PLANE_COMMENT}{text}`"))
 }
 
 /// Reads a standard 3DGS PLY: `x y z f_dc_* f_rest_* opacity scale_* rot_*`, ASCII or binary, other
-/// columns ignored; and what its pictures leave out, where [`write_splat_ply`] wrote that into its comments.
+/// columns ignored. Also returns the near plane in world units, see [`write_splat_ply`]; 3DGS's 0.2 where the
+/// file names none.
 ///
 /// # Errors
 /// [`ModelError::Io`] or [`ModelError::Format`]; the latter also for coordinates that are not finite.
-pub fn read_splat_ply(path: &Path) -> Result<(GaussianRows, Clipping), ModelError> {
+pub fn read_splat_ply(path: &Path) -> Result<(GaussianRows, f64), ModelError> {
     let file = File::open(path).map_err(|e| ModelError::io(path, "open", e))?;
     let mut reader = PlyReader::from_reader(BufReader::new(file))
         .map_err(|e| ModelError::format(path, "a PLY header", e.to_string()))?;
-    let clipping = Clipping::of_comments(&reader.header().comments).map_err(|found| {
-        ModelError::format(path, "a positive number in the comments of dash", found)
+    let near_plane = near_plane_of(&reader.header().comments).map_err(|found| {
+        ModelError::format(path, "a positive near plane in the comments", found)
     })?;
     let vertex = reader
         .current_element()
@@ -101,18 +78,32 @@ pub fn read_splat_ply(path: &Path) -> Result<(GaussianRows, Clipping), ModelErro
         ));
     }
     let rows = columns.gather(&table.values, names.len(), path)?;
-    Ok((rows, clipping))
+    Ok((rows, near_plane))
 }
 
-/// Writes a standard binary 3DGS PLY through a sibling scratch file. The format has no place for what pictures leave
-/// out: it goes into comments, which [`read_splat_ply`] understands and other readers pass over.
+/// Writes a standard binary 3DGS PLY through a sibling scratch file.
+///
+/// The format has no column for the near plane (world units). Where it is not that of 3DGS it becomes a comment of the
+/// header, which [`read_splat_ply`] understands and other readers skip.
+///
+/// # Example
+/// ```
+/// use dash_model::{GaussianRows, read_splat_ply, write_splat_ply};
+///
+/// let rows = GaussianRows::from_points(&[[0.0; 3], [0.5; 3]], &[[0.8; 3]; 2], 3, 0.1);
+/// let path = std::env::temp_dir().join(format!("dash-{}.ply", std::process::id()));
+/// write_splat_ply(&path, &rows, 0.05)?;
+/// assert_eq!(read_splat_ply(&path)?, (rows, 0.05));
+/// # std::fs::remove_file(path).expect("written above");
+/// # Ok::<(), dash_model::ModelError>(())
+/// ```
 ///
 /// # Errors
 /// [`ModelError::Io`].
 pub fn write_splat_ply(
     path: &Path,
     rows: &GaussianRows,
-    clipping: &Clipping,
+    near_plane: f64,
 ) -> Result<(), ModelError> {
     let per_channel = rows.sh_rest_width / 3;
     let mut names: Vec<String> = ["x", "y", "z", "nx", "ny", "nz"].map(String::from).to_vec();
@@ -125,11 +116,8 @@ pub fn write_splat_ply(
     crate::scene_file::write_atomically(path, |file| {
         let mut out = BufWriter::new(file);
         writeln!(out, "ply\nformat binary_little_endian 1.0")?;
-        if clipping.near_plane != NEAR_PLANE {
-            writeln!(out, "comment {NEAR_PLANE_COMMENT} {}", clipping.near_plane)?;
-        }
-        if let Some(limit) = clipping.ndc_limit {
-            writeln!(out, "comment {NDC_LIMIT_COMMENT} {limit}")?;
+        if near_plane != NEAR_PLANE {
+            writeln!(out, "comment {NEAR_PLANE_COMMENT} {near_plane}")?;
         }
         writeln!(out, "element vertex {}", rows.len())?;
         for name in &names {
@@ -156,7 +144,7 @@ pub fn write_splat_ply(
     })
 }
 
-/// Where each attribute stands in a file's rows.
+/// The column of each attribute in a file's rows.
 struct Columns {
     means: [usize; 3],
     dc: [usize; 3],
@@ -228,7 +216,7 @@ impl Columns {
     }
 }
 
-/// All rows of an element, flattened; grows with what is read, not with what the header claims.
+/// All rows of an element, flattened. It grows with the rows read: the header's count is not trusted.
 #[derive(Default)]
 struct Table {
     values: Vec<f32>,

@@ -1,15 +1,15 @@
-//! What a field has heads for.
+//! Heads of the decoder.
 
 use serde::{Deserialize, Serialize};
 
-/// Outputs of the heads.
+/// Widths of the heads.
 pub(super) const MEAN: usize = 3;
 pub(super) const QUAT: usize = 4;
 pub(super) const SCALE: usize = 3;
 /// Opacity, then colour.
 pub(super) const APPEARANCE: usize = 4;
 
-/// What a field changes beside positions.
+/// What a field changes beside positions, with one head each.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Heads {
@@ -17,12 +17,12 @@ pub struct Heads {
     pub rotation: bool,
     /// Scales.
     pub scale: bool,
-    /// Opacities and constant colours. Not in DASH; E-D3DGS has it.
+    /// Opacities and constant colours. E-D3DGS has this head, DASH does not.
     pub appearance: bool,
 }
 
 impl Heads {
-    /// Those that there are, as files call them, with their outputs.
+    /// Names in files, and widths, of the heads that are present.
     pub(super) fn present(&self) -> impl Iterator<Item = (&'static str, usize)> {
         let all = [
             (true, "head_means", MEAN),
@@ -35,7 +35,7 @@ impl Heads {
     }
 }
 
-/// A head that a field can do without.
+/// A head that can be pruned.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Head {
     /// See [`Heads::rotation`].
@@ -45,7 +45,7 @@ pub enum Head {
 }
 
 impl Default for Heads {
-    /// Those of DASH.
+    /// The heads of DASH.
     fn default() -> Self {
         Self {
             rotation: true,

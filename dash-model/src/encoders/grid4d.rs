@@ -12,8 +12,7 @@ use crate::{HashEncoder, HashEncoderConfig, ModelError};
 const SPACE: [usize; 3] = [0, 1, 2];
 const WITH_TIME: [[usize; 3]; 3] = [[0, 1, 3], [1, 2, 3], [0, 2, 3]];
 
-/// A field over space and time from 3D grids: what the place says weighs, in both directions, what
-/// the three grids with time say.
+/// Features over space and time from four 3D grids: the spatial features weight the temporal ones.
 ///
 /// # Source
 /// Xu et al. 2024 (Grid4D), directional attention.
@@ -25,12 +24,12 @@ pub struct Grid4d {
     pub temporal: Vec<HashEncoder>,
     /// From spatial features to weights in [-1, 1].
     pub attention: Mlp,
-    /// From temporal features to what is weighed.
+    /// From temporal features to the features that are weighted.
     pub decoder: Mlp,
 }
 
 impl Grid4d {
-    fn part(grid: &HashEncoderConfig, axes: [usize; 3]) -> HashEncoderConfig {
+    fn grid_over(grid: &HashEncoderConfig, axes: [usize; 3]) -> HashEncoderConfig {
         HashEncoderConfig {
             base_resolution: pick(&grid.base_resolution, axes),
             finest_resolution: pick(&grid.finest_resolution, axes),
@@ -45,8 +44,8 @@ impl Grid4d {
         rng: &mut impl Rng,
         device: &Device,
     ) -> Result<Self, ModelError> {
-        let spatial = Self::part(grid, SPACE).init(rng, device)?;
-        let temporal = WITH_TIME.map(|axes| Self::part(grid, axes).init(rng, device));
+        let spatial = Self::grid_over(grid, SPACE).init(rng, device)?;
+        let temporal = WITH_TIME.map(|axes| Self::grid_over(grid, axes).init(rng, device));
         let width = spatial.n_output_features();
         Ok(Self {
             spatial,
@@ -57,9 +56,9 @@ impl Grid4d {
     }
 
     pub(super) fn n_values(grid: &HashEncoderConfig, hidden: usize) -> Result<u128, ModelError> {
-        let mut sum = Self::part(grid, SPACE).n_values()?;
+        let mut sum = Self::grid_over(grid, SPACE).n_values()?;
         for axes in WITH_TIME {
-            sum = sum.saturating_add(Self::part(grid, axes).n_values()?);
+            sum = sum.saturating_add(Self::grid_over(grid, axes).n_values()?);
         }
         let width = grid.n_levels as u128 * grid.n_features_per_level as u128;
         let layer = |input: u128| (input + 1).saturating_mul(hidden as u128);

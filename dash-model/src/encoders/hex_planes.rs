@@ -12,12 +12,12 @@ const PAIRS: [[usize; 2]; 6] = [[0, 1], [0, 2], [1, 2], [0, 3], [1, 3], [2, 3]];
 const TIME: usize = 3;
 /// Planes are dense: no two vertices share an entry.
 const DENSE: u32 = 31;
-/// Where features of the planes of space start.
+/// Start of the features of planes over space.
 const OF_SPACE: std::ops::Range<f32> = 0.1..0.5;
-/// Where features of the planes with time start: at a factor of 1, nothing depends on time.
+/// Start of the features of planes with time: a factor of 1 makes the product independent of time.
 const OF_TIME: std::ops::Range<f32> = 0.999..1.001;
 
-/// A field over space and time as the product of six planes' features, at several resolutions.
+/// Features over space and time as the product of six planes, at several resolutions.
 ///
 /// # Source
 /// Fridovich-Keil et al. 2023 (K-Planes); Wu et al. 2024 (4DGaussians).
@@ -69,6 +69,6 @@ impl HexPlanes {
                 None => features,
             });
         }
-        product.ok_or_else(|| ModelError::Config("a field of planes without planes".into()))
+        Ok(product.expect("six planes"))
     }
 }

@@ -1,4 +1,4 @@
-//! Features over space and time, each way of storing them behind one interface.
+//! Encoders of space and time: the representations of four papers behind one interface.
 
 mod grid4d;
 mod hex_planes;
@@ -16,6 +16,38 @@ pub use time_embedding::TimeEmbedding;
 use crate::{DeformationConfig, HashEncoder, HashEncoderConfig, ModelError};
 
 /// How features over space and time are stored.
+///
+/// # Example
+/// ```
+/// use burn::tensor::{Device, Tensor};
+/// use dash_model::{
+///     DeformationConfig, DeformationField, HashEncoderConfig, Representation, SpaceBox,
+/// };
+/// use rand::SeedableRng;
+///
+/// let mut rng = rand_pcg::Pcg64::seed_from_u64(1);
+/// let device = Device::flex();
+/// let space = SpaceBox::fixed(1.0);
+/// // Four-dimensional points: x, y, z, t.
+/// let points = space.points_at(Tensor::zeros([5, 3], &device), 0.5)?;
+/// let grid = HashEncoderConfig::new(2, 8, [4, 4, 4, 2], [8, 8, 8, 4]);
+/// for representation in [
+///     Representation::Hash,
+///     Representation::HexPlane,
+///     Representation::Grid4d,
+///     Representation::Embedding,
+/// ] {
+///     let mut config = DeformationConfig::new(grid.clone(), 8);
+///     config.representation = representation;
+///     let field = DeformationField::new(&config, space, &mut rng, &device)?;
+///     // Only `Representation::Embedding` takes an embedding per Gaussian.
+///     let width = config.embedding_width();
+///     let embeddings = (width > 0).then(|| Tensor::zeros([5, width], &device));
+///     let features = field.encoder().forward(points.clone(), embeddings)?;
+///     assert_eq!(field.decode(features)?.means.dims(), [5, 3]);
+/// }
+/// # Ok::<(), dash_model::ModelError>(())
+/// ```
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Representation {
@@ -26,11 +58,11 @@ pub enum Representation {
     HexPlane,
     /// One 3D hash grid over space and three over two axes of space and time (Grid4D).
     Grid4d,
-    /// A feature of every Gaussian's own beside one of the time (E-D3DGS).
+    /// An embedding per Gaussian and features of time (E-D3DGS).
     Embedding,
 }
 
-/// Features over space and time, as a [`Representation`] says.
+/// An encoder of space and time, one variant for each [`Representation`].
 #[derive(Module, Debug)]
 pub enum SpaceTimeEncoder {
     /// One 4D grid.
@@ -39,7 +71,7 @@ pub enum SpaceTimeEncoder {
     HexPlanes(HexPlanes),
     /// Four 3D grids.
     Grid4d(Grid4d),
-    /// Time alone; the rest is the Gaussians' own.
+    /// Features of time, beside the embeddings of the Gaussians.
     Embedding(TimeEmbedding),
 }
 
@@ -63,7 +95,7 @@ impl SpaceTimeEncoder {
         })
     }
 
-    /// How many values the parameters of this encoder hold, saturating.
+    /// Values in the parameters of an encoder of this configuration, saturating.
     pub(crate) fn n_values(config: &DeformationConfig) -> Result<u128, ModelError> {
         match config.representation {
             Representation::Hash => config.encoder.n_values(),
@@ -83,7 +115,7 @@ impl SpaceTimeEncoder {
         }
     }
 
-    /// Multiplications per point, those that find the weights of a cell's corners aside; saturating.
+    /// Multiplications per point, without those for the interpolation weights; saturating.
     pub(crate) fn multiplications(config: &DeformationConfig) -> usize {
         let grid = &config.encoder;
         let of_levels = of_levels(grid);
@@ -94,7 +126,7 @@ impl SpaceTimeEncoder {
             Representation::HexPlane => 6 * 4 + 5,
             // Eight corners in each grid, and its layer.
             Representation::Grid4d => 4 * (8 + config.hidden),
-            // Time finds two vertices in each of two tables, half as wide.
+            // Two vertices in each of two tables, half as wide.
             Representation::Embedding => 2,
         };
         of_levels.saturating_mul(per_feature)
@@ -103,11 +135,11 @@ impl SpaceTimeEncoder {
     /// Features of points in the 4D unit cube.
     ///
     /// # Shapes
-    /// `points [N, 4]` (x, y, z, t) in [0, 1], `embeddings [N, E]` where
-    /// [`DeformationConfig::embedding_width`] is not 0 `-> [N, n_output_features]`
+    /// `points [N, 4]` (x, y, z, t) in [0, 1], `embeddings [N, E]` where [`DeformationConfig::embedding_width`] is not 0
+    /// `-> [N, features]`
     ///
     /// # Errors
-    /// When a shape does not fit, or the Gaussians have no embeddings where they should.
+    /// When a shape does not fit, or embeddings are missing.
     pub fn forward(
         &self,
         points: Tensor<2>,
@@ -119,9 +151,7 @@ impl SpaceTimeEncoder {
             Self::Grid4d(encoder) => encoder.forward(points),
             Self::Embedding(encoder) => {
                 let embeddings = embeddings.ok_or_else(|| {
-                    ModelError::Config(
-                        "Gaussians without embeddings in a field that needs them".into(),
-                    )
+                    ModelError::argument("embeddings", "a row for each Gaussian", "none")
                 })?;
                 encoder.forward(points, embeddings)
             }
@@ -129,9 +159,9 @@ impl SpaceTimeEncoder {
     }
 }
 
-/// Features of all levels that a grid has, saturating.
+/// Features per point of a grid's levels, without pruned ones; saturating.
 fn of_levels(grid: &HashEncoderConfig) -> usize {
-    let n_levels = grid.n_levels.saturating_sub(grid.left_out_levels.len());
+    let n_levels = grid.n_levels.saturating_sub(grid.pruned_levels.len());
     n_levels.saturating_mul(grid.n_features_per_level)
 }
 

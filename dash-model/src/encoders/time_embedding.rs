@@ -1,4 +1,4 @@
-//! Features of the time alone, beside those that every Gaussian has of its own.
+//! Features of time, beside an embedding per Gaussian.
 
 use burn::module::{Module, Param};
 use burn::tensor::activation::relu;
@@ -27,22 +27,21 @@ pub struct TimeEmbedding {
 }
 
 impl TimeEmbedding {
-    /// Half the features of a grid, at its base resolution and at its finest.
+    /// Shapes of the tables at the base and the finest resolution, each half as wide as a grid's features.
     fn shapes(grid: &HashEncoderConfig) -> Result<[[usize; 2]; 2], ModelError> {
         let width = Self::embedding_width(grid).div_ceil(2).max(1);
         let resolutions = [grid.base_resolution[TIME], grid.finest_resolution[TIME]];
-        if resolutions
-            .iter()
-            .any(|r| !(1..=MAX_RESOLUTION).contains(r))
-        {
-            return Err(ModelError::Config(format!(
-                "time resolutions must be 1 to {MAX_RESOLUTION}, found {resolutions:?}"
-            )));
+        let keys = ["encoder.base_resolution", "encoder.finest_resolution"];
+        for (key, cells) in keys.into_iter().zip(resolutions) {
+            if !(1..=MAX_RESOLUTION).contains(&cells) {
+                let expected = format!("1 to {MAX_RESOLUTION} along time");
+                return Err(ModelError::config(key, expected, cells.to_string()));
+            }
         }
         Ok(resolutions.map(|cells| [cells as usize + 1, width]))
     }
 
-    /// Features that every Gaussian has of its own.
+    /// Width of the embedding of each Gaussian.
     pub(crate) fn embedding_width(grid: &HashEncoderConfig) -> usize {
         grid.n_levels.saturating_mul(grid.n_features_per_level)
     }
@@ -80,7 +79,7 @@ impl TimeEmbedding {
         let time = points.narrow(1, TIME, 1);
         let mut features = vec![embeddings];
         for table in &self.times {
-            // Not a matrix product: GPUs with tensor cores round what they multiply to ten bits.
+            // Not `matmul`: tensor cores round its operands to ten bits.
             let [n, width] = table.dims();
             let no_bias = Tensor::zeros([width], &time.device());
             let table = Tensor::cat(vec![table.val().flatten(0, 1), no_bias], 0);
@@ -96,7 +95,7 @@ impl TimeEmbedding {
     }
 }
 
-/// Shares `[N, n]` that times `[N, 1]` have in `n` vertices spread over [0, 1].
+/// Linear interpolation weights `[N, n]` of times `[N, 1]` at `n` vertices spread over [0, 1].
 fn hats(time: Tensor<2>, n: usize) -> Tensor<2> {
     let device = time.device();
     let vertices: Vec<f32> = (0..n).map(|k| k as f32).collect();

@@ -1,4 +1,4 @@
-//! Entries of a hash grid's tables that nothing reads.
+//! Entries of a hash grid's tables that no point reads.
 
 use std::collections::HashSet;
 
@@ -8,58 +8,60 @@ use super::HashEncoder;
 use crate::gaussians::to_host;
 use crate::parameters::parameter;
 
-/// How far a coordinate of the unit cube may be from where another device computes it.
+/// Most difference between two devices in a coordinate of the unit cube.
 const ROUNDING: f64 = 1e-6;
 
 impl HashEncoder {
-    /// The encoder with zeros in the entries that no point reads which lies at one of the `places`, wherever
-    /// it is along the last axis; how many entries are read, and how many there are. Features of these points
-    /// are what they were, bit for bit.
+    /// The encoder with zeros in the entries that the `places` read at no coordinate along the last axis (time), and the
+    /// numbers of entries read and of all entries. Features at the places stay equal bit for bit.
     ///
     /// # Shapes
-    /// `places [N, D - 1]` in the unit cube; those outside read nothing.
+    /// `places [N, D - 1]` in the unit cube; a place outside reads nothing.
     pub fn without_unread(&self, places: &[f32]) -> (Self, [usize; 2]) {
         let axes = self.layout.dims() - 1;
         let width = self.layout.n_features_per_level();
         let (mut n_read, mut n_entries) = (0, 0);
-        let mut tables = self.tables().zip(&self.parts).map(|(table, part)| {
-            let mut read = vec![false; part.n_entries()];
-            for level in part.levels() {
-                for vertex in vertices(places, axes, level) {
-                    for last in 0..level.resolution[axes] {
-                        let mut whole = vertex;
-                        whole[axes] = last;
-                        let row = level.offset + level.row(&whole[..=axes]);
-                        read[row as usize] = true;
+        let mut tables = self
+            .tables()
+            .zip(&self.table_layouts)
+            .map(|(table, layout)| {
+                let mut read = vec![false; layout.n_entries()];
+                for level in layout.levels() {
+                    for vertex in vertices(places, axes, level) {
+                        for last in 0..level.resolution[axes] {
+                            let mut whole = vertex;
+                            whole[axes] = last;
+                            let row = level.offset + level.row(&whole[..=axes]);
+                            read[row as usize] = true;
+                        }
                     }
                 }
-            }
-            n_read += read.iter().filter(|&&read| read).count();
-            n_entries += read.len();
-            let table = table.val();
-            let (device, shape) = (table.device(), table.dims());
-            let mut values = to_host(table.detach());
-            for (entry, read) in values.chunks_exact_mut(width).zip(read) {
-                if !read {
-                    entry.fill(0.0);
+                n_read += read.iter().filter(|&&read| read).count();
+                n_entries += read.len();
+                let table = table.val();
+                let (device, shape) = (table.device(), table.dims());
+                let mut values = to_host(table.detach());
+                for (entry, read) in values.chunks_exact_mut(width).zip(read) {
+                    if !read {
+                        entry.fill(0.0);
+                    }
                 }
-            }
-            parameter(values, shape, &device)
-        });
+                parameter(values, shape, &device)
+            });
         let table = tables.next().expect("an encoder has a table");
         let further_tables = tables.collect();
         let encoder = Self {
             table,
             further_tables,
             layout: self.layout.clone(),
-            parts: self.parts.clone(),
+            table_layouts: self.table_layouts.clone(),
         };
         (encoder, [n_read, n_entries])
     }
 }
 
-/// Vertices of the cells in which places lie, the coordinate along the last axis aside. A place on the
-/// border of cells is in all of them.
+/// Vertices of the cells that hold a place, without the coordinate along the last axis. A place on a border is in all
+/// cells beside it.
 fn vertices(places: &[f32], axes: usize, level: &HashGridLevel) -> HashSet<[u64; 4]> {
     let mut found = HashSet::new();
     for place in places.chunks_exact(axes) {
@@ -107,7 +109,7 @@ mod tests {
             finest_resolution: vec![40, 33, 52, 9],
             smoothstep: false,
             reference_sizing: false,
-            left_out_levels: Vec::new(),
+            pruned_levels: Vec::new(),
         };
         config
             .init_between(0.5..1.0, &mut Pcg64::seed_from_u64(3), device)

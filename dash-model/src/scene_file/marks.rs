@@ -1,7 +1,7 @@
-//! Rows of zeros that are not stored, where many are.
+//! Feature tables without their rows of zeros.
 //!
-//! `NAME` then has the other rows only, and `NAME.marks` says which they are: a bit for each row, from the
-//! lowest of the first byte, and in one more byte how many bits of the last of these stand for no row.
+//! `NAME` holds the other rows only, and `NAME.marks` is a bit mask of them: one bit for each row of the table, from the
+//! lowest bit of the first byte. One more byte counts the unused bits of the last byte of bits.
 
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -12,19 +12,19 @@ use super::tensors::{self, Stored};
 use crate::ModelError;
 use crate::parameters::HostTensor;
 
-/// The name of the marks of a tensor.
+/// The name of a table's mask.
 pub(super) fn marks_of(name: &str) -> String {
     format!("{name}{SUFFIX}")
 }
 
 const SUFFIX: &str = ".marks";
-/// Most values of a row: a file without rows could claim any number, and its marks ask for the memory.
+/// Most values in a row. A file that stores no row could claim any width.
 const MAX_WIDTH: usize = 8;
-/// Most bytes of memory for each byte of a file.
+/// Most bytes of memory that a table may take for each of its bytes in the file.
 const MOST_PER_BYTE: usize = 32;
 
-/// The marks of a tensor `[N, ..]`, and its rows in which a bit is set; `None` where that takes no less room,
-/// at so many bytes a value.
+/// The mask of a table `[N, F]`, and its rows that have a bit set; `None` where that saves no space at
+/// `bytes_per_value`.
 pub(super) fn marked(tensor: &HostTensor, bytes_per_value: usize) -> Option<(Vec<u8>, HostTensor)> {
     let (n, _) = shape(tensor)?;
     let (rows, kept) = tensors::rows_with_bits(tensor)?;
@@ -39,7 +39,7 @@ pub(super) fn marked(tensor: &HostTensor, bytes_per_value: usize) -> Option<(Vec
     worthwhile.then_some((marks, kept))
 }
 
-/// The inverse; `None` unless there is a mark for each row.
+/// The inverse; `None` unless the mask has one set bit for each row of `kept`.
 fn unmarked(kept: &HostTensor, marks_and_count: &[u8]) -> Option<HostTensor> {
     let (_, width) = shape(kept)?;
     let (&unused, marks) = marks_and_count.split_last()?;
@@ -56,14 +56,13 @@ fn unmarked(kept: &HostTensor, marks_and_count: &[u8]) -> Option<HostTensor> {
     tensors::with_zero_rows(kept, &rows?, n)
 }
 
-/// Whether a table of so many values takes no more memory than its marks and the values that are stored
-/// may ask for.
+/// Whether a table of `n_values` stays within [`MOST_PER_BYTE`].
 fn is_allowed(n_values: usize, marks: &[u8], n_stored: usize) -> bool {
     let in_file = marks.len() + size_of::<f16>() * n_stored;
     n_values <= MOST_PER_BYTE / size_of::<f32>() * in_file
 }
 
-/// Rows of a tensor and values in each; `None` where these are none, or more than a grid's features.
+/// Rows of a table, and values in each; `None` where these are none or more than [`MAX_WIDTH`].
 fn shape(tensor: &HostTensor) -> Option<(usize, usize)> {
     let &[n, width] = tensor.shape.as_slice() else {
         return None;
@@ -71,10 +70,10 @@ fn shape(tensor: &HostTensor) -> Option<(usize, usize)> {
     (1..=MAX_WIDTH).contains(&width).then_some((n, width))
 }
 
-/// Puts the rows that were not stored back into the tables. Marks of anything else stay.
+/// Puts the rows of zeros back into the tables. Masks of other tensors stay.
 ///
 /// # Errors
-/// [`ModelError::Format`] when marks do not fit their table.
+/// [`ModelError::Format`] when a mask does not fit its table.
 pub(super) fn fill_in(
     stored: &mut BTreeMap<String, Stored>,
     is_table: impl Fn(&str) -> bool,
@@ -99,8 +98,11 @@ pub(super) fn fill_in(
         let whole = whole.ok_or_else(|| {
             ModelError::format(
                 path,
-                format!("in `{}` a mark for each row of `{name}`", marks_of(&name)),
-                format!("{} bytes of marks that do not fit", marks.len()),
+                format!(
+                    "in `{}` a set bit for each row of `{name}`",
+                    marks_of(&name)
+                ),
+                format!("a mask of {} bytes that does not fit", marks.len()),
             )
         })?;
         stored.insert(name, Stored::Single(whole));
@@ -124,7 +126,7 @@ mod tests {
         for n in [8, 11, 16, 17] {
             let mut rows = vec![[0.0; 2]; n];
             rows[1] = [0.0, 2.0];
-            // A negative zero is not nothing: files keep every bit.
+            // A negative zero has a bit set, and files keep every bit.
             rows[n - 2] = [-0.0, 0.0];
             rows[n - 1] = [f32::NAN, 3.0];
             let whole = tensor(&rows);

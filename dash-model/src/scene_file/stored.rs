@@ -1,4 +1,4 @@
-//! What of a scene's parameters is stored.
+//! From a scene's parameters to the tensors of its file, and back.
 
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -8,15 +8,15 @@ use super::{TablePrecision, marks, tensors};
 use crate::parameters::{HostTensor, named_parameters};
 use crate::{DynamicScene, HashEncoder, ModelError};
 
-/// Sets whose higher colour coefficients may be stored for some Gaussians only.
+/// Sets whose `sh_rest` may be stored for some Gaussians only.
 const SETS: [&str; 2] = ["static_set", "dynamic.gaussians"];
 
-/// What the decoder's layers and heads are called behind.
+/// Prefix of the decoder's layers and heads in files.
 const FIELD: &str = "dynamic.field.";
-/// The one parameter that the decoder has of them.
+/// The decoder's one parameter, which files hold as one tensor per layer and head.
 const DECODER: &str = "dynamic.field.decoder.parameters";
 
-/// Whether a parameter of a scene is a table of its field's features.
+/// Whether a scene's parameter is a feature table of its deformation field.
 pub(super) fn is_table(name: &str) -> bool {
     name.starts_with("dynamic.field.encoder.") && HashEncoder::is_table(name)
 }
@@ -29,14 +29,14 @@ fn rows_of(name: &str) -> String {
     format!("{name}.rows")
 }
 
-/// A scene's parameters as they are stored.
+/// The tensors of a scene's file.
 pub(super) fn stored(scene: &DynamicScene, precision: TablePrecision) -> BTreeMap<String, Stored> {
     let mut parameters = named_parameters(scene);
     if let Some(dynamic) = &scene.dynamic
         && let Some(decoder) = parameters.remove(DECODER)
     {
-        let parts = dynamic.field.decoder().parts();
-        parameters.extend(parts.split(FIELD, &decoder.values));
+        let packing = dynamic.field.decoder().packing();
+        parameters.extend(packing.unpack(FIELD, &decoder.values));
     }
     let mut tensors = BTreeMap::new();
     for (name, tensor) in parameters {
@@ -65,23 +65,26 @@ pub(super) fn stored(scene: &DynamicScene, precision: TablePrecision) -> BTreeMa
     tensors
 }
 
-/// Joins the stored parameters of the decoder of a scene of this structure.
+/// Joins the stored layers and heads into the decoder's parameter, which `skeleton` lays out.
 ///
 /// # Errors
-/// What is missing or of another shape.
+/// [`ModelError::Parameter`] when a layer or head is missing or has another shape.
 pub(super) fn join_decoder(
     parameters: &mut BTreeMap<String, HostTensor>,
     skeleton: &DynamicScene,
-) -> Result<(), String> {
+) -> Result<(), ModelError> {
     if let Some(dynamic) = &skeleton.dynamic {
-        let values = dynamic.field.decoder().parts().join(FIELD, parameters)?;
+        let values = dynamic.field.decoder().packing().pack(FIELD, parameters)?;
         let shape = vec![values.len()];
         parameters.insert(DECODER.into(), HostTensor { shape, values });
     }
     Ok(())
 }
 
-/// The parameters of what was stored, those of the decoder by layer and head.
+/// The parameters of a scene's file with all their rows; those of the decoder by layer and head.
+///
+/// # Errors
+/// [`ModelError::Format`] when indices or a mask do not fit their tensor.
 pub(super) fn whole(
     mut stored: BTreeMap<String, Stored>,
     path: &Path,
@@ -105,10 +108,10 @@ pub(super) fn whole(
             ModelError::format(
                 path,
                 format!(
-                    "in `{}` a rising number below {n} for each row of `{name}`",
+                    "in `{}` rising indices below {n}, one for each row of `{name}`",
                     rows_of(&name)
                 ),
-                format!("{} numbers that do not fit", rows.len()),
+                format!("{} indices that do not fit", rows.len()),
             )
         })?;
         stored.insert(name, Stored::Single(spread));

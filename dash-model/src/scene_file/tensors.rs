@@ -9,36 +9,26 @@ use std::path::Path;
 use burn::tensor::f16;
 use safetensors::tensor::{Dtype, SafeTensors, TensorView};
 
-use super::{MARKED_VERSION, PLAIN_VERSION, REDUCED_VERSION, write_atomically};
+use super::write_atomically;
 use crate::ModelError;
 use crate::parameters::HostTensor;
 
-/// Most values of a Gaussian's higher colour coefficients: without any, a file could claim any number, and
-/// the Gaussians ask for the memory.
+/// Most values in a Gaussian's `sh_rest` (degree 3). A file that stores no row could claim any width.
 const MAX_COLOUR: usize = 45;
 
-/// A tensor as it is stored.
+/// A tensor in a file.
 pub(super) enum Stored {
-    /// As it is.
+    /// As f32.
     Single(HostTensor),
-    /// As 16-bit floats, the nearest to each value.
+    /// As f16, see [`half`].
     Half(HostTensor),
-    /// Numbers of rows.
+    /// Indices of the rows of another tensor that are stored.
     Rows(Vec<u32>),
-    /// Which rows of a tensor are stored.
+    /// A bit mask of the rows of another tensor that are stored.
     Marks(Vec<u8>),
 }
 
 impl Stored {
-    /// The first version of scenes that has such tensors.
-    pub(super) fn version(&self) -> u32 {
-        match self {
-            Self::Single(_) => PLAIN_VERSION,
-            Self::Half(_) | Self::Rows(_) => REDUCED_VERSION,
-            Self::Marks(_) => MARKED_VERSION,
-        }
-    }
-
     pub(super) fn bytes(&self) -> usize {
         match self {
             Self::Single(tensor) => size_of_val(tensor.values.as_slice()),
@@ -49,13 +39,13 @@ impl Stored {
     }
 }
 
-/// The nearest 16-bit float; the largest for values beyond their range.
+/// The nearest f16; the largest one for values beyond its range.
 pub(super) fn half(value: f32) -> f16 {
     f16::from_f32(value.clamp(f16::MIN.to_f32(), f16::MAX.to_f32()))
 }
 
-/// The rows `[M, ..]` of a tensor `[N, ..]` in which a bit is set, and their numbers; `None` where a row
-/// has no values, or a number does not fit.
+/// The rows `[M, ..]` of a tensor `[N, ..]` that have a bit set (-0.0 has one), and their indices; `None` where rows have
+/// no values, or an index does not fit.
 pub(super) fn rows_with_bits(tensor: &HostTensor) -> Option<(Vec<u32>, HostTensor)> {
     let width: usize = tensor.shape.get(1..)?.iter().product();
     if width == 0 {
@@ -73,13 +63,13 @@ pub(super) fn rows_with_bits(tensor: &HostTensor) -> Option<(Vec<u32>, HostTenso
     Some((rows, HostTensor { shape, values }))
 }
 
-/// [`rows_with_bits`], where these and their numbers take less room.
+/// [`rows_with_bits`], where it saves space.
 pub(super) fn without_zero_rows(tensor: &HostTensor) -> Option<(Vec<u32>, HostTensor)> {
     rows_with_bits(tensor)
         .filter(|(rows, kept)| rows.len() + kept.values.len() < tensor.values.len())
 }
 
-/// The inverse: `None` unless `rows` rise, stay below `n`, and are as many as there are rows.
+/// The inverse: `None` unless `rows` rise, stay below `n`, and are as many as `kept` has.
 pub(super) fn with_zero_rows(kept: &HostTensor, rows: &[u32], n: usize) -> Option<HostTensor> {
     let dims = kept.shape.get(1..)?.iter();
     let width = dims.copied().try_fold(1, usize::checked_mul)?;
@@ -104,7 +94,21 @@ pub(super) fn with_zero_rows(kept: &HostTensor, rows: &[u32], n: usize) -> Optio
 /// Writes named f32 tensors as one safetensors file.
 ///
 /// # Errors
-/// [`ModelError::Io`].
+/// [`ModelError::Io`], or [`ModelError::Parameter`] when a tensor's values do not fill its shape.
+///
+/// # Example
+/// ```
+/// use dash_model::scene_file::{read_tensors, write_tensors};
+/// # use dash_model::parameters::HostTensor;
+/// # use std::collections::BTreeMap;
+/// # let path = std::env::temp_dir().join(format!("dash-tensors-{}", std::process::id()));
+/// let weights = HostTensor { shape: vec![2, 1], values: vec![0.5, -1.0] };
+/// let tensors = BTreeMap::from([("weights".to_string(), weights)]);
+/// write_tensors(&path, &tensors)?;
+/// assert_eq!(read_tensors(&path)?, tensors);
+/// # std::fs::remove_file(path).expect("written above");
+/// # Ok::<(), dash_model::ModelError>(())
+/// ```
 pub fn write_tensors(
     path: &Path,
     tensors: &BTreeMap<String, HostTensor>,
@@ -116,7 +120,7 @@ pub fn write_tensors(
     write(path, views.collect())
 }
 
-/// Writes tensors as they are to be stored.
+/// Writes one safetensors file.
 ///
 /// # Errors
 /// [`ModelError::Io`].
@@ -152,12 +156,15 @@ fn write(path: &Path, tensors: Vec<NamedBytes<'_>>) -> Result<(), ModelError> {
     let views: Result<Vec<_>, _> = tensors
         .iter()
         .map(|(name, kind, shape, bytes)| {
-            TensorView::new(*kind, shape.clone(), bytes).map(|view| (*name, view))
+            let view = TensorView::new(*kind, shape.clone(), bytes);
+            view.map(|view| (*name, view)).map_err(|_| {
+                let expected = format!("values of {kind:?} that fill the shape {shape:?}");
+                ModelError::parameter(name, expected, format!("{} bytes", bytes.len()))
+            })
         })
         .collect();
-    let bytes = views
-        .and_then(|views| safetensors::serialize(views, None))
-        .map_err(|e| ModelError::Config(format!("tensors for {}: {e}", path.display())))?;
+    let bytes = safetensors::serialize(views?, None)
+        .map_err(|e| ModelError::io(path, "write", std::io::Error::other(e)))?;
     write_atomically(path, |mut file| file.write_all(&bytes))
 }
 
@@ -169,10 +176,10 @@ pub fn read_tensors(path: &Path) -> Result<BTreeMap<String, HostTensor>, ModelEr
     only_floats(read_stored(path)?, path)
 }
 
-/// Tensors among which there are neither numbers nor marks of rows.
+/// The float tensors.
 ///
 /// # Errors
-/// [`ModelError::Format`] when there are.
+/// [`ModelError::Format`] when indices or a mask of rows remain.
 pub(super) fn only_floats(
     stored: BTreeMap<String, Stored>,
     path: &Path,
@@ -187,7 +194,7 @@ pub(super) fn only_floats(
         .collect()
 }
 
-/// Reads what [`write_stored`] wrote; 16-bit floats as [`Stored::Single`].
+/// Reads what [`write_stored`] wrote; f16 becomes [`Stored::Single`].
 ///
 /// # Errors
 /// [`ModelError::Io`] or [`ModelError::Format`].
@@ -241,7 +248,7 @@ mod tests {
             values: [[0.0; 3], [1.0, 0.0, 2.0], [0.0; 3], [0.0, -0.0, 0.0]].concat(),
         };
         let (rows, kept) = without_zero_rows(&tensor).expect("two of four rows are zero");
-        // A negative zero is not nothing: files keep every bit.
+        // A negative zero has a bit set, and files keep every bit.
         assert_eq!(
             (rows.as_slice(), kept.shape.as_slice()),
             (&[1, 3][..], &[2, 1, 3][..])

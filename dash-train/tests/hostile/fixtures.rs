@@ -4,9 +4,10 @@ use std::fs;
 use std::io::Cursor;
 
 use burn::tensor::Device;
+use dash_kernels::splats::NEAR_PLANE;
 use dash_model::{
-    Clipping, DeformationConfig, DeformationField, DynamicPart, DynamicScene, Gaps, GaussianRows,
-    Gaussians, HashEncoderConfig, Heads, OffsetPlacement, Representation, SceneSettings, SpaceBox,
+    DeformationConfig, DeformationField, DynamicPart, DynamicScene, Gaps, GaussianRows, Gaussians,
+    HashEncoderConfig, Heads, OffsetPlacement, Representation, SceneSettings, SpaceBox,
     TrajectoryBasis, write_splat_ply,
 };
 use dash_train::cameras::{CameraEntry, write_cameras};
@@ -193,7 +194,7 @@ fn rows(n: usize, trajectory_width: usize) -> GaussianRows {
 
 fn splat_ply() -> Vec<Vec<u8>> {
     let binary = written("splat.ply", |path| {
-        write_splat_ply(path, &rows(2, 0), &Clipping::default()).expect("writes");
+        write_splat_ply(path, &rows(2, 0), NEAR_PLANE).expect("writes");
     });
     let columns = [
         "x", "y", "z", "f_dc_0", "f_dc_1", "f_dc_2", "opacity", "scale_0", "scale_1", "scale_2",
@@ -296,7 +297,7 @@ fn scene(tables: Option<Tables>) -> Vec<u8> {
             finest_resolution: vec![finest; 4],
             smoothstep: false,
             reference_sizing: false,
-            left_out_levels: Vec::new(),
+            pruned_levels: Vec::new(),
         },
         hidden: 2,
         layers: 2,
@@ -319,7 +320,6 @@ fn scene(tables: Option<Tables>) -> Vec<u8> {
             background: [0.0; 3],
             sh_degree: 1,
             near_plane: 0.01,
-            ndc_limit: Some(8.0),
             trajectory_basis: basis,
             offsets: OffsetPlacement::BeforeActivation,
             gaps: Gaps::default(),

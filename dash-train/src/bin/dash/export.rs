@@ -53,7 +53,7 @@ pub fn run(args: &ExportArgs, shared: &Shared) -> Result<String, Failure> {
         }
         rows = rows.with_sh_degree(degree);
     }
-    write_splat_ply(&args.out, &rows, &scene.settings.clipping())?;
+    write_splat_ply(&args.out, &rows, scene.settings.near_plane)?;
     let (n_static, n_dynamic) = scene.counts();
     Ok(format!(
         "{}: {} Gaussians ({n_static} static, {n_dynamic} dynamic) at time {}",

@@ -4,7 +4,8 @@ use std::path::{Path, PathBuf};
 
 use burn::tensor::Device;
 use clap::Args;
-use dash_model::{Clipping, GaussianRows, read_splat_ply};
+use dash_kernels::splats::NEAR_PLANE;
+use dash_model::{GaussianRows, read_splat_ply};
 use dash_train::dataset::{Dataset, FrameRange, Layout, LoadOptions, Split, load};
 use dash_train::evaluate::{read_results, storage_bytes};
 use dash_train::ply::{PointCloud, read_points};
@@ -226,7 +227,7 @@ fn ply(path: &Path) -> Result<Table, Failure> {
     let mut table = Table::default();
     table.row("file", path.display());
     match read_splat_ply(path) {
-        Ok((rows, clipping)) => splats(&mut table, &rows, &clipping),
+        Ok((rows, near_plane)) => splats(&mut table, &rows, near_plane),
         // A file without the columns of Gaussians may hold plain points.
         Err(not_splats) => match read_points(path) {
             Ok(points) => cloud(&mut table, &points),
@@ -236,15 +237,11 @@ fn ply(path: &Path) -> Result<Table, Failure> {
     Ok(table)
 }
 
-fn splats(table: &mut Table, rows: &GaussianRows, clipping: &Clipping) {
+fn splats(table: &mut Table, rows: &GaussianRows, near_plane: f64) {
     let degree = ((rows.sh_rest_width / 3 + 1) as f64).sqrt() as usize - 1;
     table.row("Gaussians", rows.len()).row("SH degree", degree);
-    if *clipping != Clipping::default() {
-        table.row("near plane", clipping.near_plane);
-        let limit = clipping
-            .ndc_limit
-            .map_or("none".into(), |limit| limit.to_string());
-        table.row("ndc limit", limit);
+    if near_plane != NEAR_PLANE {
+        table.row("near plane", near_plane);
     }
     add_box(table, &rows.means);
 }

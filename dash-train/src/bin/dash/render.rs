@@ -158,13 +158,12 @@ fn refuse_other_videos(out: &Path) -> Result<(), Failure> {
 
 /// The Gaussians of a PLY file as a scene in which nothing moves.
 fn ply_scene(path: &Path, device: &burn::tensor::Device) -> Result<DynamicScene, Failure> {
-    let (rows, clipping) = read_splat_ply(path)?;
+    let (rows, near_plane) = read_splat_ply(path)?;
     let static_set = Gaussians::from_rows(&rows, device);
     let settings = SceneSettings {
         background: [0.0; 3],
         sh_degree: static_set.sh_degree(),
-        near_plane: clipping.near_plane,
-        ndc_limit: clipping.ndc_limit,
+        near_plane,
         // Nothing moves, so that these two change nothing.
         trajectory_basis: TrajectoryBasis::polyline(4),
         offsets: OffsetPlacement::BeforeActivation,

@@ -53,7 +53,6 @@ fn an_empty_scene_scores_its_background() {
             background: [0.5; 3],
             sh_degree: 0,
             near_plane: 0.2,
-            ndc_limit: None,
             trajectory_basis: TrajectoryBasis::polyline(4),
             offsets: OffsetPlacement::BeforeActivation,
             gaps: Gaps::default(),

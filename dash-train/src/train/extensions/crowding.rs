@@ -63,7 +63,7 @@ mod tests {
     fn crowd_after(n: usize, is_synchronized: bool, set: &str) -> Option<usize> {
         let mut config = TrainConfig::preset(Preset::Quick);
         config.set(set).expect("a known key");
-        let dataset = Arc::new(synth::loaded(4, 4, [32, 24]));
+        let dataset = Arc::new(synth::loaded(6, 4, [32, 24]));
         let mut trainer = Trainer::new(config, dataset, &Device::flex()).expect("valid");
         let run = &mut trainer.run;
         if !is_synchronized {

@@ -163,7 +163,6 @@ mod tests {
             background: [0.0; 3],
             sh_degree: 0,
             near_plane: 0.01,
-            ndc_limit: None,
             offsets: OffsetPlacement::BeforeActivation,
             gaps: Gaps::default(),
         }

@@ -20,9 +20,9 @@ fn times_that_no_training_picture_shows_are_gaps() {
     assert!(gaps(&with_a_gap, Preset::Paper).is_empty());
     let found = gaps(&with_a_gap, Preset::Quick);
     assert_eq!(found.len(), 1);
-    let gap = found.around(0.5).expect("not seen");
+    let gap = found.interpolation(0.5).expect("not seen");
     assert!((gap.from - 0.3).abs() < 1e-6 && (gap.to - 0.7).abs() < 1e-6);
-    assert!((gap.share - 0.5).abs() < 1e-6 && (gap.beside - 0.3).abs() < 1e-6);
+    assert!((gap.weight - 0.5).abs() < 1e-6 && (gap.observed - 0.3).abs() < 1e-6);
 }
 
 /// The field's encoder for those of a dataset's views that are kept.

@@ -1,24 +1,25 @@
-//! The way through times of which nothing was seen, by how things moved before and after.
+//! A path with one turn through a time gap, from the velocities before and after it.
 
 use burn::tensor::Tensor;
 
-/// What keeps zeros from being divided by.
+/// Keeps divisions by zero away.
 const TINY: f32 = 1e-30;
 
-/// How far from the straight way through a gap a body is that goes on as it came, turns once, and from there on goes as
-/// it leaves. When it turns, the two velocities tell; how far the two ways then miss each other tells whether it does.
-/// Measured velocities are noisy: where the way with a turn is to be `off` from the straight one at the turn, and the two
-/// ways miss each other by `miss`, only `max(0, 1 - miss^2 / off^2)` of that is gone. Of noise alone `miss` is mostly the
-/// larger one, and the way stays straight.
+/// The offset from the straight path through a gap of a body that keeps its velocity, turns once, and leaves with its
+/// velocity after the gap.
+///
+/// The two velocities give the time of the turn. Measured velocities are noisy, so the two halves of the path miss each
+/// other: where the turn lies `off` from the straight path and the halves miss each other by `miss`, the offset is scaled
+/// by `max(0, 1 - miss^2 / off^2)`. For velocities that are only noise, `miss` is mostly larger and the path stays straight.
 ///
 /// # Shapes
-/// `way [N, 3]` through the gap, `arrives [N, 3]` and `leaves [N, 3]`, the distances that it would go during the gap at
-/// its velocity before and after; `share` in [0, 1] of the gap's time `-> [N, 3]`
+/// `way [N, 3]` through the gap, `arrives [N, 3]` and `leaves [N, 3]`: the distances covered during the gap at the velocity
+/// before and after it; `share` in [0, 1] of the gap's duration `-> [N, 3]`
 pub(crate) fn turn(way: Tensor<2>, arrives: Tensor<2>, leaves: Tensor<2>, share: f32) -> Tensor<2> {
     let scale = largest([&way, &arrives, &leaves]);
     let [way, arrives, leaves] = [way, arrives, leaves].map(|way| way / scale.clone());
     let change = arrives.clone() - leaves.clone();
-    // The share of the gap at its old velocity with which it misses its place after the gap by least.
+    // The share of the gap at the old velocity that brings the body nearest to its place after the gap.
     let old = ((way.clone() - leaves.clone()) * change.clone()).sum_dim(1)
         / (squared(change.clone()) + TINY);
     let old = old.clamp(0.0, 1.0);
@@ -36,7 +37,7 @@ fn squared(way: Tensor<2>) -> Tensor<2> {
     way.powi_scalar(2).sum_dim(1)
 }
 
-/// The largest component of each row, `[N, 1]`: in units of it no square overflows, nor vanishes.
+/// The largest component of each row, `[N, 1]`. In units of it no square overflows or vanishes.
 fn largest(ways: [&Tensor<2>; 3]) -> Tensor<2> {
     let [a, b, c] = ways.map(|way| way.clone().abs().max_dim(1));
     a.max_pair(b).max_pair(c) + TINY
@@ -47,23 +48,7 @@ mod tests {
     use burn::tensor::{Device, TensorData};
 
     use super::*;
-
-    #[expect(
-        deprecated,
-        reason = "ndarray is one of the backends that are promised"
-    )]
-    fn devices() -> Vec<Device> {
-        vec![
-            #[cfg(feature = "ndarray")]
-            Device::ndarray(),
-            #[cfg(feature = "flex")]
-            Device::flex(),
-            #[cfg(feature = "wgpu")]
-            Device::wgpu(burn::tensor::DeviceKind::DefaultDevice),
-            #[cfg(feature = "cuda")]
-            Device::cuda(0),
-        ]
-    }
+    use crate::test_devices::devices;
 
     /// [`turn`] of single bodies.
     fn turned(ways: [[f64; 3]; 3], share: f32, device: &Device) -> [f64; 3] {
@@ -83,9 +68,9 @@ mod tests {
         }
     }
 
-    /// Wherever the turn is, and in any unit.
+    /// At any time of the turn, in any unit.
     #[test]
-    fn a_body_that_turns_once_goes_by_there() {
+    fn a_body_that_turns_once_passes_its_turn() {
         let (arrives, leaves) = ([0.5, -1.0, 2.0], [-1.5, 0.25, 1.0]);
         for device in devices() {
             for unit in [1e-15, 1.0, 1e15] {
@@ -108,15 +93,15 @@ mod tests {
     }
 
     #[test]
-    fn the_way_stays_straight_where_velocities_tell_nothing() {
+    fn the_path_stays_straight_where_velocities_tell_nothing() {
         let way = [1.0, 0.0, 0.0];
         let tell_nothing = [
-            // As straight as the way.
+            // The velocity of the straight path.
             [way, way],
             [[0.0; 3], [0.0; 3]],
-            // Alike, and another way.
+            // Equal, in another direction.
             [[0.0, 3.0, 0.0], [0.0, 3.0, 0.0]],
-            // Ways that do not meet.
+            // Paths that do not meet.
             [[0.0, 1.0, 0.0], [0.0, 0.0, 1.0]],
             [[-1.0, 1.0, 0.0], [-3.0, -2.0, 0.0]],
         ];
@@ -129,10 +114,10 @@ mod tests {
         }
     }
 
-    /// Worked out by hand: half of the gap at each velocity misses by 0.5, at the turn the way is `sqrt(0.5)` off, so that
-    /// half of that is gone, and after a quarter of the gap half of that again.
+    /// By hand: half of the gap at each velocity misses by 0.5; the turn is `sqrt(0.5)` off, so the offset is halved; after
+    /// a quarter of the gap it has reached half of that.
     #[test]
-    fn a_turn_that_is_half_agreed_on_is_gone_by_half() {
+    fn a_turn_with_half_agreement_is_halved() {
         let ways = [[1.0, 1.0, 0.5], [2.0, 0.0, 0.0], [0.0, 2.0, 0.0]];
         for device in devices() {
             let off = turned(ways, 0.25, &device);
