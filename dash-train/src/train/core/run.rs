@@ -132,7 +132,6 @@ impl<M> Run<M> {
             background,
             sh_degree: 0,
             near_plane,
-            ndc_limit: None,
             trajectory_basis: TrajectoryBasis::Linear,
             offsets: OffsetPlacement::BeforeActivation,
             gaps: Gaps::default(),
