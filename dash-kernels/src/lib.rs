@@ -45,10 +45,9 @@ pub mod rows;
 pub mod space_time;
 pub mod splats;
 pub mod ssim;
-#[cfg(test)]
-mod testing;
-#[cfg(test)]
-mod testing_hash;
+#[cfg(any(test, feature = "testing"))]
+#[doc(hidden)]
+pub mod testing;
 pub mod trajectory;
 
 pub use camera::Camera;

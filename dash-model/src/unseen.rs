@@ -45,25 +45,9 @@ fn largest(ways: [&Tensor<2>; 3]) -> Tensor<2> {
 #[cfg(test)]
 mod tests {
     use burn::tensor::{Device, TensorData};
+    use dash_kernels::testing::devices;
 
     use super::*;
-
-    #[expect(
-        deprecated,
-        reason = "ndarray is one of the backends that are promised"
-    )]
-    fn devices() -> Vec<Device> {
-        vec![
-            #[cfg(feature = "ndarray")]
-            Device::ndarray(),
-            #[cfg(feature = "flex")]
-            Device::flex(),
-            #[cfg(feature = "wgpu")]
-            Device::wgpu(burn::tensor::DeviceKind::DefaultDevice),
-            #[cfg(feature = "cuda")]
-            Device::cuda(0),
-        ]
-    }
 
     /// [`turn`] of single bodies.
     fn turned(ways: [[f64; 3]; 3], share: f32, device: &Device) -> [f64; 3] {

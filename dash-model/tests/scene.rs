@@ -1,15 +1,8 @@
 //! A whole scene: rendering, layers, files, export, on every backend.
 
-#![cfg_attr(
-    feature = "ndarray",
-    expect(
-        deprecated,
-        reason = "burn-ndarray gives way to burn-flex; users still ask for it"
-    )
-)]
-
 use burn::module::{Module, ModuleMapper, Param};
 use burn::tensor::{Device, Tensor};
+use dash_kernels::testing::devices;
 use dash_model::scene_file::TablePrecision;
 use dash_model::{
     Camera, Clipping, DeformationConfig, DeformationField, DynamicPart, DynamicScene, Gaps,
@@ -21,19 +14,6 @@ use rand_pcg::Pcg64;
 
 const SIZE: usize = 40;
 const BASIS: TrajectoryBasis = TrajectoryBasis::polyline(4);
-
-fn devices() -> Vec<Device> {
-    vec![
-        #[cfg(feature = "ndarray")]
-        Device::ndarray(),
-        #[cfg(feature = "flex")]
-        Device::flex(),
-        #[cfg(feature = "wgpu")]
-        Device::wgpu(burn::tensor::DeviceKind::DefaultDevice),
-        #[cfg(feature = "cuda")]
-        Device::cuda(0),
-    ]
-}
 
 fn camera() -> Camera {
     Camera::new(45.0, 45.0, 20.0, 20.0, SIZE, SIZE).look_at(

@@ -6,6 +6,7 @@ use burn::module::ModuleVisitor;
 use burn::module::Param;
 use burn::tensor::{Gradients, TensorData};
 use dash_kernels::hash_encode::{HashGridLayout, reference};
+use dash_kernels::testing::devices;
 use rand::SeedableRng;
 use rand_pcg::Pcg64;
 
@@ -22,23 +23,6 @@ const VALUE: f64 = 2e-6;
 const GRADIENT: f64 = 1e-4;
 
 type Values = BTreeMap<String, Vec<f64>>;
-
-#[expect(
-    deprecated,
-    reason = "ndarray is one of the backends that are promised"
-)]
-fn devices() -> Vec<Device> {
-    vec![
-        #[cfg(feature = "ndarray")]
-        Device::ndarray(),
-        #[cfg(feature = "flex")]
-        Device::flex(),
-        #[cfg(feature = "wgpu")]
-        Device::wgpu(burn::tensor::DeviceKind::DefaultDevice),
-        #[cfg(feature = "cuda")]
-        Device::cuda(0),
-    ]
-}
 
 fn config(representation: Representation) -> DeformationConfig {
     DeformationConfig {
