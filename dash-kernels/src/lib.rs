@@ -53,4 +53,5 @@ pub mod trajectory;
 pub use camera::Camera;
 pub use determinism::{is_deterministic, set_deterministic};
 pub use error::KernelError;
+pub use glam;
 pub use host::HostBackend;
