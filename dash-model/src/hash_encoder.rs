@@ -107,7 +107,7 @@ impl HashEncoderConfig {
         device: &Device,
     ) -> Result<HashEncoder, ModelError> {
         let layout = self.layout()?;
-        let parts = layout.split(MAX_TABLE_VALUES);
+        let parts = layout.chunks(MAX_TABLE_VALUES);
         let mut init = |part: &HashGridLayout| {
             let shape = [part.n_entries(), part.n_features_per_level()];
             let remedy = "lower the encoder's `log2_hashmap_size`";
@@ -183,7 +183,7 @@ impl HashEncoder {
             }
         }
         let mut kept = (0..tables_of_levels.len()).filter(|level| !left_out.contains(level));
-        let parts = layout.split(MAX_TABLE_VALUES);
+        let parts = layout.chunks(MAX_TABLE_VALUES);
         let mut tables = parts.iter().map(|part| {
             let levels = kept.by_ref().take(part.n_levels());
             let values: Vec<f32> = levels.flat_map(|l| tables_of_levels[l].clone()).collect();
