@@ -1,10 +1,7 @@
 //! The cases of `dash stress` on every backend, and that a broken one does not pass.
 
-#[expect(dead_code, reason = "each test file uses its part")]
-mod common;
-
 use burn::tensor::{Device, Tensor};
-use common::devices;
+use dash_kernels::testing::named_devices;
 use dash_train::TrainError;
 use dash_train::stress::{Case, Measured, Outcome, cases, long_cases, run};
 
@@ -28,7 +25,7 @@ fn assert_family_passes(belongs: impl Fn(&Case) -> bool) {
     let chosen: Vec<Case> = cases().into_iter().filter(belongs).collect();
     assert!(!chosen.is_empty());
     let mut complaints = Vec::new();
-    for (name, device) in devices() {
+    for (name, device) in named_devices() {
         for case in &chosen {
             let outcome = run(case, &device);
             if !outcome.passes {
@@ -95,7 +92,7 @@ fn what_is_broken_does_not_pass() {
     fn common_values(tensor: Tensor<1>) -> Vec<f32> {
         tensor.into_data().try_into_vec().expect("f32")
     }
-    for (name, device) in devices() {
+    for (name, device) in named_devices() {
         for (what, measure) in [
             ("lost", lost as fn(&Device) -> _),
             ("off", off),

@@ -5,19 +5,17 @@
 //! The differences are taken in double precision throughout, by a second way through the whole model
 //! that is written here: the kernels' references, joined by plain loops instead of Burn.
 
-mod common;
-
 use std::collections::BTreeMap;
 
 use burn::module::{ModuleVisitor, Param};
 use burn::tensor::{Device, Gradients, Tensor, TensorData};
-use common::{devices, host, widen};
 use dash_kernels::hash_encode;
 use dash_kernels::mlp::{self, MlpLayout};
 use dash_kernels::project::{self, Activation, ProjectOptions, ShSlices, View};
 use dash_kernels::rasterize::{self, N_CHANNELS};
 use dash_kernels::splats::NEAR_PLANE;
 use dash_kernels::ssim::{self, ssim};
+use dash_kernels::testing::{finite_values, named_devices, to_f64};
 use dash_model::parameters::{Path, named_parameters, with_parameters};
 use dash_model::{
     Camera, DeformationConfig, DeformationField, DynamicPart, DynamicScene, Gaps, GaussianRows,
@@ -162,7 +160,7 @@ impl Reference<'_> {
                 .chunks_exact(N_CHANNELS)
                 .flat_map(|pixel| [pixel[0], pixel[1], pixel[2]])
                 .collect();
-        let target = widen(&target());
+        let target = to_f64(&target());
         let n = target.len() as f64;
         let l1: f64 = image.iter().zip(&target).map(|(a, b)| (a - b).abs()).sum();
         let similarity = ssim::reference::ssim(&image, &target, [SIZE[1], SIZE[0], 3]);
@@ -319,7 +317,7 @@ fn gradients(form: (OffsetPlacement, bool), dssim: f32, device: &Device) -> (Par
             let name = self.path.name();
             let gradient = param.val().grad(self.gradients);
             let gradient = gradient.unwrap_or_else(|| panic!("{name} has no gradient"));
-            self.found.insert(name, widen(&host(gradient)));
+            self.found.insert(name, to_f64(&finite_values(gradient)));
         }
     }
     let device = device.clone().autodiff();
@@ -332,7 +330,7 @@ fn gradients(form: (OffsetPlacement, bool), dssim: f32, device: &Device) -> (Par
         found: Parameters::new(),
     };
     burn::module::Module::visit(&scene, &mut collector);
-    (collector.found, f64::from(host(loss)[0]))
+    (collector.found, f64::from(finite_values(loss)[0]))
 }
 
 fn relative_error(got: &[f64], expected: &[f64]) -> f64 {
@@ -351,12 +349,12 @@ fn relative_error(got: &[f64], expected: &[f64]) -> f64 {
 fn a_frames_gradient_by_every_parameter_against_central_differences() {
     let mut worst = 0.0f64;
     for form in FORMS {
-        for (backend, device) in devices() {
+        for (backend, device) in named_devices() {
             let scene = scene(form, &device);
             let (got, loss) = gradients(form, DSSIM, &device);
             let parameters: Parameters = named_parameters(&scene)
                 .into_iter()
-                .map(|(name, tensor)| (name, widen(&tensor.values)))
+                .map(|(name, tensor)| (name, to_f64(&tensor.values)))
                 .collect();
             let reference = Reference { scene: &scene };
             let expected_loss = reference.loss(&parameters);
@@ -388,7 +386,7 @@ fn a_frames_gradient_by_every_parameter_against_central_differences() {
 fn backends_agree_on_the_gradient() {
     let mut worst = 0.0f64;
     for form in FORMS {
-        let all: Vec<_> = devices()
+        let all: Vec<_> = named_devices()
             .into_iter()
             .map(|(name, device)| (name, gradients(form, DSSIM, &device).0))
             .collect();
@@ -412,7 +410,7 @@ fn backends_agree_on_the_gradient() {
 /// Gradients of a loss with a twentieth less SSIM in it must not pass.
 #[test]
 fn the_gradient_of_another_loss_is_told_apart() {
-    for (backend, device) in devices() {
+    for (backend, device) in named_devices() {
         let (right, _) = gradients(FORMS[0], DSSIM, &device);
         let (wrong, _) = gradients(FORMS[0], 0.95 * DSSIM, &device);
         for (name, right) in &right {

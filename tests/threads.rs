@@ -1,13 +1,11 @@
 //! Training gives the same bits whatever the number of threads, through all stages, density
 //! control, opacity resets and the split.
 
-#[expect(dead_code, reason = "each test file uses its part")]
-mod common;
-
 use std::path::Path;
 use std::sync::Arc;
 
 use burn::tensor::Device;
+use dash_kernels::testing::{finite_values, named_devices};
 use dash_model::Gaussians;
 use dash_train::dataset::{self, Dataset, LoadOptions};
 use dash_train::synth::{self, SynthConfig};
@@ -96,7 +94,7 @@ fn run(threads: usize, seed: u64, steps: usize, dataset: &Arc<Dataset>, device: 
 }
 
 fn assert_transparent(set: &Gaussians, step: usize) {
-    let logits = common::host(set.opacity_logits.val());
+    let logits = finite_values(set.opacity_logits.val());
     let most = logits.iter().copied().fold(f32::MIN, f32::max);
     let limit = dash_model::logit(0.01);
     assert!(
@@ -228,7 +226,7 @@ fn frames_on_demand_train_to_the_same_bits() {
 fn another_seed_gives_other_bits() {
     let folder = tempfile::tempdir().expect("a scratch folder");
     let dataset = bounce(&folder.path().join("bounce"));
-    for (name, device) in common::devices() {
+    for (name, device) in named_devices() {
         // Until density control begins, the seed decides the order of views and no more.
         let [a, b] = [0, 1].map(|seed| run(2, seed, 15, &dataset, &device));
         assert_eq!(a.counts, b.counts, "{name}");

@@ -2,15 +2,13 @@
 //! references: a trained 3DGS scene, where its file lies beside the repository, and a random one
 //! that is always there. Both pass through the PLY reader.
 
-mod common;
-
 use std::path::{Path, PathBuf};
 
-use common::{devices, host, widen};
 use dash_kernels::project::{self, ProjectOptions, View};
 use dash_kernels::rasterize::{self, N_CHANNELS};
 use dash_kernels::splats::NEAR_PLANE;
 use dash_kernels::splats::{MEAN_Y, N_COLUMNS};
+use dash_kernels::testing::{finite_values, named_devices, to_f64};
 use dash_model::{
     Camera, DynamicScene, Gaps, GaussianRows, Gaussians, OffsetPlacement, SceneSettings,
     TrajectoryBasis, read_splat_ply, write_splat_ply,
@@ -57,7 +55,7 @@ fn rendered(rows: &GaussianRows, camera: &Camera, device: &burn::tensor::Device)
             gaps: Gaps::default(),
         },
     };
-    host(scene.render(camera, 0.0).expect("renders").rgb())
+    finite_values(scene.render(camera, 0.0).expect("renders").rgb())
 }
 
 /// RGB of the references in double precision.
@@ -65,12 +63,12 @@ fn reference(rows: &GaussianRows, camera: &Camera) -> Vec<f64> {
     /// Rows of pixels that one task draws.
     const STRIP: usize = 8;
     let n_coeffs = rows.sh_rest_width / 3 + 1;
-    let (dc, rest) = (widen(rows.sh_dc.as_flattened()), widen(&rows.sh_rest));
+    let (dc, rest) = (to_f64(rows.sh_dc.as_flattened()), to_f64(&rows.sh_rest));
     let gaussians = project::Gaussians {
-        means: &widen(rows.means.as_flattened()),
-        quats: &widen(rows.quats.as_flattened()),
-        scales: &widen(rows.log_scales.as_flattened()),
-        opacities: &widen(&rows.opacity_logits),
+        means: &to_f64(rows.means.as_flattened()),
+        quats: &to_f64(rows.quats.as_flattened()),
+        scales: &to_f64(rows.log_scales.as_flattened()),
+        opacities: &to_f64(&rows.opacity_logits),
         sh_coeffs: project::ShSlices::apart(&dc, &rest, n_coeffs),
     };
     let view = View::<f64>::new(camera, &ProjectOptions::default(), SH_DEGREE);
@@ -96,7 +94,7 @@ fn reference(rows: &GaussianRows, camera: &Camera) -> Vec<f64> {
 
 fn deviation(got: &[f32], expected: &[f64]) -> Deviation {
     assert_eq!(got.len(), expected.len(), "picture sizes");
-    let differences: Vec<f64> = widen(got)
+    let differences: Vec<f64> = to_f64(got)
         .iter()
         .zip(expected)
         .map(|(got, expected)| (got - expected).abs())
@@ -122,7 +120,7 @@ fn assert_close_to_the_reference(name: &str, rows: &GaussianRows, camera: &Camer
         contrast < 25.0,
         "{name}: the picture is nearly uniform, {contrast:.1} dB from grey"
     );
-    for (backend, device) in devices() {
+    for (backend, device) in named_devices() {
         let Deviation { psnr, off, largest } =
             deviation(&rendered(rows, camera, &device), &expected);
         let found = format!(

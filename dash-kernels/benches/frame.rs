@@ -6,7 +6,7 @@ mod scene;
 use burn::tensor::Device;
 use dash_kernels::rasterize::{RasterizeOptions, rasterize};
 use scene::clock::median;
-use scene::tensors::Gaussians;
+use scene::gaussians::Gaussians;
 use scene::{SIZES, Size};
 
 fn main() {

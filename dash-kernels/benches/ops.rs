@@ -28,7 +28,7 @@ use dash_kernels::trajectory::{Polyline, squared_extent};
 use dash_kernels::{limits, set_deterministic};
 use scene::Size;
 use scene::clock::{TOO_LONG, bandwidth, median};
-use scene::tensors::Gaussians;
+use scene::gaussians::Gaussians;
 
 const N_POINTS: [usize; 3] = [10_000, 100_000, 1_000_000];
 const IMAGES: [(usize, usize); 3] = [(512, 512), (1352, 1014), (3840, 2160)];

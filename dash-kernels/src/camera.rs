@@ -1,9 +1,44 @@
 //! Pinhole camera with OpenCV axes.
 
+#[cfg(test)]
+mod tests;
+
+use glam::{DAffine3, DMat3, DVec3};
+
+use crate::KernelError;
+
+/// How far from one the products of a rotation's axes may be: poses are often written with four digits.
+const ROTATION_TOLERANCE: f64 = 1e-3;
+
 /// A pinhole camera: x right, y down, z forward; pixel centres at +0.5.
+///
+/// Intrinsics come first, then the pose: [`new`](Self::new) or [`from_fov_y`](Self::from_fov_y), then
+/// [`look_at`](Self::look_at), [`with_camera_from_world`](Self::with_camera_from_world) or
+/// [`with_world_from_camera`](Self::with_world_from_camera).
 ///
 /// # Units
 /// Focal lengths and principal point in pixels, translation in world units.
+///
+/// ```
+/// use dash_kernels::Camera;
+/// use dash_kernels::glam::{DAffine3, DVec3};
+///
+/// let camera = Camera::from_fov_y(60f64.to_radians(), 640, 480).look_at(
+///     DVec3::new(0.0, 1.0, 4.0), // eye
+///     DVec3::ZERO,               // target
+///     DVec3::Y,                  // up
+/// );
+/// let (pixel, depth) = camera.project([0.0; 3]).expect("in front of the camera");
+/// assert!((pixel[0] - 320.0).abs() < 1e-9 && (pixel[1] - 240.0).abs() < 1e-9);
+/// assert!((depth - 17f64.sqrt()).abs() < 1e-9);
+///
+/// // The same pose in OpenGL's axes (y up, z backward), as other programs write it.
+/// let opengl = DAffine3::look_at_rh(DVec3::new(0.0, 1.0, 4.0), DVec3::ZERO, DVec3::Y).inverse();
+/// let opencv_from_opengl = DAffine3::from_scale(DVec3::new(1.0, -1.0, -1.0));
+/// let same = camera.clone().with_world_from_camera(opengl * opencv_from_opengl)?;
+/// assert!(same.camera_from_world().abs_diff_eq(camera.camera_from_world(), 1e-12));
+/// # Ok::<(), dash_kernels::KernelError>(())
+/// ```
 #[derive(Debug, Clone, PartialEq)]
 pub struct Camera {
     /// Rotation, row-major, of the rigid transform from world to camera coordinates.
@@ -39,6 +74,29 @@ impl Camera {
         }
     }
 
+    /// The camera with square pixels, the principal point in the middle and the given horizontal field of view.
+    ///
+    /// # Units
+    /// `fov_x_radians` in radians, between 0 and pi.
+    pub fn from_fov_x(fov_x_radians: f64, width: usize, height: usize) -> Self {
+        let focal = 0.5 * width as f64 / (0.5 * fov_x_radians).tan();
+        Self::centred(focal, width, height)
+    }
+
+    /// The camera with square pixels, the principal point in the middle and the given vertical field of view.
+    ///
+    /// # Units
+    /// `fov_y_radians` in radians, between 0 and pi.
+    pub fn from_fov_y(fov_y_radians: f64, width: usize, height: usize) -> Self {
+        let focal = 0.5 * height as f64 / (0.5 * fov_y_radians).tan();
+        Self::centred(focal, width, height)
+    }
+
+    fn centred(focal: f64, width: usize, height: usize) -> Self {
+        let (cx, cy) = (0.5 * width as f64, 0.5 * height as f64);
+        Self::new(focal, focal, cx, cy, width, height)
+    }
+
     /// The same intrinsics placed at `position` with `world_from_camera` rotation rows
     /// (columns are the camera's right, down and forward axes in the world).
     pub fn placed(mut self, world_from_camera: [[f64; 3]; 3], position: [f64; 3]) -> Self {
@@ -53,8 +111,16 @@ impl Camera {
         self
     }
 
-    /// The same intrinsics at `eye` looking at `target`; `up` is the world's up direction.
-    pub fn look_at(self, eye: [f64; 3], target: [f64; 3], up: [f64; 3]) -> Self {
+    /// The same intrinsics at `eye` looking at `target`; `up` is the world's up direction, of any length.
+    ///
+    /// The pose is NaN where `eye` is `target` or `up` is parallel to the viewing direction.
+    pub fn look_at(
+        self,
+        eye: impl Into<DVec3>,
+        target: impl Into<DVec3>,
+        up: impl Into<DVec3>,
+    ) -> Self {
+        let [eye, target, up] = [eye.into(), target.into(), up.into()].map(|v| v.to_array());
         let forward = normalized(sub(target, eye));
         let right = normalized(cross(forward, up));
         let down = cross(forward, right);
@@ -64,6 +130,72 @@ impl Camera {
             [right[2], down[2], forward[2]],
         ];
         self.placed(world_from_camera, eye)
+    }
+
+    /// The same intrinsics with the pose of a rigid transform from world to camera coordinates, as COLMAP's.
+    ///
+    /// # Errors
+    /// [`KernelError::Camera`] when the transform scales, shears or mirrors, or is not finite.
+    pub fn with_camera_from_world(
+        mut self,
+        camera_from_world: DAffine3,
+    ) -> Result<Self, KernelError> {
+        check_rigid("camera_from_world", &camera_from_world)?;
+        self.rotation = camera_from_world.matrix3.transpose().to_cols_array_2d();
+        self.translation = camera_from_world.translation.to_array();
+        Ok(self)
+    }
+
+    /// The same intrinsics with the pose of a rigid transform from camera to world coordinates, as 3DGS'
+    /// `cameras.json`; its translation is the camera's centre.
+    ///
+    /// # Errors
+    /// [`KernelError::Camera`] when the transform scales, shears or mirrors, or is not finite.
+    pub fn with_world_from_camera(self, world_from_camera: DAffine3) -> Result<Self, KernelError> {
+        check_rigid("world_from_camera", &world_from_camera)?;
+        let rows = world_from_camera.matrix3.transpose().to_cols_array_2d();
+        Ok(self.placed(rows, world_from_camera.translation.to_array()))
+    }
+
+    /// The rigid transform from world to camera coordinates.
+    pub fn camera_from_world(&self) -> DAffine3 {
+        DAffine3 {
+            matrix3: DMat3::from_cols_array_2d(&self.rotation).transpose(),
+            translation: DVec3::from(self.translation),
+        }
+    }
+
+    /// The rigid transform from camera to world coordinates.
+    pub fn world_from_camera(&self) -> DAffine3 {
+        DAffine3 {
+            matrix3: DMat3::from_cols_array_2d(&self.rotation),
+            translation: DVec3::from(self.position()),
+        }
+    }
+
+    /// The matrix from camera coordinates to homogeneous pixel coordinates.
+    pub fn intrinsics(&self) -> DMat3 {
+        DMat3::from_cols(
+            DVec3::new(self.fx, 0.0, 0.0),
+            DVec3::new(0.0, self.fy, 0.0),
+            DVec3::new(self.cx, self.cy, 1.0),
+        )
+    }
+
+    /// The horizontal field of view, from the left edge of the picture to the right one.
+    ///
+    /// # Units
+    /// Radians.
+    pub fn fov_x_radians(&self) -> f64 {
+        (self.cx / self.fx).atan() + ((self.width as f64 - self.cx) / self.fx).atan()
+    }
+
+    /// The vertical field of view, from the top edge of the picture to the bottom one.
+    ///
+    /// # Units
+    /// Radians.
+    pub fn fov_y_radians(&self) -> f64 {
+        (self.cy / self.fy).atan() + ((self.height as f64 - self.cy) / self.fy).atan()
     }
 
     /// The camera's centre in world coordinates.
@@ -77,7 +209,7 @@ impl Camera {
         position
     }
 
-    /// The viewing direction (camera z) in world coordinates.
+    /// The viewing direction (camera z) in world coordinates, of length one.
     pub fn forward(&self) -> [f64; 3] {
         self.rotation[2]
     }
@@ -105,6 +237,13 @@ impl Camera {
     }
 
     /// The same view at another image size, intrinsics scaled with it.
+    ///
+    /// ```
+    /// use dash_kernels::Camera;
+    ///
+    /// let half = Camera::new(500.0, 500.0, 320.0, 240.0, 640, 480).resized(320, 240);
+    /// assert_eq!(half, Camera::new(250.0, 250.0, 160.0, 120.0, 320, 240));
+    /// ```
     pub fn resized(&self, width: usize, height: usize) -> Self {
         let (sx, sy) = (
             width as f64 / self.width as f64,
@@ -120,6 +259,26 @@ impl Camera {
             ..self.clone()
         }
     }
+}
+
+/// Refuses what is not a rotation and a translation.
+fn check_rigid(name: &str, transform: &DAffine3) -> Result<(), KernelError> {
+    let axes = transform.matrix3;
+    let off = axes.transpose() * axes - DMat3::IDENTITY;
+    // In the positive form, so that NaN is refused.
+    let is_rotation = off
+        .to_cols_array()
+        .iter()
+        .all(|value| value.abs() <= ROTATION_TOLERANCE)
+        && axes.determinant() > 0.0;
+    if is_rotation && transform.translation.is_finite() {
+        return Ok(());
+    }
+    Err(KernelError::Camera {
+        what: format!(
+            "`{name}` is {transform:?}, expected a rotation and a translation without scale or mirroring"
+        ),
+    })
 }
 
 fn dot(a: &[f64; 3], b: &[f64; 3]) -> f64 {
@@ -141,48 +300,4 @@ fn cross(a: [f64; 3], b: [f64; 3]) -> [f64; 3] {
 fn normalized(a: [f64; 3]) -> [f64; 3] {
     let norm = dot(&a, &a).sqrt();
     a.map(|v| v / norm)
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn look_at_puts_the_target_on_the_principal_point_with_up_upwards() {
-        let camera = Camera::new(100.0, 110.0, 40.0, 31.0, 80, 60).look_at(
-            [1.0, 2.0, -4.0],
-            [0.5, 0.0, 3.0],
-            [0.0, 1.0, 0.0],
-        );
-        let ([u, v], depth) = camera.project([0.5, 0.0, 3.0]).expect("in front");
-        assert!((u - 40.0).abs() < 1e-9 && (v - 31.0).abs() < 1e-9 && depth > 7.0);
-        let ([_, above], _) = camera.project([0.5, 0.3, 3.0]).expect("in front");
-        assert!(above < 31.0, "a higher point has a smaller row");
-        for (got, expected) in camera.position().iter().zip([1.0, 2.0, -4.0]) {
-            assert!((got - expected).abs() < 1e-12);
-        }
-    }
-
-    #[test]
-    fn a_picture_holds_its_first_row_and_column_and_not_what_is_behind() {
-        let camera = Camera::new(2.0, 2.0, 2.0, 1.0, 4, 2);
-        assert_eq!(
-            camera.project_inside([-1.0, -0.5, 1.0]),
-            Some(([0.0, 0.0], 1.0))
-        );
-        assert_eq!(camera.project_inside([1.0, 0.0, 1.0]), None, "column 4");
-        assert_eq!(camera.project_inside([0.0, 0.5, 1.0]), None, "row 2");
-        assert_eq!(camera.project_inside([0.0, 0.0, -1.0]), None, "behind");
-    }
-
-    #[test]
-    fn resized_keeps_rays() {
-        let camera = Camera::new(100.0, 110.0, 40.0, 31.0, 80, 60);
-        let ([u, v], _) = camera.project([0.3, -0.2, 2.0]).expect("in front");
-        let ([u2, v2], _) = camera
-            .resized(40, 30)
-            .project([0.3, -0.2, 2.0])
-            .expect("in front");
-        assert!((u / 2.0 - u2).abs() < 1e-12 && (v / 2.0 - v2).abs() < 1e-12);
-    }
 }

@@ -1,6 +1,6 @@
 //! Errors of the kernels.
 
-/// What a kernel refuses.
+/// What an operation refuses, one variant for each kind of mistake.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum KernelError {
     /// A tensor's shape does not fit the operation.
@@ -31,12 +31,26 @@ pub enum KernelError {
         /// What the user can change.
         remedy: &'static str,
     },
-    /// A configuration value is out of range.
+    /// A setting is out of range.
     #[error("{op}: {what}")]
     Config {
         /// The operation.
         op: &'static str,
-        /// What is wrong and what would be right.
+        /// The setting, the value found and the range expected.
+        what: String,
+    },
+    /// A camera can't be drawn from, or its pose is no rigid transform.
+    #[error("camera: {what}")]
+    Camera {
+        /// The value found and what was expected.
+        what: String,
+    },
+    /// A list of rows does not fit the tensor.
+    #[error("{op}: {what}")]
+    Rows {
+        /// The operation.
+        op: &'static str,
+        /// The row found and what was expected.
         what: String,
     },
 }

@@ -1,7 +1,27 @@
 //! Differentiable operations for dynamic Gaussian splatting on Burn tensors.
 //!
-//! No model, no files, no command line: each operation is a function on [`burn::tensor::Tensor`]
-//! that runs on every enabled backend and differentiates on autodiff devices.
+//! Each operation is a function on [`burn::tensor::Tensor`]. It runs on every enabled backend (`ndarray`, `flex`,
+//! `wgpu`, `cuda`) and differentiates on autodiff devices. There is no model here, no file format and no command line.
+//!
+//! # Modules
+//! | module | operation |
+//! | --- | --- |
+//! | [`project`] | 3D Gaussians seen by a [`Camera`] -> packed 2D splats (EWA, spherical harmonics) |
+//! | [`splats`] | columns of a packed splat, thresholds of drawing |
+//! | [`rasterize`] | packed splats -> colour, alpha, depth |
+//! | [`hash_encode`] | points in the unit box -> features of a multiresolution hash grid, in 2 to 4 dimensions |
+//! | [`mlp`] | small fully connected network |
+//! | [`ssim`], [`photometric`] | structural similarity; the loss of 3D Gaussian Splatting |
+//! | [`adam`] | one fused step of Adam |
+//! | [`space_time`] | positions and a time -> points of the 4D unit cube |
+//! | [`displacement`], [`trajectory`] | displacements of trajectories at a time; extents of trajectories |
+//! | [`rows`] | some rows of a matrix, rows of two matrices joined |
+//! | [`finite`] | which tensors hold NaN or infinity |
+//! | [`limits`] | largest buffer of a device |
+//!
+//! Each operation's folder has the public function with its checks (`mod.rs`), a plain f64 reference (`reference.rs`),
+//! the CPU kernels (`cpu.rs`), the GPU kernels (`cube.rs`, feature `cube`) and the backward node (`autodiff.rs`).
+//! `camera`, `error` and `determinism` hold the items at the root, `host` and `cube` what backends share.
 //!
 //! # Conventions
 //! - Shape letters: `N` Gaussians or points, `D` input dimensions, `L` levels, `F` features per
@@ -10,10 +30,56 @@
 //!   pixels, pixel centres at +0.5.
 //! - Quaternions are (w, x, y, z) and normalised inside the operation.
 //! - The gradient of `x` is `v_x`; the pullback of `f` is `f_vjp`.
+//! - Tensors are `f32`. Values and gradients that are not finite count as zero or draw nothing; each operation says
+//!   which.
 //! - CPU results are bit-identical for any number of threads. On GPUs a run repeats bit for bit
 //!   after [`set_deterministic`].
-//! - Operations don't wait for the device, unless determinism is asked for; a buffer that outgrows its limits is an error before it is
-//!   made ([`limits`]).
+//! - Operations don't wait for the device, unless determinism is asked for. A buffer that outgrows the device's limit
+//!   is an error before it is made ([`limits`]).
+//! - A mistake of the caller is a [`KernelError`], a broken invariant a panic.
+//!
+//! # One operation in your own model
+//! An operation needs no other part of this crate: keep its inputs as parameters of a Burn module and call it in
+//! `forward`. Backends are chosen by the device alone.
+//!
+//! ```
+//! use burn::module::{Module, Param};
+//! use burn::optim::{AdamConfig, GradientsParams, Optimizer};
+//! use burn::tensor::{Device, Tensor};
+//! use dash_kernels::KernelError;
+//! use dash_kernels::mlp::{MlpLayout, mlp};
+//!
+//! /// A curve as a network of one input.
+//! #[derive(Module, Debug)]
+//! struct Curve {
+//!     parameters: Param<Tensor<1>>,
+//! }
+//!
+//! impl Curve {
+//!     /// `[N, 1] -> [N, 1]`
+//!     fn forward(&self, x: Tensor<2>) -> Result<Tensor<2>, KernelError> {
+//!         mlp(x, self.parameters.val(), &MlpLayout::new(&[1, 16, 1])?)
+//!     }
+//! }
+//!
+//! let device = Device::flex().autodiff();
+//! let n_parameters = MlpLayout::new(&[1, 16, 1])?.n_parameters();
+//! // Any fixed start that is not the same for all units will do here.
+//! let start = Tensor::arange(0..n_parameters as i64, &device).float().sin();
+//! let mut curve = Curve { parameters: Param::from_tensor(start) };
+//! let x = Tensor::<1>::from_floats([-1.0, -0.5, 0.0, 0.5, 1.0], &device).reshape([5, 1]);
+//! let y = x.clone().powf_scalar(2.0);
+//! let mut optimizer = AdamConfig::new().init();
+//! let mut losses = Vec::new();
+//! for _ in 0..100 {
+//!     let loss = (curve.forward(x.clone())? - y.clone()).powf_scalar(2.0).mean();
+//!     losses.push(loss.clone().into_scalar::<f32>());
+//!     let gradients = GradientsParams::from_grads(loss.backward(), &curve);
+//!     curve = optimizer.step(1e-2, curve, gradients);
+//! }
+//! assert!(losses[99] < 0.1 * losses[0]);
+//! # Ok::<(), KernelError>(())
+//! ```
 
 #![cfg_attr(
     feature = "ndarray",
@@ -45,13 +111,13 @@ pub mod rows;
 pub mod space_time;
 pub mod splats;
 pub mod ssim;
-#[cfg(test)]
-mod testing;
-#[cfg(test)]
-mod testing_hash;
+#[cfg(any(test, feature = "testing"))]
+#[doc(hidden)]
+pub mod testing;
 pub mod trajectory;
 
 pub use camera::Camera;
 pub use determinism::{is_deterministic, set_deterministic};
 pub use error::KernelError;
+pub use glam;
 pub use host::HostBackend;

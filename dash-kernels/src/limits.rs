@@ -1,4 +1,4 @@
-//! What a device can hold in one piece.
+//! Largest buffer of a device.
 
 use std::sync::Mutex;
 
@@ -52,6 +52,17 @@ fn ask(_: &Device) -> Option<u64> {
 ///
 /// # Errors
 /// [`KernelError::Limit`], naming `what` is too large and what the `remedy` is.
+///
+/// # Example
+/// ```
+/// use burn::tensor::Device;
+/// use dash_kernels::limits::{check_values, largest_buffer_bytes};
+///
+/// // Memory is the only limit of a CPU.
+/// let device = Device::flex();
+/// assert_eq!(largest_buffer_bytes(&device), None);
+/// assert!(check_values("the table", 1 << 30, "lower `log2_hashmap_size`", &device).is_ok());
+/// ```
 pub fn check_values(
     what: &'static str,
     n_values: usize,

@@ -3,6 +3,26 @@
 //!
 //! Rows may be concatenated: static and dynamic splats are joined after projection. A row whose
 //! radii are zero draws nothing.
+//!
+//! # Example
+//! Splats can be written by hand, too:
+//! ```
+//! use burn::tensor::{Device, Tensor};
+//! use dash_kernels::rasterize::{CHANNEL_ALPHA, RasterizeOptions, rasterize};
+//! use dash_kernels::splats::{self, N_COLUMNS};
+//!
+//! let mut splat = [0.0; N_COLUMNS];
+//! (splat[splats::MEAN_X], splat[splats::MEAN_Y]) = (4.5, 4.5);
+//! (splat[splats::CONIC_A], splat[splats::CONIC_C]) = (0.5, 0.5);
+//! (splat[splats::OPACITY], splat[splats::GREEN], splat[splats::DEPTH]) = (0.9, 1.0, 3.0);
+//! (splat[splats::RADIUS_X], splat[splats::RADIUS_Y]) = (5.0, 5.0);
+//! let hidden = [0.0; N_COLUMNS];
+//! let splats = Tensor::from_floats([splat, hidden], &Device::flex());
+//! let options = RasterizeOptions { width: 9, height: 9, background: [0.0; 3] };
+//! let alpha = rasterize(splats, &options)?.narrow(2, CHANNEL_ALPHA, 1);
+//! assert!((alpha.max().into_scalar::<f32>() - 0.9).abs() < 1e-6);
+//! # Ok::<(), dash_kernels::KernelError>(())
+//! ```
 
 /// Column of the centre, from the image's left edge, in pixels.
 pub const MEAN_X: usize = 0;

@@ -88,7 +88,7 @@ impl HashEncoder {
             }
         }
         let mut kept = (0..tables_of_levels.len()).filter(|level| !pruned.contains(level));
-        let table_layouts = layout.split(MAX_TABLE_VALUES);
+        let table_layouts = layout.chunks(MAX_TABLE_VALUES);
         let mut tables = table_layouts.iter().map(|layout| {
             let levels = kept.by_ref().take(layout.n_levels());
             let values: Vec<f32> = levels.flat_map(|l| tables_of_levels[l].clone()).collect();

@@ -80,8 +80,6 @@ mod scene;
 pub mod scene_file;
 mod space_box;
 mod splat_ply;
-#[cfg(test)]
-mod test_devices;
 mod time_gaps;
 mod trajectory;
 

@@ -1,4 +1,4 @@
-//! Adam on the CPU: elements are independent, so any split over threads gives the same bits.
+//! Adam on the CPU: elements are independent, so any number of threads gives the same bits.
 
 use rayon::prelude::*;
 

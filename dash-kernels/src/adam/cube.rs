@@ -69,10 +69,10 @@ fn constants(settings: &AdamStep) -> ConstantsLaunch {
 
 #[cube(launch)]
 fn adam_kernel(
-    param: &mut [f32],
-    grad: &[f32],
-    first_moment: &mut [f32],
-    second_moment: &mut [f32],
+    param: &mut [f32],         // [n]
+    grad: &[f32],              // [n]
+    first_moment: &mut [f32],  // [n]
+    second_moment: &mut [f32], // [n]
     constants: Constants,
     n: u32,
     #[comptime] skip_zero_grad: bool,

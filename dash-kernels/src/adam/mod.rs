@@ -30,8 +30,8 @@ pub struct AdamStep {
     pub epsilon: f64,
     /// Number of this step, from 1; corrects the moments' bias towards zero.
     pub step: u64,
-    /// Leaves elements whose gradient is exactly zero as they are, moments included: rows of a
-    /// hash table that no point touched do not drift.
+    /// Skips elements whose gradient is exactly zero, moments included, so that rows of a hash table without points do
+    /// not drift.
     pub skip_zero_grad: bool,
 }
 
@@ -54,9 +54,8 @@ impl Default for AdamStep {
 /// Not differentiable: on an autodiff device pass `tensor.inner()`. A tensor whose storage nobody
 /// else holds is updated in place.
 ///
-/// Gradients are clamped to [`MAX_GRADIENT`]. An element whose gradient is not finite, or whose
-/// step would not be, is left as it is, moments included; so is a parameter that is not finite.
-/// Moments that no step leaves behind (not finite, a negative second one) count as zeros.
+/// Gradients are clamped to [`MAX_GRADIENT`]. An element is skipped, moments included, when its gradient, its parameter
+/// or its step is not finite. Moments that are not finite, and negative second moments, count as zero.
 ///
 /// # Shapes
 /// All four tensors have the same shape.
@@ -66,6 +65,21 @@ impl Default for AdamStep {
 ///
 /// # Panics
 /// On tensors of an autodiff device.
+///
+/// # Example
+/// ```
+/// use burn::tensor::{Device, Tensor};
+/// use dash_kernels::adam::{AdamStep, adam_step};
+///
+/// let device = Device::flex();
+/// let zeros = Tensor::<1>::zeros([2], &device);
+/// let grad = Tensor::from_floats([0.3, -5.0], &device);
+/// let settings = AdamStep { learning_rate: 0.5, ..AdamStep::default() };
+/// let (param, _, _) = adam_step(zeros.clone(), grad, zeros.clone(), zeros, &settings)?;
+/// // The first step is one learning rate long, against the gradient's sign.
+/// assert_eq!(param.into_data().to_vec::<f32>()?, [-0.5, 0.5]);
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 pub fn adam_step<const R: usize>(
     param: Tensor<R>,
     grad: Tensor<R>,

@@ -1,7 +1,7 @@
 use burn::tensor::Tensor;
 
 use super::{AdamStep, adam_step, cpu, reference};
-use crate::testing_hash::*;
+use crate::testing::*;
 
 /// No multiple of a group, and more than a parallel piece.
 const N: usize = (1 << 15) + 37;
@@ -45,15 +45,15 @@ fn two_steps_by_hand() {
     let mut state = State::zero(vec![1.0]);
     // m = 1, v = 1, unbiased 2 and 4: the step is 0.1 * 2 / 2.5.
     state.step(&[2.0], &settings);
-    assert_close(&to_f64(&state.param), &[0.92], 1e-6, 0.0);
-    assert_close(&to_f64(&state.first), &[1.0], 1e-6, 0.0);
-    assert_close(&to_f64(&state.second), &[1.0], 1e-6, 0.0);
+    assert_close("param", &to_f64(&state.param), &[0.92], 0.0, 1e-6);
+    assert_close("first moment", &to_f64(&state.first), &[1.0], 0.0, 1e-6);
+    assert_close("second moment", &to_f64(&state.second), &[1.0], 0.0, 1e-6);
     // m = 0.5 - 0.5, v = 0.75 + 0.25.
     settings.step = 2;
     state.step(&[-1.0], &settings);
-    assert_close(&to_f64(&state.param), &[0.92], 1e-6, 0.0);
-    assert_close(&to_f64(&state.first), &[0.0], 0.0, 1e-7);
-    assert_close(&to_f64(&state.second), &[1.0], 1e-6, 0.0);
+    assert_close("param", &to_f64(&state.param), &[0.92], 0.0, 1e-6);
+    assert_close("first moment", &to_f64(&state.first), &[0.0], 1e-7, 0.0);
+    assert_close("second moment", &to_f64(&state.second), &[1.0], 0.0, 1e-6);
 }
 
 #[test]
@@ -77,9 +77,9 @@ fn backends_match_the_reference() {
             let grad = to_f64(&grad);
             reference::adam_step(&mut param64, &grad, &mut first64, &mut second64, &settings);
         }
-        assert_agrees(&values(param), &param64);
-        assert_agrees(&values(first), &first64);
-        assert_agrees(&values(second), &second64);
+        assert_agrees("param", &values(param), &param64);
+        assert_agrees("first moment", &values(first), &first64);
+        assert_agrees("second moment", &values(second), &second64);
     }
 }
 
@@ -117,7 +117,7 @@ fn a_first_step_has_the_learning_rate_whatever_the_gradient() {
         let got = -f64::from(state.param[0]);
         // Epsilon damps gradients near and below it; from there on squares underflow unseen.
         let expected = 0.25 * f64::from(g) / (f64::from(g) + 1e-15);
-        assert_close(&[got], &[expected], 1e-3, 0.25e-3);
+        assert_close("step", &[got], &[expected], 0.25e-3, 1e-3);
         assert!(state.second[0].is_finite());
     }
 }
@@ -132,7 +132,7 @@ fn huge_gradients_neither_freeze_nor_poison() {
     for step in 1..=50 {
         state.step(&[f32::MAX], &AdamStep { step, ..settings });
     }
-    assert_close(&to_f64(&state.param), &[-5.0], 1e-3, 0.0);
+    assert_close("param", &to_f64(&state.param), &[-5.0], 0.0, 1e-3);
 }
 
 #[test]

@@ -1,5 +1,4 @@
-//! What the CubeCL kernels share: device memory, launches, and the primitives that several of
-//! them need.
+//! Shared by the CubeCL kernels: device memory, launches, prefix sums, sorting, atomic addition.
 
 pub(crate) mod atomic;
 pub(crate) mod radix_sort;
@@ -36,13 +35,13 @@ pub(crate) fn own_memory(tensor: CubeTensor) -> CubeTensor {
     }
 }
 
-/// A tensor of `shape` beside `like`; its memory holds whatever was there before.
+/// A tensor of `shape` on the device of `like`, with uninitialised values.
 pub(crate) fn uninitialised<const R: usize>(like: &CubeTensor, shape: [usize; R]) -> CubeTensor {
     let (client, device) = (like.client.clone(), like.device.clone());
     empty_device_contiguous_dtype(client, device, shape.into(), DType::F32)
 }
 
-/// A contiguous tensor of zeros of `shape` beside `like`; Burn's own pad their rows on CUDA.
+/// A contiguous tensor of zeros on the device of `like`; Burn's own pad their rows on CUDA.
 pub(crate) fn zeros<const R: usize>(like: &CubeTensor, shape: [usize; R]) -> CubeTensor {
     let tensor = uninitialised(like, shape);
     let length = tensor.meta.num_elements();
@@ -51,8 +50,8 @@ pub(crate) fn zeros<const R: usize>(like: &CubeTensor, shape: [usize; R]) -> Cub
     tensor
 }
 
-/// A tensor as a kernel's argument. A kernel has to be told its length: `.len()` there is that of the memory, which on
-/// CUDA may be longer, and nothing checks what lies beyond.
+/// A tensor as a kernel's argument. Kernels take lengths as arguments of their own: `.len()` in a kernel is the length of
+/// the memory, which on CUDA may be longer, and nothing checks accesses beyond the tensor.
 pub(crate) fn arg(tensor: &CubeTensor) -> BufferArg {
     assert!(tensor.is_contiguous(), "kernels read row-major tensors");
     let length = tensor.meta.num_elements();
@@ -68,7 +67,7 @@ pub(crate) struct Buffer {
 }
 
 impl Buffer {
-    /// Memory for `length` values that holds whatever was there before.
+    /// Memory for `length` uninitialised values.
     pub fn uninitialised(client: &Client, length: usize) -> Self {
         // No device binds an empty buffer.
         let handle = client.empty(length.max(1) * WORD_BYTES);
@@ -109,12 +108,11 @@ impl Buffer {
     }
 }
 
-/// Memory is handed out in whole pieces of this many bytes, or of the device's alignment where that is more: what is
-/// asked for is rounded up to them.
+/// Sizes of buffers are rounded up to multiples of this many bytes, or of the device's alignment where that is more.
 const PIECE_BYTES: u64 = 512;
 
-/// Bytes of the largest buffer that the device gives. Limits that are no whole pieces, such as the 2^31 - 1 bytes of
-/// many drivers, can't be used up: the last piece would go beyond them.
+/// Bytes of the device's largest buffer. A limit between two multiples, such as the 2^31 - 1 bytes of many drivers, can't
+/// be used up: the last piece would exceed it.
 pub(crate) fn largest_buffer(client: &Client) -> u64 {
     let memory = &client.properties().memory;
     whole_pieces(memory.max_page_size, memory.alignment)
@@ -128,7 +126,7 @@ fn whole_pieces(limit: u64, alignment: u64) -> u64 {
 /// Units of a cube in kernels whose units are independent of each other.
 pub(crate) const CUBE_UNITS: u32 = 64;
 
-/// The launch size for `n` independent units; the last cube may hold more than are needed.
+/// The launch size for `n` independent units; the last cube may have idle units.
 pub(crate) fn units(client: &Client, n: usize) -> (CubeCount, CubeDim) {
     let dim = CubeDim::new_1d(CUBE_UNITS);
     // A launch of nothing is one idle cube: kernels check their position anyway.
@@ -144,7 +142,10 @@ pub(crate) fn calculate_cubes(client: &Client, n: usize) -> CubeCount {
 }
 
 #[cube(launch)]
-fn zero_kernel(values: &mut [u32], length: u32) {
+fn zero_kernel(
+    values: &mut [u32], // [length]
+    length: u32,
+) {
     if ABSOLUTE_POS < length as usize {
         values[ABSOLUTE_POS] = 0u32;
     }

@@ -1,11 +1,10 @@
 //! Stable radix sort of `u32` keys with a `u32` value each, least significant digit first.
 //!
-//! A unit owns `PER_UNIT` neighbouring pairs; a cube of `UNITS` units owns one block of them. Per
-//! digit three steps: every cube counts the digits of its block, the counts of each digit are summed up over the blocks
-//! before, every cube moves its block's pairs to their places. Where there are few blocks, every cube sums the counts
-//! that it needs itself: reading them takes less than another launch. Within a cube each unit counts its own pairs in a
-//! column of shared memory, so that no atomics are needed and the order of equal digits is kept whatever the width of a
-//! subgroup.
+//! A unit owns `PER_UNIT` neighbouring pairs, a cube of `UNITS` units one block of them. Each digit takes three launches:
+//! every cube counts the digits of its block, prefix sums of each digit's counts are taken over the blocks, every cube
+//! moves its block's pairs to their places. With few blocks every cube takes these prefix sums itself: reading the
+//! counts takes less than another launch. Within a cube each unit counts its own pairs in a column of shared memory. So
+//! no atomics are needed, and the order of equal digits is kept whatever the width of a subgroup.
 //! Shared memory: a count per unit and digit, two in a word, and a place per digit, 9 KiB. Deterministic.
 
 use cubecl::prelude::*;
@@ -21,26 +20,26 @@ const BLOCK: usize = UNITS * PER_UNIT;
 /// Bits sorted at a time.
 const DIGIT_BITS: u32 = 7;
 const N_DIGITS: usize = 1 << DIGIT_BITS;
-/// Words that hold a unit's counts: those of a digit of the lower half and of one of the upper half.
+/// Words that hold a unit's counts: each holds the counts of one digit of the lower half and one of the upper half.
 const N_WORDS: usize = N_DIGITS / 2;
-/// Digits whose places a unit works out.
+/// Digits whose places a unit computes.
 const DIGITS_PER_UNIT: usize = N_DIGITS / UNITS;
 /// Distance of a word's columns in shared memory: one more than there are units, so that units
 /// that walk along different words meet different banks.
 const STRIDE: usize = UNITS + 1;
-/// Blocks whose counts every cube sums itself.
+/// Up to this many blocks every cube sums the counts itself.
 const FEW_BLOCKS: usize = 128;
 
-/// How many pairs there are, as far as only the device knows.
+/// A number of pairs that only the device knows.
 pub(crate) struct DeviceCount<'a> {
-    /// Where it is kept.
+    /// The buffer that holds it.
     pub buffer: &'a Buffer,
-    /// At which place.
+    /// Its index in the buffer.
     pub at: usize,
 }
 
-/// Sorts the first pairs, as many as `count` says but no more than there are, by the lowest
-/// `key_bits` bits of their keys; what comes after them is undefined.
+/// Sorts the first `count` pairs, but no more than the buffers hold, by the lowest `key_bits` bits of their keys. The
+/// remaining pairs are undefined.
 pub(crate) fn sort_pairs(
     client: &Client,
     keys: Buffer,
@@ -49,30 +48,26 @@ pub(crate) fn sort_pairs(
     key_bits: u32,
 ) -> (Buffer, Buffer) {
     let n = keys.len();
-    let count_at = count.at as u32;
-    let count = count.buffer;
     let n_blocks = n.div_ceil(BLOCK).max(1);
     let dim = CubeDim::new_1d(UNITS as u32);
     let cubes = calculate_cubes(client, n_blocks);
     let few = n_blocks <= FEW_BLOCKS;
     let (mut keys, mut values) = (keys, values);
     for shift in (0..key_bits).step_by(DIGIT_BITS as usize) {
-        // Behind those of the blocks a row of totals.
+        let pass = || PassLaunch::new(count.at as u32, n as u32, n_blocks as u32, shift);
+        // The last row holds totals.
         let counts = Buffer::uninitialised(client, N_DIGITS * (n_blocks + 1));
         count_digits::launch(
             client,
             cubes.clone(),
             dim,
             keys.arg(),
-            count.arg(),
+            count.buffer.arg(),
             counts.arg(),
-            count_at,
-            n as u32,
-            n_blocks as u32,
-            shift,
+            pass(),
         );
         if !few {
-            sum_before::launch(
+            scan_digit_counts::launch(
                 client,
                 calculate_cubes(client, N_DIGITS),
                 dim,
@@ -88,14 +83,11 @@ pub(crate) fn sort_pairs(
             dim,
             keys.arg(),
             values.arg(),
-            count.arg(),
+            count.buffer.arg(),
             counts.arg(),
             sorted_keys.arg(),
             sorted_values.arg(),
-            count_at,
-            n as u32,
-            n_blocks as u32,
-            shift,
+            pass(),
             few,
         );
         (keys, values) = (sorted_keys, sorted_values);
@@ -103,7 +95,19 @@ pub(crate) fn sort_pairs(
     (keys, values)
 }
 
-/// The word of a key's digit, and by how many bits its count is shifted in there.
+/// The numbers of the pass over one digit.
+#[derive(CubeType, CubeLaunch, Clone, Copy)]
+struct Pass {
+    /// Place of the number of pairs in its buffer.
+    count_at: u32,
+    /// Most pairs.
+    n: u32,
+    n_blocks: u32,
+    /// Bits below the digit.
+    shift: u32,
+}
+
+/// The word of a key's digit, and the shift of its count in that word.
 #[cube]
 fn place_of_count(key: u32, shift: u32) -> (usize, u32) {
     let digit = (key >> shift) & comptime!(N_DIGITS as u32 - 1);
@@ -113,8 +117,11 @@ fn place_of_count(key: u32, shift: u32) -> (usize, u32) {
 
 /// The pairs of this unit, from and to.
 #[cube]
-fn own_pairs(count: &[u32], count_at: u32, n: u32) -> (usize, usize) {
-    let n = u32::min(count[count_at as usize], n);
+fn own_pairs(
+    count: &[u32], // [count_at + 1 or more]
+    pass: &Pass,
+) -> (usize, usize) {
+    let n = u32::min(count[pass.count_at as usize], pass.n);
     let first = (CUBE_POS * BLOCK + UNIT_POS as usize * PER_UNIT) as u32;
     let end = u32::min(first + comptime!(PER_UNIT as u32), n);
     (first as usize, end as usize)
@@ -122,7 +129,13 @@ fn own_pairs(count: &[u32], count_at: u32, n: u32) -> (usize, usize) {
 
 /// Counts the digits of this unit's pairs in its column.
 #[cube]
-fn count_own(keys: &[u32], counts: &mut Shared<[u32]>, first: usize, end: usize, shift: u32) {
+fn count_own(
+    keys: &[u32],               // [n]
+    counts: &mut Shared<[u32]>, // [N_WORDS, STRIDE]
+    first: usize,
+    end: usize,
+    shift: u32,
+) {
     let unit = UNIT_POS as usize;
     for word in 0..N_WORDS {
         counts[word * STRIDE + unit] = 0u32;
@@ -135,23 +148,20 @@ fn count_own(keys: &[u32], counts: &mut Shared<[u32]>, first: usize, end: usize,
     }
 }
 
-/// Counts of each block and digit `[n_blocks, N_DIGITS]`.
+/// Counts the digits of each block.
 #[cube(launch)]
 fn count_digits(
-    keys: &[u32],
-    count: &[u32],
-    digit_counts: &mut [u32],
-    count_at: u32,
-    n: u32,
-    n_blocks: u32,
-    shift: u32,
+    keys: &[u32],             // [n]
+    count: &[u32],            // [count_at + 1 or more]
+    digit_counts: &mut [u32], // [n_blocks + 1, N_DIGITS]
+    pass: Pass,
 ) {
     let mut counts = Shared::<[u32]>::new_slice(comptime!(N_WORDS * STRIDE));
-    let (first, end) = own_pairs(count, count_at, n);
-    count_own(keys, &mut counts, first, end, shift);
+    let (first, end) = own_pairs(count, &pass);
+    count_own(keys, &mut counts, first, end, pass.shift);
     // A word's counts are summed by one unit after all have counted.
     sync_cube();
-    if CUBE_POS < n_blocks as usize {
+    if CUBE_POS < pass.n_blocks as usize {
         let mut word = UNIT_POS as usize;
         while word < N_WORDS {
             let mut sum = 0u32;
@@ -166,10 +176,13 @@ fn count_digits(
     }
 }
 
-/// Puts in place of each block's count of a digit the sum of those of the blocks before; the sum of all goes behind them.
-/// A cube owns a digit.
+/// Replaces the counts of each digit by their exclusive prefix sums over the blocks, and appends the total. A cube owns
+/// a digit.
 #[cube(launch)]
-fn sum_before(digit_counts: &mut [u32], n_blocks: u32) {
+fn scan_digit_counts(
+    digit_counts: &mut [u32], // [n_blocks + 1, N_DIGITS]
+    n_blocks: u32,
+) {
     let mut sums = Shared::<[u32]>::new_slice(UNITS);
     let unit = UNIT_POS as usize;
     let n_blocks = n_blocks as usize;
@@ -200,40 +213,32 @@ fn sum_before(digit_counts: &mut [u32], n_blocks: u32) {
     }
 }
 
-#[cube(launch)]
-fn move_pairs(
-    keys: &[u32],
-    values: &[u32],
-    count: &[u32],
-    // Of each block and digit: sums of the blocks before, and of all; with few blocks, what `count_digits` counted.
-    digit_counts: &[u32],
-    sorted_keys: &mut [u32],
-    sorted_values: &mut [u32],
-    count_at: u32,
-    n: u32,
-    n_blocks: u32,
-    shift: u32,
-    #[comptime] few: bool,
-) {
-    let mut counts = Shared::<[u32]>::new_slice(comptime!(N_WORDS * STRIDE));
-    let mut places = Shared::<[u32]>::new_slice(N_DIGITS);
-    let mut sums = Shared::<[u32]>::new_slice(UNITS);
-    let unit = UNIT_POS as usize;
-    let n_blocks = n_blocks as usize;
-    let (first, end) = own_pairs(count, count_at, n);
-    count_own(keys, &mut counts, first, end, shift);
+/// For each digit of this unit, its number of pairs in the preceding blocks, and in all blocks.
+#[derive(CubeType)]
+struct DigitSums {
+    before: Array<u32>, // [DIGITS_PER_UNIT]
+    all: Array<u32>,    // [DIGITS_PER_UNIT]
+}
 
-    // Of each digit of this unit, the pairs in blocks before this one, and all.
-    let mut before = Array::<u32>::new(DIGITS_PER_UNIT);
-    let mut all = Array::<u32>::new(DIGITS_PER_UNIT);
-    let first_digit = unit * DIGITS_PER_UNIT;
+/// The sums of this unit's digits: read, or with few blocks summed here.
+#[cube]
+fn digit_sums(
+    digit_counts: &[u32], // [n_blocks + 1, N_DIGITS]
+    first_digit: usize,
+    n_blocks: usize,
+    #[comptime] few: bool,
+) -> DigitSums {
+    let mut sums = DigitSums {
+        before: Array::<u32>::new(DIGITS_PER_UNIT),
+        all: Array::<u32>::new(DIGITS_PER_UNIT),
+    };
     #[unroll]
     for k in 0..DIGITS_PER_UNIT {
-        before[k] = 0u32;
-        all[k] = 0u32;
+        sums.before[k] = 0u32;
+        sums.all[k] = 0u32;
         if comptime!(!few) && CUBE_POS < n_blocks {
-            before[k] = digit_counts[CUBE_POS * N_DIGITS + first_digit + k];
-            all[k] = digit_counts[n_blocks * N_DIGITS + first_digit + k];
+            sums.before[k] = digit_counts[CUBE_POS * N_DIGITS + first_digit + k];
+            sums.all[k] = digit_counts[n_blocks * N_DIGITS + first_digit + k];
         }
     }
     if comptime!(few) {
@@ -241,30 +246,18 @@ fn move_pairs(
             #[unroll]
             for k in 0..DIGITS_PER_UNIT {
                 let own = digit_counts[block * N_DIGITS + first_digit + k];
-                all[k] += own;
-                before[k] += select(block < CUBE_POS, own, 0u32);
+                sums.all[k] += own;
+                sums.before[k] += select(block < CUBE_POS, own, 0u32);
             }
         }
     }
-    let mut sum = 0u32;
-    #[unroll]
-    for k in 0..DIGITS_PER_UNIT {
-        sum += all[k];
-    }
-    sums[unit] = sum;
-    // Sums and counts of all units are complete.
-    sync_cube();
-    let mut place = 0u32;
-    for other in 0..unit {
-        place += sums[other];
-    }
-    #[unroll]
-    for k in 0..DIGITS_PER_UNIT {
-        places[first_digit + k] = place + before[k];
-        place += all[k];
-    }
-    // Counts become those of the units before.
-    let mut word = unit;
+    sums
+}
+
+/// Replaces the units' counts `[N_WORDS, STRIDE]` by their exclusive prefix sums.
+#[cube]
+fn scan_units(counts: &mut Shared<[u32]>) {
+    let mut word = UNIT_POS as usize;
     while word < N_WORDS {
         let mut sum = 0u32;
         for other in 0..UNITS {
@@ -275,11 +268,51 @@ fn move_pairs(
         }
         word += UNITS;
     }
+}
+
+/// Moves the pairs of each block to their places. `digit_counts` holds prefix sums; with few blocks, counts.
+#[cube(launch)]
+fn move_pairs(
+    keys: &[u32],              // [n]
+    values: &[u32],            // [n]
+    count: &[u32],             // [count_at + 1 or more]
+    digit_counts: &[u32],      // [n_blocks + 1, N_DIGITS]
+    sorted_keys: &mut [u32],   // [n]
+    sorted_values: &mut [u32], // [n]
+    pass: Pass,
+    #[comptime] few: bool,
+) {
+    let mut counts = Shared::<[u32]>::new_slice(comptime!(N_WORDS * STRIDE));
+    let mut places = Shared::<[u32]>::new_slice(N_DIGITS);
+    let mut unit_sums = Shared::<[u32]>::new_slice(UNITS);
+    let unit = UNIT_POS as usize;
+    let first_digit = unit * DIGITS_PER_UNIT;
+    let (first, end) = own_pairs(count, &pass);
+    count_own(keys, &mut counts, first, end, pass.shift);
+    let sums = digit_sums(digit_counts, first_digit, pass.n_blocks as usize, few);
+    let mut sum = 0u32;
+    #[unroll]
+    for k in 0..DIGITS_PER_UNIT {
+        sum += sums.all[k];
+    }
+    unit_sums[unit] = sum;
+    // Sums and counts of all units are complete.
+    sync_cube();
+    let mut place = 0u32;
+    for other in 0..unit {
+        place += unit_sums[other];
+    }
+    #[unroll]
+    for k in 0..DIGITS_PER_UNIT {
+        places[first_digit + k] = place + sums.before[k];
+        place += sums.all[k];
+    }
+    scan_units(&mut counts);
     // All places are known before any pair moves.
     sync_cube();
     for i in first..end {
         let key = keys[i];
-        let (word, bits) = place_of_count(key, shift);
+        let (word, bits) = place_of_count(key, pass.shift);
         let at = word * STRIDE + unit;
         let own = counts[at];
         counts[at] = own + (1u32 << bits);

@@ -1,9 +1,9 @@
 //! Exclusive prefix sums of `u32` values; sums that outgrow `u32` stay at its largest number.
 //!
-//! A unit owns `PER_UNIT` neighbouring values; a cube of `UNITS` units owns one block of them.
-//! Short inputs are summed by a single cube whose units own longer runs. Otherwise two launches: sums of the blocks, and
-//! prefix sums within the blocks, for which every cube adds up the sums of those before its own; where these are many,
-//! a launch between the two makes prefix sums of them.
+//! A unit owns `PER_UNIT` neighbouring values, a cube of `UNITS` units one block of them. A short input is summed by a
+//! single cube whose units own longer runs. A longer one takes two launches: sums of the blocks, and prefix sums within
+//! the blocks. In the second every cube adds up the sums of the preceding blocks; where these are many, a launch between
+//! the two takes their prefix sums.
 //! Shared memory: one value per unit. No atomics; integer sums are the same in any order.
 
 use cubecl::prelude::*;
@@ -15,12 +15,12 @@ const UNITS: usize = 64;
 /// Neighbouring values that a unit sums.
 const PER_UNIT: usize = 16;
 const BLOCK: usize = UNITS * PER_UNIT;
-/// Values that a single cube takes on alone.
+/// Up to this many values a single cube does all the work.
 const SINGLE_CUBE_MAX: usize = 8 * BLOCK;
-/// Blocks whose sums every cube adds up itself.
+/// Up to this many blocks every cube adds up the sums itself.
 const FEW_BLOCKS: usize = 1024;
 
-/// The sums of all values before each, and of all of them: `[n] -> [n + 1]`.
+/// The sum of the values preceding each, and of all values: `[n] -> [n + 1]`.
 pub(crate) fn exclusive_scan(client: &Client, values: &Buffer) -> Buffer {
     let n = values.len();
     let sums = Buffer::uninitialised(client, n + 1);
@@ -67,7 +67,7 @@ fn saturating_add(a: u32, b: u32) -> u32 {
     select(sum < a, 0xffff_ffffu32, sum)
 }
 
-/// The sum of the units before this one, and of all units; every unit of the cube has to call it.
+/// The sum over the preceding units, and over all units. Every unit of the cube has to call it.
 #[cube]
 fn cube_exclusive_sum(own: u32, #[comptime] units: usize) -> (u32, u32) {
     let mut sums = Shared::<[u32]>::new_slice(units);
@@ -97,7 +97,11 @@ fn cube_exclusive_sum(own: u32, #[comptime] units: usize) -> (u32, u32) {
 }
 
 #[cube(launch)]
-fn sum_blocks(values: &[u32], block_sums: &mut [u32], n: u32) {
+fn sum_blocks(
+    values: &[u32],         // [n]
+    block_sums: &mut [u32], // [n_blocks]
+    n: u32,
+) {
     let first = CUBE_POS * BLOCK + UNIT_POS as usize * PER_UNIT;
     let own = sum_run(values, first, PER_UNIT, n as usize);
     let (_, all) = cube_exclusive_sum(own, UNITS);
@@ -106,12 +110,12 @@ fn sum_blocks(values: &[u32], block_sums: &mut [u32], n: u32) {
     }
 }
 
+/// `blocks` holds prefix sums of the blocks' sums; with few blocks, these sums.
 #[cube(launch)]
 fn scan_blocks(
-    values: &[u32],
-    // Prefix sums of the blocks' sums; with few blocks, these sums.
-    blocks: &[u32],
-    sums: &mut [u32],
+    values: &[u32],   // [n]
+    blocks: &[u32],   // [n_blocks + 1], with few blocks [n_blocks]
+    sums: &mut [u32], // [n + 1]
     n: u32,
     n_blocks: u32,
     #[comptime] few: bool,
@@ -145,7 +149,11 @@ fn scan_blocks(
 }
 
 #[cube(launch)]
-fn scan_one_cube(values: &[u32], sums: &mut [u32], n: u32) {
+fn scan_one_cube(
+    values: &[u32],   // [n]
+    sums: &mut [u32], // [n + 1]
+    n: u32,
+) {
     let run = (n as usize).div_ceil(UNITS);
     let first = UNIT_POS as usize * run;
     let own = sum_run(values, first, run, n as usize);
@@ -157,7 +165,12 @@ fn scan_one_cube(values: &[u32], sums: &mut [u32], n: u32) {
 }
 
 #[cube]
-fn sum_run(values: &[u32], first: usize, run: usize, n: usize) -> u32 {
+fn sum_run(
+    values: &[u32], // [n]
+    first: usize,
+    run: usize,
+    n: usize,
+) -> u32 {
     let mut sum = 0u32;
     let mut i = first;
     while i < first + run && i < n {
@@ -167,9 +180,16 @@ fn sum_run(values: &[u32], first: usize, run: usize, n: usize) -> u32 {
     sum
 }
 
-/// Writes the prefix sums of a run, and after the last value of all the sum of all.
+/// Writes the prefix sums of a run, and after the last value the total.
 #[cube]
-fn scan_run(values: &[u32], sums: &mut [u32], first: usize, run: usize, n: usize, before: u32) {
+fn scan_run(
+    values: &[u32],   // [n]
+    sums: &mut [u32], // [n + 1]
+    first: usize,
+    run: usize,
+    n: usize,
+    before: u32,
+) {
     let mut sum = before;
     let mut i = first;
     while i < first + run && i < n {

@@ -1,4 +1,4 @@
-//! Displacements on the CPU: rows are independent, so any split over threads gives the same bits.
+//! Displacements on the CPU: rows are independent, so any number of threads gives the same bits.
 
 use rayon::prelude::*;
 

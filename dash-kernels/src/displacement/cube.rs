@@ -15,7 +15,7 @@ impl Displacement for CubeBackend {
         let n = coefficients.meta.num_elements() / (AXES * basis.len());
         let out = uninitialised(&coefficients, [n, AXES]);
         let (count, dim) = units(&coefficients.client, n * AXES);
-        forward::launch(
+        displacement_kernel::launch(
             &coefficients.client,
             count,
             dim,
@@ -35,7 +35,7 @@ impl DisplacementVjp for CubeBackend {
         let n = v_out.meta.num_elements() / AXES;
         let gradient = uninitialised(&v_out, [n, AXES * basis.len()]);
         let (count, dim) = units(&v_out.client, n * AXES * basis.len());
-        backward::launch(
+        displacement_vjp_kernel::launch(
             &v_out.client,
             count,
             dim,
@@ -54,7 +54,13 @@ fn values(client: &Client, basis: &[f32]) -> Buffer {
 }
 
 #[cube(launch)]
-fn forward(coefficients: &[f32], basis: &[f32], out: &mut [f32], length: u32, n_functions: u32) {
+fn displacement_kernel(
+    coefficients: &[f32], // [N, B * 3]
+    basis: &[f32],        // [B]
+    out: &mut [f32],      // [N, 3]
+    length: u32,
+    n_functions: u32,
+) {
     if ABSOLUTE_POS >= length as usize {
         terminate!();
     }
@@ -69,7 +75,13 @@ fn forward(coefficients: &[f32], basis: &[f32], out: &mut [f32], length: u32, n_
 }
 
 #[cube(launch)]
-fn backward(v_out: &[f32], basis: &[f32], gradient: &mut [f32], length: u32, n_functions: u32) {
+fn displacement_vjp_kernel(
+    v_out: &[f32],        // [N, 3]
+    basis: &[f32],        // [B]
+    gradient: &mut [f32], // [N, B * 3]
+    length: u32,
+    n_functions: u32,
+) {
     if ABSOLUTE_POS >= length as usize {
         terminate!();
     }

@@ -1,4 +1,4 @@
-//! Where trajectories are at a time.
+//! Displacements of trajectories at a time.
 
 mod autodiff;
 pub mod cpu;
@@ -18,11 +18,11 @@ use crate::host::{HostBackend, dims};
 /// Coordinates of a displacement.
 const AXES: usize = 3;
 
-/// Displacements from trajectories' coefficients and the values that their basis functions have at a time.
+/// Displacements of trajectories: the sum of their coefficients times the values of the basis functions at a time.
 ///
-/// A matrix product would do, but GPUs with tensor cores round what they multiply to ten bits.
+/// In place of a matrix product, for which GPUs with tensor cores round the factors to ten bits.
 ///
-/// Coefficients that are not finite count as zero; what would be beyond the largest number is that number.
+/// Coefficients that are not finite count as zero. Sums are clamped to the range of `f32`.
 ///
 /// # Shapes
 /// `coefficients [N, B * 3] -> [N, 3]`, for the `B` values of `basis`.
@@ -33,6 +33,18 @@ const AXES: usize = 3;
 /// # Errors
 /// [`KernelError::Shape`] when there are not three coefficients for each basis function,
 /// [`KernelError::Config`] for a basis function whose value is not finite.
+///
+/// # Example
+/// ```
+/// use burn::tensor::{Device, Tensor};
+/// use dash_kernels::displacement::displacement;
+///
+/// // One trajectory with two basis functions: the first moves along x, the second along y.
+/// let coefficients = Tensor::from_floats([[1.0, 0.0, 0.0, 0.0, 2.0, 0.0]], &Device::flex());
+/// let moved = displacement(coefficients, &[0.5, 0.25])?;
+/// assert_eq!(moved.into_data().to_vec::<f32>()?, [0.5, 0.5, 0.0]);
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 pub fn displacement(coefficients: Tensor<2>, basis: &[f32]) -> Result<Tensor<2>, KernelError> {
     let [n, width] = coefficients.dims();
     if width != AXES * basis.len() {
@@ -46,7 +58,7 @@ pub fn displacement(coefficients: Tensor<2>, basis: &[f32]) -> Result<Tensor<2>,
     if let Some(value) = basis.iter().find(|value| !value.is_finite()) {
         return Err(KernelError::Config {
             op: "displacement",
-            what: format!("a basis function of {value}, expected a finite value"),
+            what: format!("a value of `basis` is {value}, expected finite values"),
         });
     }
     // No device binds an empty buffer.

@@ -1,4 +1,4 @@
-//! The look through a tensor on the CPU: one pass at the speed of memory.
+//! Search for values that are not finite on the CPU: one pass at the speed of memory.
 
 use rayon::prelude::*;
 
@@ -6,7 +6,7 @@ use crate::isa::{Kernel, dispatch};
 
 /// Values per parallel piece; a smaller tensor is not worth waking threads for.
 const PIECE: usize = 1 << 16;
-/// Values that are looked at between two chances to stop.
+/// Values between two checks whether to stop.
 const GROUP: usize = 1 << 12;
 /// Bits of an infinity without its sign; those of every NaN are greater.
 const INFINITE: u32 = 0x7f80_0000;

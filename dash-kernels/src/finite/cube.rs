@@ -1,7 +1,7 @@
-//! The look through tensors on CubeCL devices.
+//! Search for values that are not finite on CubeCL devices.
 //!
-//! A launch looks through six tensors. A unit owns every `stride`-th value of each and raises a tensor's flag if one of
-//! them is not finite; units that raise the same flag write the same word. No shared memory, no atomics; deterministic.
+//! A launch searches six tensors. A unit owns every `stride`-th value of each and raises a tensor's flag if one of them
+//! is not finite; units that raise the same flag write the same word. No shared memory, no atomics; deterministic.
 
 use burn_cubecl::CubeBackend;
 use burn_cubecl::tensor::CubeTensor;
@@ -11,7 +11,7 @@ use crate::cube::{arg, contiguous, is_finite, own_memory, units};
 
 use super::{RAISED, RaiseFlags};
 
-/// Values that a unit looks at, of the longest tensor.
+/// Values of the longest tensor that a unit reads.
 const VALUES_PER_UNIT: usize = 16;
 
 impl RaiseFlags for CubeBackend {
@@ -38,18 +38,13 @@ impl RaiseFlags for CubeBackend {
         let [n_a, n_b, n_c, n_d, n_e, n_f] = lengths.map(|n| n as u32);
         let (count, dim) = units(&client, stride);
         let [a, b, c, d, e, f] = tensors.each_ref().map(arg);
+        let lengths = LengthsLaunch::new(n_a, n_b, n_c, n_d, n_e, n_f);
         raise_kernel::launch(
             &client,
             count,
             dim,
-            a,
-            b,
-            c,
-            d,
-            e,
-            f,
+            TensorsLaunch::new(a, b, c, d, e, f, lengths),
             arg(&flags),
-            LengthsLaunch::new(n_a, n_b, n_c, n_d, n_e, n_f),
             first as u32,
             last as u32,
             stride as u32,
@@ -58,7 +53,7 @@ impl RaiseFlags for CubeBackend {
     }
 }
 
-/// How many values there are of each tensor; the memory that a kernel is given may be longer.
+/// Lengths of the tensors; their memory may be longer.
 #[derive(CubeType, CubeLaunch, Clone, Copy)]
 struct Lengths {
     a: u32,
@@ -69,9 +64,27 @@ struct Lengths {
     f: u32,
 }
 
+/// The tensors of a launch.
+#[derive(CubeType, CubeLaunch)]
+struct Tensors {
+    a: Box<[f32]>, // [n.a]
+    b: Box<[f32]>, // [n.b]
+    c: Box<[f32]>, // [n.c]
+    d: Box<[f32]>, // [n.d]
+    e: Box<[f32]>, // [n.e]
+    f: Box<[f32]>, // [n.f]
+    n: Lengths,
+}
+
 /// Raises the flag of `slot` if one of this unit's values is not finite.
 #[cube]
-fn look(values: &[f32], n: u32, flags: &mut [f32], slot: u32, stride: u32) {
+fn look(
+    values: &[f32], // [n]
+    n: u32,
+    flags: &mut [f32], // [number of tensors]
+    slot: u32,
+    stride: u32,
+) {
     let mut sound = true;
     let mut i = ABSOLUTE_POS;
     while i < n as usize {
@@ -83,16 +96,11 @@ fn look(values: &[f32], n: u32, flags: &mut [f32], slot: u32, stride: u32) {
     }
 }
 
+/// The tensors' flags start at `first`; tensors after `last` repeat it.
 #[cube(launch)]
 fn raise_kernel(
-    a: &[f32],
-    b: &[f32],
-    c: &[f32],
-    d: &[f32],
-    e: &[f32],
-    f: &[f32],
-    flags: &mut [f32],
-    n: Lengths,
+    tensors: Tensors,
+    flags: &mut [f32], // [number of tensors]
     first: u32,
     last: u32,
     stride: u32,
@@ -100,10 +108,11 @@ fn raise_kernel(
     if ABSOLUTE_POS >= stride as usize {
         terminate!();
     }
-    look(a, n.a, flags, first, stride);
-    look(b, n.b, flags, first + u32::min(1u32, last), stride);
-    look(c, n.c, flags, first + u32::min(2u32, last), stride);
-    look(d, n.d, flags, first + u32::min(3u32, last), stride);
-    look(e, n.e, flags, first + u32::min(4u32, last), stride);
-    look(f, n.f, flags, first + u32::min(5u32, last), stride);
+    let n = tensors.n;
+    look(&tensors.a, n.a, flags, first, stride);
+    look(&tensors.b, n.b, flags, first + u32::min(1u32, last), stride);
+    look(&tensors.c, n.c, flags, first + u32::min(2u32, last), stride);
+    look(&tensors.d, n.d, flags, first + u32::min(3u32, last), stride);
+    look(&tensors.e, n.e, flags, first + u32::min(4u32, last), stride);
+    look(&tensors.f, n.f, flags, first + u32::min(5u32, last), stride);
 }

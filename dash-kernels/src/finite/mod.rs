@@ -1,4 +1,4 @@
-//! Whether tensors hold anything that is not a number, without reading them back.
+//! Search for NaN and infinity in tensors, without reading them back.
 
 mod cpu;
 #[cfg(feature = "cube")]
@@ -12,20 +12,29 @@ use burn::tensor::{Tensor, TensorData, try_read_sync};
 
 use crate::host::HostBackend;
 
-/// What a flag holds once something that is not finite was found.
+/// Value of the flag of a tensor that is not finite.
 const RAISED: f32 = 1.0;
-/// Tensors that are looked through at once: WebGPU promises a kernel eight buffers, one holds the flags and one the
-/// launch's numbers.
+/// Tensors of a launch: WebGPU promises a kernel eight buffers, of which one holds the flags and one the uniforms.
 const AT_ONCE: usize = 6;
 
-/// For each tensor whether all of it is finite. Many tensors are looked through for the price of reading a few bytes
-/// back; waits for the device. On an autodiff device pass `tensor.inner()`.
+/// Whether each tensor is finite throughout. Reads back a few bytes for any number of tensors, and waits for the device.
+/// On an autodiff device pass `tensor.inner()`.
 ///
-/// The other operations of this crate give finite results whatever they are given, so what went
-/// wrong has to be looked for where values are kept.
+/// The other operations of this crate give finite results for any input, so a fault has to be searched for in the
+/// parameters and the optimizer's state.
 ///
 /// # Panics
 /// On tensors of an autodiff device, or of different devices.
+///
+/// # Example
+/// ```
+/// use burn::tensor::{Device, Tensor};
+/// use dash_kernels::finite::all_finite;
+///
+/// let device = Device::flex();
+/// let tensors = [[1.0, 2.0], [f32::NAN, 0.0]].map(|row| Tensor::<1>::from_floats(row, &device));
+/// assert_eq!(all_finite(&tensors), [true, false]);
+/// ```
 pub fn all_finite(tensors: &[Tensor<1>]) -> Vec<bool> {
     let is_empty = |tensor: &Tensor<1>| tensor.dims()[0] == 0;
     let filled: Vec<_> = tensors.iter().filter(|tensor| !is_empty(tensor)).collect();
@@ -34,7 +43,7 @@ pub fn all_finite(tensors: &[Tensor<1>]) -> Vec<bool> {
     };
     let mut flags = Tensor::<1>::zeros([filled.len()], &device).into_dispatch();
     for (k, group) in filled.chunks(AT_ONCE).enumerate() {
-        // Where there are fewer, the last is looked through again.
+        // A short group repeats its last tensor.
         let last = group.len() - 1;
         let tensor = |k: usize| group[k.min(last)].clone().into_dispatch();
         let [a, b, c, d, e, f] = std::array::from_fn(tensor);
@@ -52,8 +61,7 @@ pub fn all_finite(tensors: &[Tensor<1>]) -> Vec<bool> {
 /// Dispatch of [`all_finite`] over the enabled backends.
 #[backend_extension(Flex: cfg(feature = "flex"), NdArray: cfg(feature = "ndarray"), Cube: cfg(feature = "cube"))]
 pub trait RaiseFlags: Backend {
-    /// The flags, those from `first` on raised whose tensors have values that are not finite; tensors after `last` are
-    /// that one again.
+    /// The flags, raised from `first` on for tensors with a value that is not finite; tensors after `last` repeat it.
     #[allow(clippy::too_many_arguments)]
     fn raise_flags(
         a: FloatTensor<Self>,

@@ -145,10 +145,10 @@ fn bounded(v: f32) -> f32 {
 
 #[cube(launch)]
 fn encode(
-    positions: &[f32],
-    table: &[f32],
-    levels: &[u32],
-    out: &mut [f32],
+    positions: &[f32], // [N, D]
+    table: &[f32],     // [T, F]
+    levels: &[u32],    // [L, N_WORDS]
+    out: &mut [f32],   // [N, L * F]
     n: u32,
     #[comptime] grid: Grid,
 ) {
@@ -184,11 +184,11 @@ fn encode(
 
 #[cube(launch)]
 fn positions_vjp_kernel(
-    positions: &[f32],
-    table: &[f32],
-    levels: &[u32],
-    v_out: &[f32],
-    v_positions: &mut [f32],
+    positions: &[f32],       // [N, D]
+    table: &[f32],           // [T, F]
+    levels: &[u32],          // [L, N_WORDS]
+    v_out: &[f32],           // [N, L * F]
+    v_positions: &mut [f32], // [N, D]
     n: u32,
     #[comptime] grid: Grid,
 ) {
@@ -228,10 +228,10 @@ fn positions_vjp_kernel(
 
 #[cube(launch)]
 fn table_vjp_kernel<A: FloatAdd>(
-    positions: &[f32],
-    levels: &[u32],
-    v_out: &[f32],
-    v_table: &[Atomic<A::Word>],
+    positions: &[f32],           // [N, D]
+    levels: &[u32],              // [L, N_WORDS]
+    v_out: &[f32],               // [N, L * F]
+    v_table: &[Atomic<A::Word>], // [T, F]
     n: u32,
     #[comptime] grid: Grid,
 ) {

@@ -1,7 +1,7 @@
-//! Level sizes of a multiresolution hash grid: integers worked out once, on the host.
+//! Level sizes of a multiresolution hash grid: integers computed once, on the host.
 //!
-//! Every kernel takes these integers; none works them out again, because `exp2`, `powf` and `powi`
-//! disagree in the last bit and a level whose size differs between two places reads foreign rows.
+//! No kernel computes them again: `exp2`, `powf` and `powi` disagree in the last bit, and a level whose size differed
+//! between two kernels would read rows of another level.
 
 use std::sync::Arc;
 
@@ -23,8 +23,8 @@ pub const SUPPORTED_FEATURES: [usize; 4] = [1, 2, 4, 8];
 const MAX_LEVELS: usize = 64;
 const MAX_LOG2_HASHMAP_SIZE: u32 = 31;
 const MAX_RESOLUTION: u32 = 1 << 24;
-/// `N_min b^l` is taken for the integer next to it when it is this close, relatively: `exp` and
-/// `ln` err by a few 1e-16 of their argument, real resolutions are further apart.
+/// `N_min b^l` is rounded to the nearest integer when it is this close, relatively: `exp` and `ln` err by a few 1e-16 of
+/// their argument, real resolutions are further apart.
 const INTEGER_TOLERANCE: f64 = 1e-9;
 
 /// How corner weights depend on the position `w` within a cell.
@@ -49,7 +49,7 @@ pub enum LevelSizing {
     Reference,
 }
 
-/// What a hash grid is made of.
+/// Settings of a hash grid.
 #[derive(Debug, Clone, PartialEq)]
 pub struct HashGridConfig {
     /// Number of levels `L`.
@@ -117,7 +117,7 @@ pub struct HashGridLayout {
 }
 
 impl HashGridLayout {
-    /// Works out the levels of `config`.
+    /// The layout of `config`.
     ///
     /// # Errors
     /// [`KernelError::Config`] when a value is out of range or the table would hold more than
@@ -152,22 +152,21 @@ impl HashGridLayout {
         })
     }
 
-    /// The grid in parts of consecutive levels whose tables hold at most `max_values` each, for
-    /// devices that can't bind the whole; a level that is larger is a part of its own. The parts'
-    /// features follow each other as the whole grid's do, and so do their rows.
-    pub fn split(&self, max_values: usize) -> Vec<Self> {
-        let mut parts: Vec<Vec<HashGridLevel>> = Vec::new();
+    /// Chunks of consecutive levels whose tables hold at most `max_values` each, for devices that can't bind the whole
+    /// table. A larger level is a chunk of its own. Features and rows of the chunks, joined, are those of the grid.
+    pub fn chunks(&self, max_values: usize) -> Vec<Self> {
+        let mut chunks: Vec<Vec<HashGridLevel>> = Vec::new();
         let mut rows = 0;
         for level in self.levels.iter() {
             let fits = (rows + level.size) as u128 * self.features as u128 <= max_values as u128;
-            match parts.last_mut() {
-                Some(part) if fits => part.push(HashGridLevel {
+            match chunks.last_mut() {
+                Some(chunk) if fits => chunk.push(HashGridLevel {
                     offset: rows,
                     ..*level
                 }),
                 _ => {
                     rows = 0;
-                    parts.push(vec![HashGridLevel {
+                    chunks.push(vec![HashGridLevel {
                         offset: 0,
                         ..*level
                     }]);
@@ -175,7 +174,7 @@ impl HashGridLayout {
             }
             rows += level.size;
         }
-        parts
+        chunks
             .into_iter()
             .map(|levels| Self {
                 levels: levels.into(),
@@ -184,7 +183,7 @@ impl HashGridLayout {
             .collect()
     }
 
-    /// The grid without some of its levels; what the others hold stays in order.
+    /// The grid without some of its levels; the other levels keep their order.
     ///
     /// # Errors
     /// [`KernelError::Config`] when there is no such level, or none would be left.

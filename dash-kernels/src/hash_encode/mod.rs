@@ -49,6 +49,33 @@ pub const LARGEST_COTANGENT: f32 = 1e30;
 ///
 /// # Source
 /// DASH Eq. 7-9; see [`LevelSizing`] for the level sizes.
+///
+/// # Example
+/// ```
+/// use burn::tensor::{Device, Distribution, Tensor};
+/// use dash_kernels::hash_encode::{
+///     HashGridConfig, HashGridLayout, Interpolation, LevelSizing, hash_encode,
+/// };
+///
+/// let layout = HashGridLayout::new(&HashGridConfig {
+///     n_levels: 4,
+///     n_features_per_level: 2,
+///     log2_hashmap_size: 10,
+///     base_resolution: vec![4; 3],
+///     finest_resolution: vec![32; 3],
+///     interpolation: Interpolation::Linear,
+///     sizing: LevelSizing::Paper,
+/// })?;
+/// let device = Device::flex().autodiff();
+/// let uniform = Distribution::Uniform(-1e-4, 1e-4);
+/// let table = Tensor::random([layout.n_entries(), 2], uniform, &device).require_grad();
+/// let positions = Tensor::from_floats([[0.1, 0.5, 0.9], [0.2, 0.2, 0.2]], &device);
+/// let features = hash_encode(positions, table.clone(), &layout)?;
+/// assert_eq!(features.dims(), [2, 8]);
+/// let gradients = features.sum().backward();
+/// assert_eq!(table.grad(&gradients).expect("tracked").dims(), table.dims());
+/// # Ok::<(), dash_kernels::KernelError>(())
+/// ```
 pub fn hash_encode(
     positions: Tensor<2>,
     table: Tensor<2>,

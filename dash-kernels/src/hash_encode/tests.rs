@@ -5,7 +5,7 @@ mod layout;
 mod values;
 
 use super::{HashGridConfig, HashGridLayout, Interpolation, LevelSizing, cpu, reference};
-use crate::testing_hash::*;
+use crate::testing::*;
 
 fn small_layout(
     dims: usize,
@@ -87,8 +87,8 @@ impl Case {
     fn assert_cpu_agrees(&self) {
         let [out, v_positions, v_table] = self.cpu();
         let (expected_v_positions, expected_v_table) = self.reference_vjp();
-        assert_agrees(&out, &self.reference());
-        assert_agrees(&v_positions, &expected_v_positions);
-        assert_agrees(&v_table, &expected_v_table);
+        assert_agrees("features", &out, &self.reference());
+        assert_agrees("v_positions", &v_positions, &expected_v_positions);
+        assert_agrees("v_table", &v_table, &expected_v_table);
     }
 }

@@ -17,7 +17,7 @@ use super::{MlpLayer, MlpLayout, Perceptron, PerceptronVjp};
 const ROWS: usize = 8;
 /// Outputs of a unit.
 const COLUMNS: usize = 4;
-/// Inputs whose weights a unit has the gradients of.
+/// Inputs for whose weights a unit sums gradients.
 const INPUTS: usize = 4;
 /// Fewest rows, and most parts, that gradients of the parameters are summed over.
 const PART: usize = 128;
@@ -54,15 +54,15 @@ impl PerceptronVjp for CubeBackend {
         let mut v = clean(v_out);
         let mut v_input = None;
         for (index, layer) in layout.layers().iter().enumerate().rev() {
-            let given = index.checked_sub(1).map_or(&input, |index| &hidden[index]);
+            let inputs = index.checked_sub(1).map_or(&input, |index| &hidden[index]);
             if let Some(sums) = &sums {
                 let own = (layer.n_inputs + 1).div_ceil(INPUTS) * groups(layer.n_outputs);
                 let (count, dim) = units(client, n_parts * own);
-                sum_parts::launch(
+                parameters_vjp_kernel::launch(
                     client,
                     count,
                     dim,
-                    arg(given),
+                    arg(inputs),
                     arg(&v),
                     sums.arg(),
                     sizes(layer, n),
@@ -71,7 +71,7 @@ impl PerceptronVjp for CubeBackend {
                 );
             }
             if index > 0 || needs_input {
-                v = read(&v, given, &parameters, layer, index > 0);
+                v = layer_vjp(&v, inputs, &parameters, layer, index > 0);
             }
             if index == 0 && needs_input {
                 v_input = Some(v.clone());
@@ -107,7 +107,7 @@ fn clean(values: CubeTensor) -> CubeTensor {
     out
 }
 
-/// What the first `n_layers` layers give.
+/// Outputs of each of the first `n_layers` layers.
 fn forward(
     input: &CubeTensor,
     parameters: &CubeTensor,
@@ -120,7 +120,7 @@ fn forward(
         let n = read.meta.shape()[0];
         let out = uninitialised(read, [n, layer.n_outputs]);
         let (count, dim) = units(&read.client, n.div_ceil(ROWS) * groups(layer.n_outputs));
-        give::launch(
+        layer_kernel::launch(
             &read.client,
             count,
             dim,
@@ -135,10 +135,10 @@ fn forward(
     all
 }
 
-/// Gradient of what a layer reads, `given`, from that of what it gives.
-fn read(
+/// Gradient of a layer's inputs from that of its outputs.
+fn layer_vjp(
     v: &CubeTensor,
-    given: &CubeTensor,
+    inputs: &CubeTensor,
     parameters: &CubeTensor,
     layer: &MlpLayer,
     is_hidden: bool,
@@ -146,12 +146,12 @@ fn read(
     let n = v.meta.shape()[0];
     let out = uninitialised(v, [n, layer.n_inputs]);
     let (count, dim) = units(&v.client, n.div_ceil(ROWS) * groups(layer.n_inputs));
-    give_back::launch(
+    layer_vjp_kernel::launch(
         &v.client,
         count,
         dim,
         arg(v),
-        arg(given),
+        arg(inputs),
         arg(parameters),
         arg(&out),
         sizes(layer, n),
@@ -179,7 +179,11 @@ fn sizes(layer: &MlpLayer, n: usize) -> SizesLaunch {
 }
 
 #[cube(launch)]
-fn clean_kernel(values: &[f32], out: &mut [f32], length: u32) {
+fn clean_kernel(
+    values: &[f32],  // [length]
+    out: &mut [f32], // [length]
+    length: u32,
+) {
     if ABSOLUTE_POS < length as usize {
         out[ABSOLUTE_POS] = finite_or_zero(values[ABSOLUTE_POS]);
     }
@@ -208,10 +212,10 @@ fn columns(group: usize, n_groups: usize, width: usize) -> Array<usize> {
 }
 
 #[cube(launch)]
-fn give(
-    input: &[f32],
-    parameters: &[f32],
-    out: &mut [f32],
+fn layer_kernel(
+    input: &[f32],      // [N, n_inputs]
+    parameters: &[f32], // [P]
+    out: &mut [f32],    // [N, n_outputs]
     sizes: Sizes,
     #[comptime] is_hidden: bool,
 ) {
@@ -268,11 +272,11 @@ fn give(
 }
 
 #[cube(launch)]
-fn give_back(
-    v: &[f32],
-    given: &[f32],
-    parameters: &[f32],
-    out: &mut [f32],
+fn layer_vjp_kernel(
+    v: &[f32],          // [N, n_outputs]
+    inputs: &[f32],     // [N, n_inputs]
+    parameters: &[f32], // [P]
+    out: &mut [f32],    // [N, n_inputs]
     sizes: Sizes,
     #[comptime] is_hidden: bool,
 ) {
@@ -316,7 +320,7 @@ fn give_back(
                 let at = (first_row + row) * n_inputs + input;
                 let value = finite_or_zero(sums[row * COLUMNS + column]);
                 if is_hidden {
-                    out[at] = select(given[at] > 0.0f32, value, 0.0f32);
+                    out[at] = select(inputs[at] > 0.0f32, value, 0.0f32);
                 } else {
                     out[at] = value;
                 }
@@ -328,10 +332,10 @@ fn give_back(
 /// Parameters' gradients, summed over a part of the rows. Biases come behind the weights, as if one more input were
 /// always one.
 #[cube(launch)]
-fn sum_parts(
-    given: &[f32],
-    v: &[f32],
-    sums: &mut [f32],
+fn parameters_vjp_kernel(
+    inputs: &[f32],   // [N, n_inputs]
+    v: &[f32],        // [N, n_outputs]
+    sums: &mut [f32], // [n_parts, P]
     sizes: Sizes,
     part: u32,
     n_parameters: u32,
@@ -357,7 +361,7 @@ fn sum_parts(
         #[unroll]
         for i in 0..INPUTS {
             let input = usize::min(first_input + i, n_inputs - 1usize);
-            let value = finite_or_zero(given[row * n_inputs + input]);
+            let value = finite_or_zero(inputs[row * n_inputs + input]);
             values[i] = select(first_input + i < n_inputs, value, 1.0f32);
         }
         #[unroll]
@@ -383,7 +387,12 @@ fn sum_parts(
 }
 
 #[cube(launch)]
-fn add_parts(sums: &[f32], total: &mut [f32], n_parts: u32, n_parameters: u32) {
+fn add_parts(
+    sums: &[f32],      // [n_parts, P]
+    total: &mut [f32], // [P]
+    n_parts: u32,
+    n_parameters: u32,
+) {
     // The memory of the total may be longer than it.
     let n_parameters = n_parameters as usize;
     if ABSOLUTE_POS >= n_parameters {

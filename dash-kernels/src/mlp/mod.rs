@@ -16,7 +16,7 @@ use crate::KernelError;
 use crate::host::{HostBackend, dims};
 use crate::limits::check_values;
 
-/// Widths of a network, and where its parameters lie.
+/// Widths of a network and offsets of its parameters.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct MlpLayout {
     layers: Vec<MlpLayer>,
@@ -25,22 +25,21 @@ pub struct MlpLayout {
 /// One layer of a network.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct MlpLayer {
-    /// What it reads.
+    /// Width of its input.
     pub n_inputs: usize,
-    /// What it gives.
+    /// Width of its output.
     pub n_outputs: usize,
-    /// The first of its weights `[n_inputs, n_outputs]` among the network's parameters; its biases `[n_outputs]`
-    /// follow them.
+    /// Offset of its weights `[n_inputs, n_outputs]` in the network's parameters; its biases `[n_outputs]` follow them.
     pub first: usize,
 }
 
 impl MlpLayer {
-    /// The first of its biases.
+    /// Offset of its biases.
     pub fn first_bias(self) -> usize {
         self.first + self.n_inputs * self.n_outputs
     }
 
-    /// What follows its parameters.
+    /// Offset behind its parameters.
     fn end(self) -> usize {
         self.first_bias() + self.n_outputs
     }
@@ -88,7 +87,7 @@ impl MlpLayout {
         self.last().n_outputs
     }
 
-    /// Weights and biases of all layers.
+    /// Number of weights and biases of all layers.
     pub fn n_parameters(&self) -> usize {
         self.last().end()
     }
@@ -104,10 +103,9 @@ impl MlpLayout {
     }
 }
 
-/// Outputs of a fully connected network with ReLU between its layers (none after the last), for every row of the
-/// input.
+/// A fully connected network with ReLU between its layers (none after the last), for every row of the input.
 ///
-/// What a row goes through between the layers is not kept: the gradient computes it again.
+/// The forward pass keeps no hidden layers: the gradient computes them again.
 ///
 /// # Shapes
 /// `input [N, n_inputs]`, `parameters [P]` -> `[N, n_outputs]`. `P` is [`MlpLayout::n_parameters`]: layer by layer
@@ -122,6 +120,21 @@ impl MlpLayout {
 /// # Errors
 /// [`KernelError::Shape`] when a tensor does not fit the layout, [`KernelError::Limit`] when one outgrows the
 /// device's largest buffer.
+///
+/// # Example
+/// ```
+/// use burn::tensor::{Device, Tensor};
+/// use dash_kernels::mlp::{MlpLayout, mlp};
+///
+/// // Two inputs, two hidden units, one output: max(x, 0) + max(y, 0) + 0.5.
+/// let layout = MlpLayout::new(&[2, 2, 1])?;
+/// let parameters = [1.0, 0.0, 0.0, 1.0, 0.0, 0.0, 1.0, 1.0, 0.5];
+/// let device = Device::flex();
+/// let input = Tensor::from_floats([[1.0, 2.0], [3.0, -4.0]], &device);
+/// let out = mlp(input, Tensor::from_floats(parameters, &device), &layout)?;
+/// assert_eq!(out.into_data().to_vec::<f32>()?, [3.5, 3.5]);
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 pub fn mlp(
     input: Tensor<2>,
     parameters: Tensor<1>,

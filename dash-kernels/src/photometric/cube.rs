@@ -90,10 +90,10 @@ fn first_channels(image: CubeTensor, target: &CubeTensor) -> CubeTensor {
 /// `-weight` where it is darker; zero in the channels beyond the target's.
 #[cube(launch)]
 fn add_absolute(
-    image: &[f32],
-    target: &[f32],
-    v_similar: &[f32],
-    v_image: &mut [f32],
+    image: &[f32],       // [H, W, C + E]
+    target: &[f32],      // [H, W, C]
+    v_similar: &[f32],   // [H, W, C]
+    v_image: &mut [f32], // [H, W, C + E]
     weight: f32,
     n: u32,
     wide: u32,

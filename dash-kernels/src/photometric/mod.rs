@@ -16,7 +16,7 @@ use crate::KernelError;
 use crate::host::{HostBackend, dims};
 use crate::limits::check_values;
 
-/// What [`photometric`] finds out about an image.
+/// Losses of an image.
 #[derive(Debug, Clone)]
 pub struct Photometric {
     /// `(1 - dssim) L1 + dssim (1 - SSIM)`, `[1]`.
@@ -25,17 +25,18 @@ pub struct Photometric {
     pub mse: Tensor<1>,
 }
 
-/// The loss that 3D Gaussian Splatting is trained by: the mean absolute error of an image and its
-/// [structural dissimilarity](crate::ssim::ssim), weighted by `dssim`.
+/// The training loss of 3D Gaussian Splatting: `(1 - dssim) L1 + dssim (1 - SSIM)`, with the mean absolute error L1 and
+/// the mean [structural similarity](crate::ssim::ssim).
 ///
 /// # Shapes
-/// `image [H, W, C + E]`, `target [H, W, C]` -> two numbers. What the image has beyond the target's channels, like
-/// [`rasterize`](crate::rasterize::rasterize)'s alpha and depth beside RGB, is not looked at.
+/// `image [H, W, C + E]`, `target [H, W, C]` -> two numbers. Channels beyond the target's, such as the alpha and depth of
+/// [`rasterize`](crate::rasterize::rasterize), are ignored.
 ///
 /// # Gradient
-/// To the image. The target counts as a constant. Like [`ssim`](crate::ssim::ssim)'s, and that of the absolute
-/// error is zero where both are equal. A pixel that is not finite makes the loss not finite and gets no
-/// gradient. One of the target makes it not finite, too; the pixel there has the gradient of the similarity alone.
+/// To the image; the target is a constant. The gradient of the absolute error is zero where both are equal, that of the
+/// similarity is [`ssim`](crate::ssim::ssim)'s. A pixel that is not finite makes the loss not finite and has no
+/// gradient. A target that is not finite makes the loss not finite, too; there the gradient is that of the similarity
+/// alone.
 ///
 /// # Errors
 /// [`KernelError::Shape`] when the heights or widths differ, the image has fewer channels or a size is zero, [`KernelError::Config`] when `dssim` is
@@ -43,6 +44,23 @@ pub struct Photometric {
 ///
 /// # Source
 /// Kerbl et al. 2023, Eq. 7.
+///
+/// # Example
+/// ```
+/// use burn::tensor::{Device, Tensor};
+/// use dash_kernels::photometric::photometric;
+///
+/// let device = Device::flex().autodiff();
+/// let image = Tensor::<3>::full([16, 16, 3], 0.5, &device).require_grad();
+/// let target = Tensor::full([16, 16, 3], 0.75, &device);
+/// let found = photometric(image.clone(), target, 0.2)?;
+/// assert_eq!(found.mse.into_data().to_vec::<f32>()?, [0.0625]);
+/// let gradients = found.loss.backward();
+/// // Each brighter pixel would bring the image nearer to the target.
+/// let v_image = image.grad(&gradients).expect("tracked");
+/// assert!(v_image.max().into_scalar::<f32>() < 0.0);
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 pub fn photometric(
     image: Tensor<3>,
     target: Tensor<3>,

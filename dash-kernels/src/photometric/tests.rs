@@ -1,7 +1,7 @@
 use burn::tensor::{Device, Tensor};
 
 use super::{Photometric, cpu, photometric, reference};
-use crate::testing_hash::*;
+use crate::testing::*;
 
 /// Below, at and above the window, a tile and a band, and no multiples of any vector length.
 const SHAPES: [[usize; 3]; 6] = [
@@ -62,10 +62,11 @@ fn reference_gradient_matches_central_differences() {
             let expected = central_differences(&image, 1e-5, loss);
             let scale = gradient.iter().fold(0.0f64, |max, v| max.max(v.abs()));
             assert_close(
+                "gradient",
                 &gradient,
                 &expected,
-                DIFFERENCES_RELATIVE,
                 DIFFERENCES_RELATIVE * scale,
+                DIFFERENCES_RELATIVE,
             );
         }
     }
@@ -88,12 +89,18 @@ fn backends_match_the_reference() {
                 let target = tensor(&target, shape, &device);
                 let found = photometric(leaf.clone(), target, dssim).expect("equal shapes");
                 // One less a similarity that a GPU works out in f32.
-                assert_close(&both_of(found.clone()), &[loss, mse], 2e-6, 2e-6);
+                assert_close(
+                    "loss and error",
+                    &both_of(found.clone()),
+                    &[loss, mse],
+                    2e-6,
+                    2e-6,
+                );
                 // The squared error is a number to read: asking for its gradient changes nothing.
                 let grads = (found.loss * 3.0 + found.mse).backward();
                 let v_image = values(leaf.grad(&grads).expect("the image is tracked"));
                 let tripled: Vec<f64> = gradient.iter().map(|v| 3.0 * v).collect();
-                assert_agrees(&v_image, &tripled);
+                assert_agrees("v_image", &v_image, &tripled);
             }
         }
     }
@@ -120,7 +127,7 @@ fn it_is_the_sum_of_its_parts() {
             l1 * (1.0 - dssim) + (-similarity + 1.0) * dssim
         });
         assert!((fused.0 - parts.0).abs() < 1e-6, "{} {}", fused.0, parts.0);
-        assert_agrees(&fused.1, &to_f64(&parts.1));
+        assert_agrees("v_image", &fused.1, &to_f64(&parts.1));
     }
 }
 
@@ -141,10 +148,16 @@ fn channels_beyond_the_targets_are_not_looked_at() {
         let leaf = tensor(&wide, [21, 34, 5], &device).require_grad();
         let target = tensor(&target, shape, &device);
         let found = photometric(leaf.clone(), target, 0.2).expect("shapes that go together");
-        assert_close(&both_of(found.clone()), &[loss, mse], 2e-6, 1e-7);
+        assert_close(
+            "loss and error",
+            &both_of(found.clone()),
+            &[loss, mse],
+            1e-7,
+            2e-6,
+        );
         let v_wide = values(leaf.grad(&found.loss.backward()).expect("tracked"));
         let first: Vec<f32> = v_wide.chunks(5).flat_map(|v| v[..3].to_vec()).collect();
-        assert_agrees(&first, &gradient);
+        assert_agrees("v_image", &first, &gradient);
         assert!(v_wide.chunks(5).all(|v| v[3..] == [0.0, 0.0]));
     }
 }
@@ -164,7 +177,7 @@ fn a_pixel_that_is_not_finite_makes_the_loss_not_finite_and_gets_no_gradient() {
     let shape = [12, 17, 3];
     let at = 100;
     for device in devices() {
-        for poison in crate::testing::poison() {
+        for poison in poison() {
             for in_target in [false, true] {
                 let (mut image, mut target) = images(5, shape);
                 let poisoned = if in_target { &mut target } else { &mut image };

@@ -1,4 +1,4 @@
-//! Colour coefficients, the constant ones apart from the others.
+//! Colour coefficients in two tensors: those of the constant function and the rest.
 
 use burn::tensor::Tensor;
 
@@ -6,8 +6,8 @@ use crate::KernelError;
 
 use super::{check_shape, sh};
 
-/// Colour coefficients as they are learned and stored, the constant ones apart from the others: `f_dc` and `f_rest` of
-/// 3DGS files. [`project`](super::project) takes them without joining them.
+/// Colour coefficients in two tensors, like `f_dc` and `f_rest` of 3DGS files. [`project`](super::project) reads both
+/// without joining them.
 #[derive(Debug, Clone)]
 pub struct ShCoeffs {
     /// Of the constant function `[N, 1, 3]`.
@@ -17,7 +17,7 @@ pub struct ShCoeffs {
 }
 
 impl ShCoeffs {
-    /// All of them `[N, K, 3]`.
+    /// All coefficients `[N, K, 3]`.
     pub fn joined(self) -> Tensor<3> {
         if self.rest.dims()[1] == 0 {
             return self.dc;
@@ -37,7 +37,7 @@ impl ShCoeffs {
     }
 }
 
-/// All of them `[N, K, 3]`, which are copied apart.
+/// From all coefficients `[N, K, 3]`; copies them.
 impl From<Tensor<3>> for ShCoeffs {
     fn from(all: Tensor<3>) -> Self {
         let [n, k, channels] = all.dims();
@@ -52,12 +52,12 @@ impl From<Tensor<3>> for ShCoeffs {
     }
 }
 
-/// Colour coefficients in row-major slices, joined or apart.
+/// Colour coefficients in row-major slices, one or two.
 #[derive(Debug, Clone, Copy)]
 pub struct ShSlices<'a, T> {
-    /// Begins with the first Gaussian's constant one.
+    /// Starts at the first Gaussian's coefficients of the constant function.
     dc: &'a [T],
-    /// Begins with the first Gaussian's others.
+    /// Starts at the first Gaussian's remaining coefficients.
     rest: &'a [T],
     /// From one Gaussian to the next.
     strides: [usize; 2],

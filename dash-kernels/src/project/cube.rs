@@ -4,6 +4,7 @@
 //! The determinant is the sum of the CPU kernel, in which nothing cancels.
 
 mod footprint;
+mod linear;
 mod sh;
 #[cfg(test)]
 mod tests;
@@ -17,9 +18,12 @@ use crate::cube::{arg, contiguous, is_finite, uninitialised, units, zeros};
 use crate::splats::{self, ALPHA_MIN, N_COLUMNS};
 
 use super::{Activation, GaussianTensors, Project, ProjectVjp, View};
-use footprint::{ViewConstants, ViewConstantsLaunch, footprint_of};
-use sh::colour;
-use vjp::project_vjp_kernel;
+use footprint::{
+    Ellipsoids, EllipsoidsLaunch, Footprint, ViewConstants, ViewConstantsLaunch, footprint_of,
+};
+use linear::{Mat3Launch, Vec3, Vec3Launch};
+use sh::{ShGradientsLaunch, colour};
+use vjp::{GradientsLaunch, project_vjp_kernel};
 
 impl Project for CubeBackend {
     fn project(
@@ -41,9 +45,7 @@ impl Project for CubeBackend {
             &means.client,
             count,
             dim,
-            arg(&means),
-            arg(&quats),
-            arg(&scales),
+            EllipsoidsLaunch::new(arg(&means), arg(&quats), arg(&scales)),
             arg(&opacities),
             arg(&sh_dc),
             arg(&sh_rest),
@@ -87,18 +89,17 @@ impl ProjectVjp for CubeBackend {
             &means.client,
             count,
             dim,
-            arg(&means),
-            arg(&quats),
-            arg(&scales),
+            EllipsoidsLaunch::new(arg(&means), arg(&quats), arg(&scales)),
             arg(&sh_rest),
             arg(&splats),
             arg(&v_splats),
-            arg(&v_means),
-            arg(&v_quats),
-            arg(&v_scales),
-            arg(&v_opacities),
-            arg(&v_sh_dc),
-            arg(&v_sh_rest),
+            GradientsLaunch::new(
+                arg(&v_means),
+                arg(&v_quats),
+                arg(&v_scales),
+                arg(&v_opacities),
+                ShGradientsLaunch::new(arg(&v_sh_dc), arg(&v_sh_rest)),
+            ),
             constants(&view),
             n as u32,
             form,
@@ -144,23 +145,12 @@ fn form(view: &View<f32>, sh_rest: &CubeTensor) -> Form {
 }
 
 fn constants(view: &View<f32>) -> ViewConstantsLaunch {
-    let [x, y, z] = view.rotation;
+    let vector = |[x, y, z]: [f32; 3]| Vec3Launch::new(x, y, z);
+    let [x, y, z] = view.rotation.map(vector);
     ViewConstantsLaunch::new(
-        x[0],
-        x[1],
-        x[2],
-        y[0],
-        y[1],
-        y[2],
-        z[0],
-        z[1],
-        z[2],
-        view.translation[0],
-        view.translation[1],
-        view.translation[2],
-        view.position[0],
-        view.position[1],
-        view.position[2],
+        Mat3Launch::new(x, y, z),
+        vector(view.translation),
+        vector(view.position),
         view.focal[0],
         view.focal[1],
         view.principal[0],
@@ -176,31 +166,16 @@ fn constants(view: &View<f32>) -> ViewConstantsLaunch {
     )
 }
 
-#[cube(launch)]
-fn project_kernel(
-    means: &[f32],
-    quats: &[f32],
-    scales: &[f32],
-    opacities: &[f32],
-    sh_dc: &[f32],
-    sh_rest: &[f32],
-    splats: &mut [f32],
-    view: ViewConstants,
-    n: u32,
-    #[comptime] form: Form,
-) {
-    let i = ABSOLUTE_POS;
-    if i >= n as usize {
-        terminate!();
-    }
-    let mut row = Array::<f32>::new(N_COLUMNS);
-    let raw_opacity = opacities[i];
-    let mut opacity = raw_opacity;
-    if comptime!(form.exp) {
-        opacity = 1.0f32 / (1.0f32 + (-raw_opacity).exp());
-    }
+/// The splat of a footprint, and whether it is in the image and finite.
+#[cube]
+fn pack(
+    row: &mut Array<f32>, // [C]
+    f: &Footprint,
+    opacity: f32,
+    raw_colour: &Vec3,
+    view: &ViewConstants,
+) -> bool {
     let alpha_min = comptime!(ALPHA_MIN as f32);
-    let f = footprint_of(means, quats, scales, i, &view, form.exp);
     let g00 = f.row0.dot(&f.row0);
     let g11 = f.row1.dot(&f.row1);
     let xx = g00 + view.low_pass;
@@ -213,33 +188,51 @@ fn project_kernel(
     let radius_y = (extent * yy).sqrt();
     let x = view.focal_x * f.ratio_x + view.principal_x;
     let y = view.focal_y * f.ratio_y + view.principal_y;
-    let seen = x + radius_x > 0.0f32
-        && x - radius_x < view.width
-        && y + radius_y > 0.0f32
-        && y - radius_y < view.height;
-    let raw = colour(
-        means,
-        sh_dc,
-        sh_rest,
-        i,
-        &view,
-        form.sh_degree,
-        form.n_coeffs,
-    );
     row[splats::MEAN_X] = x;
     row[splats::MEAN_Y] = y;
     row[splats::CONIC_A] = yy / det;
     row[splats::CONIC_B] = -xy / det;
     row[splats::CONIC_C] = xx / det;
     row[splats::OPACITY] = opacity;
-    row[splats::RED] = f32::max(raw.x, 0.0f32);
-    row[splats::GREEN] = f32::max(raw.y, 0.0f32);
-    row[splats::BLUE] = f32::max(raw.z, 0.0f32);
+    row[splats::RED] = f32::max(raw_colour.x, 0.0f32);
+    row[splats::GREEN] = f32::max(raw_colour.y, 0.0f32);
+    row[splats::BLUE] = f32::max(raw_colour.z, 0.0f32);
     row[splats::DEPTH] = f.point.z;
     row[splats::RADIUS_X] = radius_x;
     row[splats::RADIUS_Y] = radius_y;
-    let mut drawn = f.drawn && opacity >= alpha_min && is_finite(raw_opacity) && seen;
-    drawn = drawn && is_finite(det) && raw.is_finite();
+    x + radius_x > 0.0f32
+        && x - radius_x < view.width
+        && y + radius_y > 0.0f32
+        && y - radius_y < view.height
+        && is_finite(det)
+}
+
+#[cube(launch)]
+fn project_kernel(
+    gaussians: Ellipsoids,
+    opacities: &[f32],  // [N]
+    sh_dc: &[f32],      // [N, 1, 3]
+    sh_rest: &[f32],    // [N, K - 1, 3]
+    splats: &mut [f32], // [N, C]
+    view: ViewConstants,
+    n: u32,
+    #[comptime] form: Form,
+) {
+    let i = ABSOLUTE_POS;
+    if i >= n as usize {
+        terminate!();
+    }
+    let raw_opacity = opacities[i];
+    let mut opacity = raw_opacity;
+    if comptime!(form.exp) {
+        opacity = 1.0f32 / (1.0f32 + (-raw_opacity).exp());
+    }
+    let f = footprint_of(&gaussians, i, &view, form.exp);
+    let raw_colour = colour(&gaussians.means, sh_dc, sh_rest, i, &view, form);
+    let mut row = Array::<f32>::new(N_COLUMNS);
+    let seen = pack(&mut row, &f, opacity, &raw_colour, &view);
+    let opaque = opacity >= comptime!(ALPHA_MIN as f32) && is_finite(raw_opacity);
+    let mut drawn = f.drawn && opaque && seen && raw_colour.is_finite();
     #[unroll]
     for column in 0..N_COLUMNS {
         drawn = drawn && is_finite(row[column]);

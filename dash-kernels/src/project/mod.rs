@@ -24,14 +24,13 @@ pub use view::View;
 
 const OP: &str = "project";
 
-/// What the scales and opacities given to [`project`] have still to pass through.
+/// Activation that [`project`] applies to scales and opacities.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum Activation {
     /// Scales are given as logarithms and opacities as logits.
     #[default]
     Exp,
-    /// Scales (a negative one draws as its absolute value) and opacities in [0, 1] are given as
-    /// they are.
+    /// Scales and opacities in [0, 1] are given directly; a negative scale draws as its absolute value.
     Linear,
 }
 
@@ -59,31 +58,55 @@ impl Default for ProjectOptions {
 /// Projects Gaussians into `camera` as packed splats; the columns are those of
 /// [`splats`](crate::splats).
 ///
-/// Colour is `max(0, SH + 0.5)` seen from the camera's centre; the projected covariance is
-/// `J W R S S R^T W^T J^T + 0.3 I`, where `J` stops following a Gaussian some way beyond the
-/// image's border; the radii bound where alpha reaches 1/255.
+/// Colour is `max(0, SH + 0.5)` seen from the camera's centre. The projected covariance is
+/// `J W R S S R^T W^T J^T + 0.3 I`; the Jacobian `J` is clamped some way beyond the image's border. The radii bound the
+/// box outside which alpha is under 1/255.
 ///
 /// A row is all zeros (culled: it draws nothing and has no gradient) when the Gaussian is nearer
 /// than the near plane, its box misses the image, its opacity is under 1/255, its quaternion is
 /// shorter than 1e-6, or any of its inputs or outputs is not finite.
 ///
 /// # Shapes
-/// `means [N, 3]`, `quats [N, 4]`, `scales [N, 3]`, `opacities [N]`, `sh_coeffs [N, K, 3]`, in one
-/// or apart (see [`ShCoeffs`]), with K of 1, 4, 9 or 16 -> `[N, C]`. Scales and opacities are logarithms and logits unless
+/// `means [N, 3]`, `quats [N, 4]`, `scales [N, 3]`, `opacities [N]`, `sh_coeffs [N, K, 3]` in one tensor or two (see
+/// [`ShCoeffs`]), with K of 1, 4, 9 or 16 -> `[N, C]`. Scales and opacities are logarithms and logits unless
 /// [`Activation::Linear`] is chosen.
 ///
 /// # Gradient
-/// To all tensors. Zero to a colour where it was clamped, zero through the radii, zero
-/// through the direction of the Jacobian beyond the border.
+/// To all tensors. Zero to a colour where it was clamped, zero through the radii, zero through a Jacobian that was
+/// clamped.
 ///
 /// # Errors
-/// [`KernelError::Shape`] when shapes do not fit, [`KernelError::Config`] when the camera or the
-/// options are out of range, [`KernelError::Limit`] when the SH coefficients or the splats outgrow
+/// [`KernelError::Shape`] when shapes do not fit, [`KernelError::Camera`] when the camera has a value out of range,
+/// [`KernelError::Config`] when an option has, [`KernelError::Limit`] when the SH coefficients or the splats outgrow
 /// the device's largest buffer.
 ///
 /// # Source
 /// Zwicker et al. 2001, eq. 31; Kerbl et al. 2023 (3DGS); radii of the opacity-aware kind of
 /// StopThePop (Radl et al. 2024).
+///
+/// # Example
+/// ```
+/// use burn::tensor::{Device, Tensor};
+/// use dash_kernels::Camera;
+/// use dash_kernels::project::{Activation, ProjectOptions, project};
+/// use dash_kernels::splats;
+///
+/// let device = Device::flex();
+/// let camera = Camera::new(100.0, 100.0, 32.0, 24.0, 64, 48);
+/// let options = ProjectOptions { activation: Activation::Linear, ..ProjectOptions::default() };
+/// // A round Gaussian two units in front of the camera.
+/// let means = Tensor::from_floats([[0.1, 0.0, 2.0]], &device);
+/// let quats = Tensor::from_floats([[1.0, 0.0, 0.0, 0.0]], &device);
+/// let scales = Tensor::from_floats([[0.05; 3]], &device);
+/// let opacities = Tensor::from_floats([0.8], &device);
+/// let sh_coeffs = Tensor::<3>::zeros([1, 1, 3], &device);
+/// let packed = project(means, quats, scales, opacities, sh_coeffs, &camera, &options)?;
+/// let row = packed.into_data().to_vec::<f32>()?;
+/// assert_eq!(row.len(), splats::N_COLUMNS);
+/// assert!((row[splats::MEAN_X] - 37.0).abs() < 1e-4);
+/// assert_eq!(row[splats::RED], 0.5);
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 pub fn project(
     means: Tensor<2>,
     quats: Tensor<2>,
@@ -100,8 +123,9 @@ pub fn project(
     check_shape("scales", &scales.dims(), &[n, 3])?;
     check_shape("opacities", &opacities.dims(), &[n])?;
     let k = sh_coeffs.check(n)?;
-    let sh_degree = check_degree(k, options.sh_degree)?;
-    check_camera(camera, options)?;
+    let sh_degree = check_degree(n, k, options.sh_degree)?;
+    check_camera(camera)?;
+    check_near_plane(options.near_plane)?;
     let remedy = "lower the SH degree or the number of Gaussians";
     let n_values = n * (k * 3).max(N_COLUMNS);
     check_values("a projection", n_values, remedy, &means.device())?;
@@ -133,14 +157,13 @@ fn check_shape(
     })
 }
 
-fn check_degree(n_coeffs: usize, wanted: Option<usize>) -> Result<usize, KernelError> {
+fn check_degree(n: usize, n_coeffs: usize, wanted: Option<usize>) -> Result<usize, KernelError> {
     let Some(stored) = sh::N_COEFFS.iter().position(|&n| n == n_coeffs) else {
-        return Err(KernelError::Config {
+        return Err(KernelError::Shape {
             op: OP,
-            what: format!(
-                "`sh_coeffs` has {n_coeffs} coefficients per channel, expected one of {:?}",
-                sh::N_COEFFS
-            ),
+            tensor: "sh_coeffs",
+            expected: format!("[N, K, 3] with K one of {:?}", sh::N_COEFFS),
+            found: vec![n, n_coeffs, 3],
         });
     };
     match wanted {
@@ -154,8 +177,8 @@ fn check_degree(n_coeffs: usize, wanted: Option<usize>) -> Result<usize, KernelE
     }
 }
 
-fn check_camera(camera: &Camera, options: &ProjectOptions) -> Result<(), KernelError> {
-    let refuse = |what: String| Err(KernelError::Config { op: OP, what });
+fn check_camera(camera: &Camera) -> Result<(), KernelError> {
+    let refuse = |what: String| Err(KernelError::Camera { what });
     let numbers = camera
         .rotation
         .iter()
@@ -163,23 +186,25 @@ fn check_camera(camera: &Camera, options: &ProjectOptions) -> Result<(), KernelE
         .chain(&camera.translation)
         .chain([&camera.fx, &camera.fy, &camera.cx, &camera.cy]);
     if !numbers.into_iter().all(|value| value.is_finite()) {
-        return refuse(format!(
-            "the camera has a value that is not finite: {camera:?}"
-        ));
+        return refuse(format!("{camera:?}, expected finite values"));
     }
     if camera.fx <= 0.0 || camera.fy <= 0.0 || camera.width == 0 || camera.height == 0 {
         return refuse(format!(
-            "the camera's focal lengths and image size must be positive, found fx {}, fy {}, {} x {}",
+            "fx {}, fy {}, {} x {} pixels, expected positive focal lengths and sizes",
             camera.fx, camera.fy, camera.width, camera.height
         ));
     }
-    if !(options.near_plane > 0.0 && options.near_plane.is_finite()) {
-        return refuse(format!(
-            "`near_plane` must be positive, found {}",
-            options.near_plane
-        ));
-    }
     Ok(())
+}
+
+fn check_near_plane(near_plane: f64) -> Result<(), KernelError> {
+    if near_plane > 0.0 && near_plane.is_finite() {
+        return Ok(());
+    }
+    Err(KernelError::Config {
+        op: OP,
+        what: format!("`near_plane` is {near_plane}, expected a positive number"),
+    })
 }
 
 /// The inputs of [`project`] as row-major slices.

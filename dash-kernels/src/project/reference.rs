@@ -1,14 +1,15 @@
 //! Plain projection of one Gaussian after the other, for any float type: what the fast kernels
 //! are judged by. It goes through full 3x3 covariances, where they avoid them.
 
+mod linear;
+
 use num_traits::Float;
 
 use crate::splats::{self, N_COLUMNS};
 
-use super::sh::{sh_basis, sh_basis_vjp};
+use super::sh::{self, sh_basis, sh_basis_vjp};
 use super::{Activation, GaussianGradients, Gaussians, View};
-
-type Mat3<T> = [[T; 3]; 3];
+use linear::{Mat3, dot, mat_mul, mat_vec, mat2_mul, rotation_from_quat, scale_columns, transpose};
 
 /// Packed splats `[N, C]`.
 pub fn project<T: Float>(gaussians: &Gaussians<T>, view: &View<T>) -> Vec<T> {
@@ -76,6 +77,75 @@ impl<T: Float> Gaussian<T> {
             sh_coeffs: [dc, rest].concat(),
         }
     }
+
+    /// Whether all but the colour is finite.
+    fn is_finite(&self) -> bool {
+        let shape = self.mean.iter().chain(&self.quat).chain(&self.scale);
+        let mut inputs = shape.chain([&self.opacity]);
+        inputs.all(|value| value.is_finite())
+    }
+
+    /// Scale and opacity.
+    fn activated(&self, activation: Activation) -> ([T; 3], T) {
+        match activation {
+            Activation::Exp => (
+                self.scale.map(T::exp),
+                T::one() / (T::one() + (-self.opacity).exp()),
+            ),
+            Activation::Linear => (self.scale, self.opacity),
+        }
+    }
+}
+
+/// The colour of a Gaussian from where it is seen.
+struct Colour<T> {
+    basis: [T; 16],
+    direction: [T; 3],
+    distance: T,
+    /// Before it is clamped at zero.
+    raw: [T; 3],
+}
+
+impl<T: Float> Colour<T> {
+    fn new(g: &Gaussian<T>, view: &View<T>) -> Self {
+        let half = T::from(0.5).expect("every float type holds a half");
+        let offset: [T; 3] = std::array::from_fn(|k| g.mean[k] - view.position[k]);
+        let distance = dot(offset, offset).sqrt();
+        let direction = offset.map(|o| o / distance);
+        let basis = sh_basis(direction, view.sh_degree);
+        let raw = std::array::from_fn(|channel| {
+            basis
+                .iter()
+                .zip(g.sh_coeffs.chunks_exact(3))
+                .take(sh::N_COEFFS[view.sh_degree])
+                .fold(half, |sum, (&b, coeffs)| sum + b * coeffs[channel])
+        });
+        Self {
+            basis,
+            direction,
+            distance,
+            raw,
+        }
+    }
+
+    /// Gradient of the mean; that of the SH coefficients is written to `v_sh_coeffs`.
+    fn vjp(&self, g: &Gaussian<T>, view: &View<T>, v_row: &[T], v_sh_coeffs: &mut [T]) -> [T; 3] {
+        let zero = T::zero();
+        let mut v_basis = [zero; 16];
+        for channel in 0..3 {
+            if self.raw[channel] <= zero {
+                continue;
+            }
+            let v = v_row[splats::RED + channel];
+            for k in 0..sh::N_COEFFS[view.sh_degree] {
+                v_basis[k] = v_basis[k] + v * g.sh_coeffs[3 * k + channel];
+                v_sh_coeffs[3 * k + channel] = v * self.basis[k];
+            }
+        }
+        let v_direction = sh_basis_vjp(self.direction, view.sh_degree, &v_basis);
+        let along = dot(v_direction, self.direction);
+        std::array::from_fn(|k| (v_direction[k] - along * self.direction[k]) / self.distance)
+    }
 }
 
 struct Projection<T> {
@@ -92,34 +162,22 @@ struct Projection<T> {
     scale: [T; 3],
     /// The covariance in camera coordinates.
     covariance: Mat3<T>,
-    basis: [T; 16],
-    direction: [T; 3],
-    distance: T,
+    colour: Colour<T>,
 }
 
 impl<T: Float> Projection<T> {
     fn new(g: &Gaussian<T>, view: &View<T>) -> Option<Self> {
         let c = |value: f64| T::from(value).expect("every float type converts from f64");
-        let inputs = g
-            .mean
-            .iter()
-            .chain(&g.quat)
-            .chain(&g.scale)
-            .chain([&g.opacity]);
-        if !inputs.into_iter().all(|value| value.is_finite()) {
-            return None;
-        }
-        let norm_squared = g.quat.iter().fold(T::zero(), |sum, &q| sum + q * q);
-        if norm_squared < c(1e-12) {
+        let zero = T::zero();
+        let norm_squared = g.quat.iter().fold(zero, |sum, &q| sum + q * q);
+        if !g.is_finite() || norm_squared < c(1e-12) {
             return None;
         }
         let quat_norm = norm_squared.sqrt();
         let unit_quat = g.quat.map(|q| q / quat_norm);
 
-        let mut point = mat_vec(&view.rotation, g.mean);
-        for (p, &t) in point.iter_mut().zip(&view.translation) {
-            *p = *p + t;
-        }
+        let rotated = mat_vec(&view.rotation, g.mean);
+        let point = std::array::from_fn(|k| rotated[k] + view.translation[k]);
         let [x, y, z] = point;
         if z < view.near_plane {
             return None;
@@ -127,69 +185,27 @@ impl<T: Float> Projection<T> {
         let ratio = [x / z, y / z];
         let slope = [0, 1].map(|i| ratio[i].max(view.lowest[i]).min(view.highest[i]));
         let [fx, fy] = view.focal;
-        let zero = T::zero();
         let jacobian = [
             [fx / z, zero, -fx * slope[0] / z],
             [zero, fy / z, -fy * slope[1] / z],
         ];
-
-        let (scale, opacity) = match view.activation {
-            Activation::Exp => (
-                g.scale.map(T::exp),
-                T::one() / (T::one() + (-g.opacity).exp()),
-            ),
-            Activation::Linear => (g.scale, g.opacity),
-        };
+        let (scale, opacity) = g.activated(view.activation);
         let rotation = rotation_from_quat(unit_quat);
         let m = scale_columns(&rotation, scale);
         let world = mat_mul(&m, &transpose(&m));
         let covariance = mat_mul(&mat_mul(&view.rotation, &world), &transpose(&view.rotation));
-        let [jx, jy] = jacobian;
-        let xx = dot(jx, mat_vec(&covariance, jx)) + view.low_pass;
-        let xy = dot(jx, mat_vec(&covariance, jy));
-        let yy = dot(jy, mat_vec(&covariance, jy)) + view.low_pass;
-        let det = xx * yy - xy * xy;
-        let regular = det > zero;
-        if opacity < view.alpha_min || !regular {
-            return None;
-        }
-        let extent = c(2.0) * (opacity / view.alpha_min).ln();
         let mean2d = [0, 1].map(|i| view.focal[i] * ratio[i] + view.principal[i]);
-        let radii = [(extent * xx).sqrt(), (extent * yy).sqrt()];
-        for i in 0..2 {
-            if !(mean2d[i] + radii[i] > zero && mean2d[i] - radii[i] < view.size[i]) {
-                return None;
-            }
-        }
-
-        let offset: [T; 3] = std::array::from_fn(|k| g.mean[k] - view.position[k]);
-        let distance = dot(offset, offset).sqrt();
-        let direction = offset.map(|o| o / distance);
-        let basis = sh_basis(direction, view.sh_degree);
-        let raw: [T; 3] = std::array::from_fn(|channel| {
-            basis
-                .iter()
-                .zip(g.sh_coeffs.chunks_exact(3))
-                .take((view.sh_degree + 1) * (view.sh_degree + 1))
-                .fold(c(0.5), |sum, (&b, coeffs)| sum + b * coeffs[channel])
-        });
-        let [red, green, blue] = raw.map(|value| value.max(zero));
-        let row = [
-            mean2d[0],
-            mean2d[1],
-            yy / det,
-            -xy / det,
-            xx / det,
-            opacity,
-            red,
-            green,
-            blue,
+        let colour = Colour::new(g, view);
+        let row = packed_row(
+            mean2d,
             z,
-            radii[0],
-            radii[1],
-        ];
-        let finite = row.iter().chain(&raw).chain([&det]).all(|v| v.is_finite());
-        finite.then_some(Self {
+            opacity,
+            &jacobian,
+            &covariance,
+            &colour.raw,
+            view,
+        )?;
+        Some(Self {
             row,
             point,
             slope,
@@ -200,9 +216,7 @@ impl<T: Float> Projection<T> {
             rotation,
             scale,
             covariance,
-            basis,
-            direction,
-            distance,
+            colour,
         })
     }
 
@@ -215,10 +229,38 @@ impl<T: Float> Projection<T> {
         v_row: &[T],
         v_sh_coeffs: &mut [T],
     ) -> ([T; 3], [T; 4], [T; 3], T) {
-        let (zero, two) = (T::zero(), T::one() + T::one());
-        let [x, y, z] = self.point;
-        let [fx, fy] = view.focal;
+        let two = T::one() + T::one();
+        let (v_jacobian, v_covariance) = self.covariance2d_vjp(v_row);
+        let v_world = mat_mul(
+            &mat_mul(&transpose(&view.rotation), &v_covariance),
+            &view.rotation,
+        );
+        let m = scale_columns(&self.rotation, self.scale);
+        let v_m = mat_mul(&v_world, &m).map(|row| row.map(|value| two * value));
+        let mut v_scale: [T; 3] = std::array::from_fn(|k| {
+            (0..3).fold(T::zero(), |sum, r| sum + v_m[r][k] * self.rotation[r][k])
+        });
+        let v_quat = self.quat_vjp(&scale_columns(&v_m, self.scale));
 
+        let v_point = self.point_vjp(view, v_row, &v_jacobian);
+        let through_point = mat_vec(&transpose(&view.rotation), v_point);
+        let through_colour = self.colour.vjp(g, view, v_row, v_sh_coeffs);
+        let v_mean = std::array::from_fn(|k| through_point[k] + through_colour[k]);
+
+        let mut v_opacity = v_row[splats::OPACITY];
+        if view.activation == Activation::Exp {
+            let opacity = self.row[splats::OPACITY];
+            v_opacity = v_opacity * opacity * (T::one() - opacity);
+            for (v, &s) in v_scale.iter_mut().zip(&self.scale) {
+                *v = *v * s;
+            }
+        }
+        (v_mean, v_quat, v_scale, v_opacity)
+    }
+
+    /// Gradients of the Jacobian and of the covariance in camera coordinates from that of the conic.
+    fn covariance2d_vjp(&self, v_row: &[T]) -> ([[T; 3]; 2], Mat3<T>) {
+        let two = T::one() + T::one();
         // The covariance is the conic's inverse, so v_cov = -conic v_conic conic.
         let [a, b, c] = [2, 3, 4].map(|k| self.row[k]);
         let conic = [[a, b], [b, c]];
@@ -239,18 +281,14 @@ impl<T: Float> Projection<T> {
         });
         let v_jacobian =
             weighted.map(|row| mat_vec(&self.covariance, row).map(|value| two * value));
-        let v_world = mat_mul(
-            &mat_mul(&transpose(&view.rotation), &v_covariance),
-            &view.rotation,
-        );
-        let m = scale_columns(&self.rotation, self.scale);
-        let v_m = mat_mul(&v_world, &m).map(|row| row.map(|value| two * value));
-        let mut v_scale: [T; 3] = std::array::from_fn(|k| {
-            (0..3).fold(zero, |sum, r| sum + v_m[r][k] * self.rotation[r][k])
-        });
-        let v_quat = self.quat_vjp(&scale_columns(&v_m, self.scale));
+        (v_jacobian, v_covariance)
+    }
 
-        let mut v_point = [zero; 3];
+    /// Gradient of the mean in camera coordinates.
+    fn point_vjp(&self, view: &View<T>, v_row: &[T], v_jacobian: &[[T; 3]; 2]) -> [T; 3] {
+        let [x, y, z] = self.point;
+        let [fx, fy] = view.focal;
+        let mut v_point = [T::zero(); 3];
         v_point[2] = v_row[splats::DEPTH];
         let (v_u, v_v) = (v_row[splats::MEAN_X], v_row[splats::MEAN_Y]);
         v_point[0] = v_point[0] + fx / z * v_u;
@@ -265,35 +303,7 @@ impl<T: Float> Projection<T> {
                 v_point[2] = v_point[2] - self.slope[i] / z * v_slope;
             }
         }
-        let mut v_mean = mat_vec(&transpose(&view.rotation), v_point);
-
-        let mut v_basis = [zero; 16];
-        for channel in 0..3 {
-            if self.row[splats::RED + channel] <= zero {
-                continue;
-            }
-            let v = v_row[splats::RED + channel];
-            let n_active = (view.sh_degree + 1) * (view.sh_degree + 1);
-            for k in 0..n_active {
-                v_basis[k] = v_basis[k] + v * g.sh_coeffs[3 * k + channel];
-                v_sh_coeffs[3 * k + channel] = v * self.basis[k];
-            }
-        }
-        let v_direction = sh_basis_vjp(self.direction, view.sh_degree, &v_basis);
-        let along = dot(v_direction, self.direction);
-        for k in 0..3 {
-            v_mean[k] = v_mean[k] + (v_direction[k] - along * self.direction[k]) / self.distance;
-        }
-
-        let mut v_opacity = v_row[splats::OPACITY];
-        if view.activation == Activation::Exp {
-            let opacity = self.row[splats::OPACITY];
-            v_opacity = v_opacity * opacity * (T::one() - opacity);
-            for (v, &s) in v_scale.iter_mut().zip(&self.scale) {
-                *v = *v * s;
-            }
-        }
-        (v_mean, v_quat, v_scale, v_opacity)
+        v_point
     }
 
     /// Gradient of the unnormalised quaternion from that of the rotation matrix.
@@ -315,48 +325,49 @@ impl<T: Float> Projection<T> {
     }
 }
 
-fn rotation_from_quat<T: Float>([w, x, y, z]: [T; 4]) -> Mat3<T> {
-    let (one, two) = (T::one(), T::one() + T::one());
-    [
-        [
-            one - two * (y * y + z * z),
-            two * (x * y - w * z),
-            two * (x * z + w * y),
-        ],
-        [
-            two * (x * y + w * z),
-            one - two * (x * x + z * z),
-            two * (y * z - w * x),
-        ],
-        [
-            two * (x * z - w * y),
-            two * (y * z + w * x),
-            one - two * (x * x + y * y),
-        ],
-    ]
-}
-
-fn dot<T: Float>(a: [T; 3], b: [T; 3]) -> T {
-    a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
-}
-
-fn mat_vec<T: Float>(m: &Mat3<T>, v: [T; 3]) -> [T; 3] {
-    m.map(|row| dot(row, v))
-}
-
-fn transpose<T: Float>(m: &Mat3<T>) -> Mat3<T> {
-    std::array::from_fn(|r| std::array::from_fn(|c| m[c][r]))
-}
-
-fn mat_mul<T: Float>(a: &Mat3<T>, b: &Mat3<T>) -> Mat3<T> {
-    let columns = transpose(b);
-    a.map(|row| columns.map(|column| dot(row, column)))
-}
-
-fn mat2_mul<T: Float>(a: &[[T; 2]; 2], b: &[[T; 2]; 2]) -> [[T; 2]; 2] {
-    std::array::from_fn(|r| std::array::from_fn(|c| a[r][0] * b[0][c] + a[r][1] * b[1][c]))
-}
-
-fn scale_columns<T: Float>(m: &Mat3<T>, scale: [T; 3]) -> Mat3<T> {
-    m.map(|row| std::array::from_fn(|k| row[k] * scale[k]))
+/// The packed splat; `None` where it is culled.
+fn packed_row<T: Float>(
+    mean2d: [T; 2],
+    depth: T,
+    opacity: T,
+    jacobian: &[[T; 3]; 2],
+    covariance: &Mat3<T>,
+    raw_colour: &[T; 3],
+    view: &View<T>,
+) -> Option<[T; N_COLUMNS]> {
+    let zero = T::zero();
+    let [jx, jy] = *jacobian;
+    let xx = dot(jx, mat_vec(covariance, jx)) + view.low_pass;
+    let xy = dot(jx, mat_vec(covariance, jy));
+    let yy = dot(jy, mat_vec(covariance, jy)) + view.low_pass;
+    let det = xx * yy - xy * xy;
+    let regular = det > zero;
+    if opacity < view.alpha_min || !regular {
+        return None;
+    }
+    let two = T::one() + T::one();
+    let extent = two * (opacity / view.alpha_min).ln();
+    let radii = [(extent * xx).sqrt(), (extent * yy).sqrt()];
+    for i in 0..2 {
+        if !(mean2d[i] + radii[i] > zero && mean2d[i] - radii[i] < view.size[i]) {
+            return None;
+        }
+    }
+    let [red, green, blue] = raw_colour.map(|value| value.max(zero));
+    let row = [
+        mean2d[0],
+        mean2d[1],
+        yy / det,
+        -xy / det,
+        xx / det,
+        opacity,
+        red,
+        green,
+        blue,
+        depth,
+        radii[0],
+        radii[1],
+    ];
+    let mut all = row.iter().chain(raw_colour).chain([&det]);
+    all.all(|value| value.is_finite()).then_some(row)
 }

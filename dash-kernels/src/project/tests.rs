@@ -126,7 +126,7 @@ fn camera() -> Camera {
 }
 
 fn view<T: num_traits::Float>(options: &ProjectOptions, n_coeffs: usize) -> View<T> {
-    let degree = super::check_degree(n_coeffs, options.sh_degree).expect("the tests' are valid");
+    let degree = super::check_degree(1, n_coeffs, options.sh_degree).expect("the tests' are valid");
     View::new(&camera(), options, degree)
 }
 

@@ -1,14 +1,14 @@
 //! Rasterization on CubeCL devices.
 //!
-//! Splats are sorted by depth once, expanded to the tiles they overlap in that order, and sorted
-//! by tile with a stable sort; each tile is then blended by one cube. How many (tile, splat)
-//! intersections there are is known to the device only: their buffers have a capacity that follows
-//! what earlier calls needed, and when it is exceeded every tile goes over all splats instead,
-//! slowly but with the same result, so that nothing has to wait for the device.
+//! Splats are sorted by depth, expanded to the tiles they overlap in that order, and sorted by tile with a stable sort.
+//! Each tile is then blended by one cube. Only the device knows the number of (tile, splat) intersections. Their buffers
+//! have a capacity that follows the need of earlier calls; when a frame exceeds it, every tile goes over all splats,
+//! slowly but with the same result. So nothing has to wait for the device.
 
 mod blend;
 mod blend_vjp;
 mod capacity;
+mod footprint;
 mod intersect;
 #[cfg(test)]
 mod tests;
@@ -24,16 +24,16 @@ use crate::splats::N_COLUMNS;
 use super::{N_CHANNELS, Rasterize, RasterizeOptions, RasterizeVjp};
 use intersect::Intersections;
 
-/// How a device is best used.
+/// Settings of the kernels for a device.
 #[derive(Debug, Clone, Copy)]
 struct Tuning {
     /// Units of the cube that owns a tile.
     units: usize,
     /// Whether the device adds floats atomically.
     native_add: bool,
-    /// Gradients of intersections that the device binds at once.
+    /// Gradients of intersections that fit one buffer.
     slots_per_window: usize,
-    /// Room for intersections where it is not to follow what earlier calls needed.
+    /// Capacity for intersections; `None` follows the need of earlier calls.
     capacity: Option<usize>,
 }
 
@@ -48,7 +48,7 @@ impl Tuning {
     }
 }
 
-/// What the backward pass needs of the forward pass.
+/// State of the forward pass for the backward pass.
 #[derive(Debug, Clone)]
 pub struct Saved {
     splats: CubeTensor,

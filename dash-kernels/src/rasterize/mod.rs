@@ -26,7 +26,7 @@ const OP: &str = "rasterize";
 pub const N_CHANNELS: usize = 5;
 /// Channel of the accumulated alpha.
 pub const CHANNEL_ALPHA: usize = 3;
-/// Channel of the depth: the sum of weight times depth, not divided by alpha.
+/// Channel of the depth: the sum of visibility times depth, not divided by alpha.
 pub const CHANNEL_DEPTH: usize = 4;
 
 /// Options of [`rasterize`].
@@ -42,6 +42,7 @@ pub struct RasterizeOptions {
 
 /// Draws packed splats front to back; the columns are those of [`splats`](crate::splats).
 ///
+/// A splat's visibility in a pixel is its alpha times the transmittance of the splats in front of it.
 /// A splat's alpha at a pixel's centre is `min(0.99, opacity * exp(-sigma))` with
 /// `sigma = a dx^2 / 2 + b dx dy + c dy^2 / 2`; it is skipped where alpha is under 1/255 or sigma
 /// is negative, and where the radii say that this is so. Splats are ordered by depth, equal
@@ -51,7 +52,7 @@ pub struct RasterizeOptions {
 ///
 /// # Shapes
 /// `splats [N, C]` -> `[H, W, 5]`: red, green, blue (over the background), alpha, depth (sum of
-/// weight times depth).
+/// visibility times depth).
 ///
 /// # Gradient
 /// To all columns but the radii; zero to opacity, mean and conic where alpha was clamped to 0.99.
@@ -63,6 +64,22 @@ pub struct RasterizeOptions {
 ///
 /// # Source
 /// Kerbl et al. 2023 (3DGS).
+///
+/// # Example
+/// ```
+/// use burn::tensor::{Device, Tensor};
+/// use dash_kernels::rasterize::{N_CHANNELS, RasterizeOptions, rasterize};
+///
+/// let options = RasterizeOptions { width: 8, height: 6, background: [0.0, 0.0, 1.0] };
+/// // A red splat with its centre on that of the pixel in column 3 and row 2; see `splats` for the columns.
+/// let splat = [3.5, 2.5, 1.0, 0.0, 1.0, 0.75, 1.0, 0.0, 0.0, 2.0, 4.0, 4.0];
+/// let splats = Tensor::from_floats([splat], &Device::flex());
+/// let image = rasterize(splats, &options)?;
+/// assert_eq!(image.dims(), [6, 8, N_CHANNELS]);
+/// let pixel = image.slice([2..3, 3..4]).into_data().to_vec::<f32>()?;
+/// assert_eq!(pixel, [0.75, 0.0, 0.25, 0.75, 1.5]);
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 pub fn rasterize(splats: Tensor<2>, options: &RasterizeOptions) -> Result<Tensor<3>, KernelError> {
     let found = splats.dims();
     if found[1] != N_COLUMNS {

@@ -15,11 +15,12 @@ pub fn rasterize<T: Float>(splats: &[T], size: [usize; 2], background: [T; 3]) -
             let (contributions, transmittance) = blend(splats, &order, px, py);
             let mut out = [T::zero(); N_CHANNELS];
             for part in &contributions {
-                let (row, weight) = (row(splats, part.splat), part.alpha * part.before);
+                let row = row(splats, part.splat);
+                let visibility = part.alpha * part.before;
                 for channel in 0..3 {
-                    out[channel] = out[channel] + weight * row[splats::RED + channel];
+                    out[channel] = out[channel] + visibility * row[splats::RED + channel];
                 }
-                out[CHANNEL_DEPTH] = out[CHANNEL_DEPTH] + weight * row[splats::DEPTH];
+                out[CHANNEL_DEPTH] = out[CHANNEL_DEPTH] + visibility * row[splats::DEPTH];
             }
             for channel in 0..3 {
                 out[channel] = out[channel] + transmittance * background[channel];
@@ -41,23 +42,23 @@ pub fn rasterize_vjp<T: Float>(
     let mut v_splats = vec![T::zero(); splats.len()];
     for ((px, py), v) in pixels(size).zip(v_image.chunks_exact(N_CHANNELS)) {
         let (contributions, transmittance) = blend(splats, &order, px, py);
-        // What lies behind a splat, as the loss sees it: the background replaces colour and takes
-        // away alpha.
-        let mut behind = (0..3).fold(-v[CHANNEL_ALPHA], |sum, channel| {
+        // Colour and depth accumulated behind a splat, times their gradients. Behind all splats the
+        // background adds colour and takes away alpha.
+        let mut accumulated = (0..3).fold(-v[CHANNEL_ALPHA], |sum, channel| {
             sum + background[channel] * v[channel]
         }) * transmittance;
         for part in contributions.iter().rev() {
             let row = row(splats, part.splat);
             let v_row = &mut v_splats[part.splat * N_COLUMNS..][..N_DIFFERENTIABLE];
-            let weight = part.alpha * part.before;
-            let mut own = row[splats::DEPTH] * v[CHANNEL_DEPTH];
-            v_row[splats::DEPTH] = v_row[splats::DEPTH] + weight * v[CHANNEL_DEPTH];
+            let visibility = part.alpha * part.before;
+            let mut v_visibility = row[splats::DEPTH] * v[CHANNEL_DEPTH];
+            v_row[splats::DEPTH] = v_row[splats::DEPTH] + visibility * v[CHANNEL_DEPTH];
             for (column, &v) in (splats::RED..=splats::BLUE).zip(v) {
-                own = own + row[column] * v;
-                v_row[column] = v_row[column] + weight * v;
+                v_visibility = v_visibility + row[column] * v;
+                v_row[column] = v_row[column] + visibility * v;
             }
-            let v_alpha = part.before * own - behind / (T::one() - part.alpha);
-            behind = behind + weight * own;
+            let v_alpha = part.before * v_visibility - accumulated / (T::one() - part.alpha);
+            accumulated = accumulated + visibility * v_visibility;
             if part.clamped {
                 continue;
             }

@@ -16,7 +16,7 @@ impl TakeRows for CubeBackend {
         let width = values.meta.shape()[1];
         let out = uninitialised(&values, [rows.len(), width]);
         let (count, dim) = units(&values.client, rows.len() * width);
-        take::launch(
+        take_kernel::launch(
             &values.client,
             count,
             dim,
@@ -36,7 +36,7 @@ impl TakeRowsVjp for CubeBackend {
         let width = v_out.meta.shape()[1];
         let gradient = uninitialised(&v_out, [places.len(), width]);
         let (count, dim) = units(&v_out.client, places.len() * width);
-        give_back::launch(
+        take_vjp_kernel::launch(
             &v_out.client,
             count,
             dim,
@@ -57,7 +57,7 @@ impl JoinRows for CubeBackend {
         let m = second.meta.shape()[0];
         let out = uninitialised(&first, [n + m, width]);
         let (count, dim) = units(&first.client, (n + m) * width);
-        join::launch(
+        join_kernel::launch(
             &first.client,
             count,
             dim,
@@ -78,7 +78,7 @@ impl JoinRowsVjp for CubeBackend {
         let first = uninitialised(&v_out, [n, width]);
         let second = uninitialised(&v_out, [all - n, width]);
         let (count, dim) = units(&v_out.client, all * width);
-        part::launch(
+        join_vjp_kernel::launch(
             &v_out.client,
             count,
             dim,
@@ -93,7 +93,13 @@ impl JoinRowsVjp for CubeBackend {
 }
 
 #[cube(launch)]
-fn join(first: &[f32], second: &[f32], out: &mut [f32], n_first: u32, length: u32) {
+fn join_kernel(
+    first: &[f32],   // [N, C]
+    second: &[f32],  // [M, C]
+    out: &mut [f32], // [N + M, C]
+    n_first: u32,
+    length: u32,
+) {
     let at = ABSOLUTE_POS;
     let n_first = n_first as usize;
     if at >= length as usize {
@@ -107,7 +113,13 @@ fn join(first: &[f32], second: &[f32], out: &mut [f32], n_first: u32, length: u3
 }
 
 #[cube(launch)]
-fn part(v_out: &[f32], first: &mut [f32], second: &mut [f32], n_first: u32, length: u32) {
+fn join_vjp_kernel(
+    v_out: &[f32],      // [N + M, C]
+    first: &mut [f32],  // [N, C]
+    second: &mut [f32], // [M, C]
+    n_first: u32,
+    length: u32,
+) {
     let at = ABSOLUTE_POS;
     let n_first = n_first as usize;
     if at >= length as usize {
@@ -122,7 +134,13 @@ fn part(v_out: &[f32], first: &mut [f32], second: &mut [f32], n_first: u32, leng
 }
 
 #[cube(launch)]
-fn take(values: &[f32], rows: &[u32], out: &mut [f32], length: u32, width: u32) {
+fn take_kernel(
+    values: &[f32],  // [N, C]
+    rows: &[u32],    // [M]
+    out: &mut [f32], // [M, C]
+    length: u32,
+    width: u32,
+) {
     if ABSOLUTE_POS >= length as usize {
         terminate!();
     }
@@ -132,7 +150,13 @@ fn take(values: &[f32], rows: &[u32], out: &mut [f32], length: u32, width: u32) 
 }
 
 #[cube(launch)]
-fn give_back(v_out: &[f32], places: &[u32], gradient: &mut [f32], length: u32, width: u32) {
+fn take_vjp_kernel(
+    v_out: &[f32],        // [M, C]
+    places: &[u32],       // [N]
+    gradient: &mut [f32], // [N, C]
+    length: u32,
+    width: u32,
+) {
     if ABSOLUTE_POS >= length as usize {
         terminate!();
     }

@@ -1,4 +1,4 @@
-//! Some rows of a matrix, and those of two one after the other.
+//! Rows of matrices: some of one, or those of two joined.
 
 mod autodiff;
 pub mod cpu;
@@ -15,15 +15,15 @@ use burn::tensor::Tensor;
 use crate::KernelError;
 use crate::host::{HostBackend, dims};
 
-/// In place of a row that was not taken.
+/// Stands for a row that was not taken.
 const NOT_TAKEN: u32 = u32::MAX;
 
 /// Some rows of a matrix, none of them twice.
 ///
-/// `Tensor::select` would do, but where rows may come twice their gradients have to be added up, and on GPUs Burn has
-/// one unit go through all rows of a column: 8 ms for 21,000 rows of 32 columns on an H200.
+/// `Tensor::select` allows a row twice and adds up gradients, for which Burn has one GPU unit go through all rows of a
+/// column.
 ///
-/// A value or gradient that is not finite counts as zero, as everywhere in this crate.
+/// A value or gradient that is not finite counts as zero.
 ///
 /// # Shapes
 /// `values [N, C]`, `rows [M]` in ascending order `-> [M, C]`
@@ -32,11 +32,22 @@ const NOT_TAKEN: u32 = u32::MAX;
 /// To `values`; zero for the other rows.
 ///
 /// # Errors
-/// [`KernelError::Config`] when a row is not there or the rows do not ascend.
+/// [`KernelError::Rows`] when a row is not there or the rows do not ascend.
+///
+/// # Example
+/// ```
+/// use burn::tensor::{Device, Tensor};
+/// use dash_kernels::rows::take_rows;
+///
+/// let values = Tensor::from_floats([[1.0, 2.0], [3.0, 4.0], [5.0, 6.0]], &Device::flex());
+/// let taken = take_rows(values, &[0, 2])?;
+/// assert_eq!(taken.into_data().to_vec::<f32>()?, [1.0, 2.0, 5.0, 6.0]);
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 pub fn take_rows(values: Tensor<2>, rows: &[u32]) -> Result<Tensor<2>, KernelError> {
     let [n, width] = values.dims();
     let refuse = |what: String| {
-        Err(KernelError::Config {
+        Err(KernelError::Rows {
             op: "take_rows",
             what,
         })
@@ -48,7 +59,7 @@ pub fn take_rows(values: Tensor<2>, rows: &[u32]) -> Result<Tensor<2>, KernelErr
         ));
     }
     if let Some(&row) = rows.last().filter(|&&row| row as usize >= n) {
-        return refuse(format!("row {row} of {n}"));
+        return refuse(format!("row {row}, expected rows below {n}"));
     }
     // No device binds an empty buffer.
     if rows.is_empty() || width == 0 {
@@ -62,7 +73,7 @@ pub fn take_rows(values: Tensor<2>, rows: &[u32]) -> Result<Tensor<2>, KernelErr
 
 /// The rows of one matrix, then those of another.
 ///
-/// `Tensor::cat` would do, but on GPUs Burn goes through it once for each, and on CUDA once more for rows without gaps.
+/// `Tensor::cat` takes a launch for each tensor on GPUs, and on CUDA one more to pack rows.
 ///
 /// A value or gradient that is not finite counts as zero.
 ///
@@ -74,6 +85,18 @@ pub fn take_rows(values: Tensor<2>, rows: &[u32]) -> Result<Tensor<2>, KernelErr
 ///
 /// # Errors
 /// [`KernelError::Shape`] when their rows are not of one length.
+///
+/// # Example
+/// ```
+/// use burn::tensor::{Device, Tensor};
+/// use dash_kernels::rows::join_rows;
+///
+/// let device = Device::flex();
+/// let splats_of_two_sets = [Tensor::ones([3, 12], &device), Tensor::zeros([2, 12], &device)];
+/// let [first, second] = splats_of_two_sets;
+/// assert_eq!(join_rows(first, second)?.dims(), [5, 12]);
+/// # Ok::<(), dash_kernels::KernelError>(())
+/// ```
 pub fn join_rows(first: Tensor<2>, second: Tensor<2>) -> Result<Tensor<2>, KernelError> {
     let ([n, width], [m, found]) = (first.dims(), second.dims());
     if width != found {

@@ -1,4 +1,4 @@
-//! Points of the unit cube on the CPU: rows are independent, so any split over threads gives the same bits.
+//! Points of the unit cube on the CPU: rows are independent, so any number of threads gives the same bits.
 
 use rayon::prelude::*;
 

@@ -15,7 +15,7 @@ impl SpaceTime for CubeBackend {
         let n = positions.meta.shape()[0];
         let out = uninitialised(&positions, [n, WIDTH]);
         let (count, dim) = units(&positions.client, n);
-        forward::launch(
+        space_time_kernel::launch(
             &positions.client,
             count,
             dim,
@@ -36,7 +36,7 @@ impl SpaceTimeVjp for CubeBackend {
         let n = positions.meta.shape()[0];
         let gradient = uninitialised(&positions, [n, AXES]);
         let (count, dim) = units(&positions.client, n);
-        backward::launch(
+        space_time_vjp_kernel::launch(
             &positions.client,
             count,
             dim,
@@ -93,9 +93,9 @@ fn limited_vjp(value: f32, v: f32, scale: f32, #[comptime] clamp: bool) -> f32 {
 }
 
 #[cube(launch)]
-fn forward(
-    positions: &[f32],
-    out: &mut [f32],
+fn space_time_kernel(
+    positions: &[f32], // [N, 3]
+    out: &mut [f32],   // [N, 4]
     axes: Axes,
     time: f32,
     n: u32,
@@ -113,10 +113,10 @@ fn forward(
 }
 
 #[cube(launch)]
-fn backward(
-    positions: &[f32],
-    v_out: &[f32],
-    gradient: &mut [f32],
+fn space_time_vjp_kernel(
+    positions: &[f32],    // [N, 3]
+    v_out: &[f32],        // [N, 4]
+    gradient: &mut [f32], // [N, 3]
     axes: Axes,
     n: u32,
     #[comptime] clamp: bool,

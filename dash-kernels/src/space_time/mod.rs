@@ -1,4 +1,4 @@
-//! Positions in space at a time as points of the four-dimensional unit cube.
+//! Positions and a time as points of the four-dimensional unit cube.
 
 mod autodiff;
 pub mod cpu;
@@ -27,24 +27,37 @@ pub struct Bounds {
     pub min: [f32; AXES],
     /// One over the lengths of its edges, in world units.
     pub scale: [f32; AXES],
-    /// Whether positions outside are moved to the nearest face.
+    /// Whether positions outside are clamped to the box.
     pub clamp: bool,
 }
 
-/// `(position - min) * scale` of every position, and the time: where a field over space and time is asked.
+/// `(position - min) * scale` of every position, followed by the time: the input of an encoder over space and time.
 ///
-/// Positions that are not finite count as `min`; what would be beyond the largest number is that number.
+/// Positions that are not finite count as `min`. Without [`Bounds::clamp`] results are clamped to the range of `f32`.
 ///
 /// # Shapes
 /// `positions [N, 3] -> [N, 4]`
 ///
 /// # Gradient
-/// To the positions; zero along the axes on which a position was moved to a face. A gradient of the output that is not
-/// finite counts as zero.
+/// To the positions; zero along axes on which a position was clamped. A gradient of the output that is not finite counts
+/// as zero.
 ///
 /// # Errors
 /// [`KernelError::Shape`] when positions have other than three coordinates, [`KernelError::Config`] when the bounds or
 /// the time are not finite.
+///
+/// # Example
+/// ```
+/// use burn::tensor::{Device, Tensor};
+/// use dash_kernels::space_time::{Bounds, space_time};
+///
+/// // A box from -2 to 2 along each axis.
+/// let bounds = Bounds { min: [-2.0; 3], scale: [0.25; 3], clamp: true };
+/// let positions = Tensor::from_floats([[0.0, 1.0, 9.0]], &Device::flex());
+/// let points = space_time(positions, &bounds, 0.125)?;
+/// assert_eq!(points.into_data().to_vec::<f32>()?, [0.5, 0.75, 1.0, 0.125]);
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 pub fn space_time(
     positions: Tensor<2>,
     bounds: &Bounds,

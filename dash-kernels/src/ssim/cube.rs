@@ -43,7 +43,7 @@ impl Ssim for CubeBackend {
         let (x, y) = (contiguous(x), contiguous(y));
         let shape = sizes(&x);
         let out = uninitialised(&x, shape);
-        forward::launch(
+        ssim_kernel::launch(
             &x.client,
             calculate_cubes(&x.client, n_cubes(shape)),
             CubeDim::new_1d(UNITS as u32),
@@ -67,7 +67,7 @@ impl SsimVjp for CubeBackend {
         let shape = sizes(&x);
         let gradient = |own: &CubeTensor, other: &CubeTensor| {
             let v_own = uninitialised(own, shape);
-            backward::launch(
+            ssim_vjp_kernel::launch(
                 &own.client,
                 calculate_cubes(&own.client, n_cubes(shape)),
                 CubeDim::new_1d(UNITS as u32),
@@ -99,7 +99,12 @@ fn frame([height, width, channels]: [usize; 3]) -> FrameLaunch {
 }
 
 #[cube(launch)]
-fn forward(x: &[f32], y: &[f32], out: &mut [f32], frame: Frame) {
+fn ssim_kernel(
+    x: &[f32],       // [H, W, C]
+    y: &[f32],       // [H, W, C]
+    out: &mut [f32], // [H, W, C]
+    frame: Frame,
+) {
     let tile = own_tile(x, y, &frame);
     let mut pixels = Shared::<[f32]>::new_slice(comptime!(2 * REACH * REACH));
     let mut blurred = Shared::<[f32]>::new_slice(comptime!(4 * REACH * TILE));
@@ -132,7 +137,13 @@ fn forward(x: &[f32], y: &[f32], out: &mut [f32], frame: Frame) {
 }
 
 #[cube(launch)]
-fn backward(x: &[f32], y: &[f32], v_out: &[f32], v_x: &mut [f32], frame: Frame) {
+fn ssim_vjp_kernel(
+    x: &[f32],       // [H, W, C]
+    y: &[f32],       // [H, W, C]
+    v_out: &[f32],   // [H, W, C]
+    v_x: &mut [f32], // [H, W, C]
+    frame: Frame,
+) {
     let tile = own_tile(x, y, &frame);
     let mut pixels = Shared::<[f32]>::new_slice(comptime!(2 * FAR_REACH * FAR_REACH));
     let mut blurred = Shared::<[f32]>::new_slice(comptime!(4 * FAR_REACH * REACH));
@@ -178,9 +189,9 @@ fn backward(x: &[f32], y: &[f32], v_out: &[f32], v_x: &mut [f32], frame: Frame) 
 /// Gradients of the moments in the tile's reach, from moments blurred along rows.
 #[cube]
 fn moments_vjp(
-    blurred: &Shared<[f32]>,
-    gradients: &mut Shared<[f32]>,
-    v_out: &[f32],
+    blurred: &Shared<[f32]>,       // [4, FAR_REACH, REACH]
+    gradients: &mut Shared<[f32]>, // [3, REACH, REACH]
+    v_out: &[f32],                 // [H, W, C]
     tile: &Tile,
     frame: &Frame,
 ) {
@@ -220,7 +231,10 @@ fn moments_vjp(
 
 /// Blurs the three planes of gradients along their rows.
 #[cube]
-fn blur_gradients_along_rows(gradients: &Shared<[f32]>, blurred: &mut Shared<[f32]>) {
+fn blur_gradients_along_rows(
+    gradients: &Shared<[f32]>,   // [3, REACH, REACH]
+    blurred: &mut Shared<[f32]>, // [3, REACH, TILE]
+) {
     let mut item = UNIT_POS as usize;
     while item < comptime!(3 * REACH * TILE) {
         let first = item / TILE * REACH + item % TILE;

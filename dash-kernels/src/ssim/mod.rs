@@ -39,6 +39,19 @@ use crate::limits::check_values;
 ///
 /// # Source
 /// Wang et al. 2004, with the window and the padding of 3D Gaussian Splatting.
+///
+/// # Example
+/// ```
+/// use burn::tensor::{Device, Distribution, Tensor};
+/// use dash_kernels::ssim::ssim;
+///
+/// let image = Tensor::<3>::random([24, 32, 3], Distribution::Uniform(0.0, 1.0), &Device::flex());
+/// let same = ssim(image.clone(), image.clone())?.mean().into_scalar::<f32>();
+/// assert!((same - 1.0).abs() < 1e-5);
+/// let inverted = ssim(image.clone(), 1.0 - image)?.mean().into_scalar::<f32>();
+/// assert!(inverted < 0.0);
+/// # Ok::<(), dash_kernels::KernelError>(())
+/// ```
 pub fn ssim(x: Tensor<3>, y: Tensor<3>) -> Result<Tensor<3>, KernelError> {
     let (found, expected) = (y.dims(), x.dims());
     if found != expected || expected.contains(&0) {

@@ -2,7 +2,7 @@ use burn::tensor::Tensor;
 
 use super::window::{C1, C2, RADIUS, TAPS, window};
 use super::{cpu, reference, ssim};
-use crate::testing_hash::*;
+use crate::testing::*;
 
 /// Sizes on both sides of the window and of a tile's width, and no multiples of any vector length.
 const SHAPES: [[usize; 3]; 8] = [
@@ -40,16 +40,17 @@ fn one_pixel_by_hand() {
     let expected = (2.0 * mx * my + C1) * (2.0 * covariance + C2)
         / ((mx * mx + my * my + C1) * (variance + C2));
     assert_close(
+        "reference",
         &reference::ssim(&[x], &[y], [1, 1, 1]),
         &[expected],
-        1e-12,
         0.0,
+        1e-12,
     );
     for device in devices() {
         let one = |v| tensor(&[v], [1, 1, 1], &device);
         let got = values(ssim(one(0.5), one(0.25)).expect("equal shapes"));
         // A GPU adds up in f32.
-        assert_close(&to_f64(&got), &[expected], 5e-6, 0.0);
+        assert_close("ssim", &to_f64(&got), &[expected], 0.0, 5e-6);
     }
 }
 
@@ -75,16 +76,18 @@ fn reference_vjp_matches_central_differences() {
         let by_y = central_differences(&y, 1e-5, |y| dot(&reference::ssim(&x, y, shape), &v));
         let scale = v_x.iter().fold(0.0f64, |max, v| max.max(v.abs()));
         assert_close(
+            "v_x",
             &v_x,
             &by_x,
-            DIFFERENCES_RELATIVE,
             DIFFERENCES_RELATIVE * scale,
+            DIFFERENCES_RELATIVE,
         );
         assert_close(
+            "v_y",
             &v_y,
             &by_y,
-            DIFFERENCES_RELATIVE,
             DIFFERENCES_RELATIVE * scale,
+            DIFFERENCES_RELATIVE,
         );
     }
 }
@@ -101,11 +104,11 @@ fn backends_match_the_reference() {
                 |values: &[f32]| tensor(values, shape, &device.clone().autodiff()).require_grad();
             let (x, y) = (tracked(&x), tracked(&y));
             let out = ssim(x.clone(), y.clone()).expect("equal shapes");
-            assert_agrees(&values(out.clone().inner()), &expected);
+            assert_agrees("ssim", &values(out.clone().inner()), &expected);
             let v = tensor(&v, shape, &device.clone().autodiff());
             let grads = (out * v).sum().backward();
-            assert_agrees(&values(x.grad(&grads).expect("x is tracked")), &v_x);
-            assert_agrees(&values(y.grad(&grads).expect("y is tracked")), &v_y);
+            assert_agrees("v_x", &values(x.grad(&grads).expect("x is tracked")), &v_x);
+            assert_agrees("v_y", &values(y.grad(&grads).expect("y is tracked")), &v_y);
         }
     }
 }
@@ -123,8 +126,8 @@ fn flat_images_keep_their_gradient() {
     let y: Vec<f32> = x.iter().zip(noise).map(|(x, n)| x + n).collect();
     let v = vec![1.0; n];
     let (v_x, v_y) = reference::ssim_vjp(&to_f64(&x), &to_f64(&y), &to_f64(&v), shape);
-    assert_agrees(&cpu::ssim_vjp(&x, &y, &v, shape), &v_x);
-    assert_agrees(&cpu::ssim_vjp(&y, &x, &v, shape), &v_y);
+    assert_agrees("v_x", &cpu::ssim_vjp(&x, &y, &v, shape), &v_x);
+    assert_agrees("v_y", &cpu::ssim_vjp(&y, &x, &v, shape), &v_y);
 }
 
 /// A difference that the tolerances must not swallow: one image off by a pixel.
@@ -171,7 +174,7 @@ fn constants_stay_close_to_f64() {
             let (x, y) = (vec![a; n], vec![b; n]);
             let expected = reference::ssim(&to_f64(&x), &to_f64(&y), shape);
             let got = to_f64(&cpu::ssim(&x, &y, shape));
-            assert_close(&got, &expected, 1e-6, 1e-6);
+            assert_close("v", &got, &expected, 1e-6, 1e-6);
         }
     }
 }

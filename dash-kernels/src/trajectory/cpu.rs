@@ -1,4 +1,4 @@
-//! Extents of trajectories on the CPU: rows are independent, so any split over threads gives the same bits.
+//! Extents of trajectories on the CPU: rows are independent, so any number of threads gives the same bits.
 //!
 //! Displacements are summed outwards from the time at which there is none, so that nothing cancels.
 

@@ -17,7 +17,7 @@ impl SquaredExtent for CubeBackend {
         let n = coefficients.meta.num_elements() / polyline.width();
         let out = uninitialised(&coefficients, [n]);
         let (count, dim) = units(&coefficients.client, n);
-        forward::launch(
+        squared_extent_kernel::launch(
             &coefficients.client,
             count,
             dim,
@@ -43,7 +43,7 @@ impl SquaredExtentVjp for CubeBackend {
         let n = v_out.meta.num_elements();
         let gradient = uninitialised(&coefficients, [n, polyline.width()]);
         let (count, dim) = units(&coefficients.client, 3 * n);
-        backward::launch(
+        squared_extent_vjp_kernel::launch(
             &coefficients.client,
             count,
             dim,
@@ -67,9 +67,9 @@ fn on(at: f32, span: f32, part: f32) -> f32 {
 }
 
 #[cube(launch)]
-fn forward(
-    coefficients: &[f32],
-    out: &mut [f32],
+fn squared_extent_kernel(
+    coefficients: &[f32], // [N, B * 3]
+    out: &mut [f32],      // [N]
     n: u32,
     n_spans: u32,
     span: u32,
@@ -105,10 +105,10 @@ fn forward(
 }
 
 #[cube(launch)]
-fn backward(
-    coefficients: &[f32],
-    v_out: &[f32],
-    gradient: &mut [f32],
+fn squared_extent_vjp_kernel(
+    coefficients: &[f32], // [N, B * 3]
+    v_out: &[f32],        // [N]
+    gradient: &mut [f32], // [N, B * 3]
     n: u32,
     n_spans: u32,
     span: u32,

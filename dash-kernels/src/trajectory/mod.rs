@@ -1,4 +1,4 @@
-//! How far trajectories go.
+//! Extents of trajectories.
 
 mod autodiff;
 pub mod cpu;
@@ -15,22 +15,24 @@ use burn::tensor::Tensor;
 use crate::KernelError;
 use crate::host::{HostBackend, dims};
 
-/// Displacements count as no longer than this, so that their squares stay finite.
+/// Displacements are clamped to this length along each axis, so that their squares stay finite.
 pub const LARGEST: f32 = 1e16;
 
-/// Polylines in time of `n_spans` equal spans of [0, 1], each at rest at the time `anchor`.
+/// Piecewise linear trajectories over `n_spans` equal spans of [0, 1], with no displacement at the time `anchor`.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Polyline {
     n_spans: usize,
-    /// The span that the anchor lies in.
+    /// The span that contains the anchor.
     span: usize,
-    /// How much of that span is before it.
+    /// The fraction of that span up to the anchor.
     share: f32,
-    /// One over what a steady motion of length one gives.
+    /// One over the sum of a steady motion of length one.
     inverse_steady: f32,
 }
 
 impl Polyline {
+    /// A polyline of `n_spans` spans with no displacement at `anchor`.
+    ///
     /// # Errors
     /// [`KernelError::Config`] without spans, or for a time outside of [0, 1].
     pub fn new(n_spans: usize, anchor: f32) -> Result<Self, KernelError> {
@@ -38,7 +40,7 @@ impl Polyline {
             return Err(KernelError::Config {
                 op: "squared_extent",
                 what: format!(
-                    "{n_spans} spans, at rest at {anchor}, expected one or more and a time in [0, 1]"
+                    "{n_spans} spans with anchor {anchor}, expected one or more and a time in [0, 1]"
                 ),
             });
         }
@@ -61,20 +63,33 @@ impl Polyline {
     }
 }
 
-/// Sum of the squared displacements at all knots of polylines, over that of a steady motion of length one: `|dp|^2`
-/// where the motion is steady.
+/// Sum of the squared displacements at all knots, divided by that of a steady motion of length one. A steady motion of
+/// displacement `dp` gives `|dp|^2`.
 ///
 /// A coefficient that is not finite counts as zero.
 ///
 /// # Shapes
-/// `coefficients [N, B * 3] -> [N]`: what each of the `B` spans adds to the displacement.
+/// `coefficients [N, B * 3] -> [N]`: the displacement over each of the `B` spans.
 ///
 /// # Gradient
-/// To the coefficients; of a displacement longer than [`LARGEST`] as if it were that long. A gradient of the
-/// output that is not finite counts as zero.
+/// To the coefficients; that of a displacement beyond [`LARGEST`] is that of the clamped one. A gradient of the output
+/// that is not finite counts as zero.
 ///
 /// # Errors
 /// [`KernelError::Shape`] when there are not three coefficients for each span.
+///
+/// # Example
+/// ```
+/// use burn::tensor::{Device, Tensor};
+/// use dash_kernels::trajectory::{Polyline, squared_extent};
+///
+/// // A steady motion of length 2 along x over the whole clip, in two equal spans.
+/// let polyline = Polyline::new(2, 0.0)?;
+/// let coefficients = Tensor::from_floats([[1.0, 0.0, 0.0, 1.0, 0.0, 0.0]], &Device::flex());
+/// let extent = squared_extent(coefficients, polyline)?.into_scalar::<f32>();
+/// assert!((extent - 4.0).abs() < 1e-6);
+/// # Ok::<(), dash_kernels::KernelError>(())
+/// ```
 pub fn squared_extent(
     coefficients: Tensor<2>,
     polyline: Polyline,

@@ -7,13 +7,13 @@ use std::collections::BTreeMap;
 use burn::module::ModuleVisitor;
 use burn::module::Param;
 use burn::tensor::{Gradients, TensorData};
+use dash_kernels::testing::devices;
 use rand::SeedableRng;
 use rand_pcg::Pcg64;
 
 use super::*;
 use crate::gaussians::to_host;
 use crate::parameters::{Path, named_parameters, with_parameters};
-use crate::test_devices::devices;
 use crate::{HashEncoderConfig, Heads};
 
 const N: usize = 7;

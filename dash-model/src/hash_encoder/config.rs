@@ -119,7 +119,7 @@ impl HashEncoderConfig {
         device: &Device,
     ) -> Result<HashEncoder, ModelError> {
         let layout = self.layout()?;
-        let table_layouts = layout.split(MAX_TABLE_VALUES);
+        let table_layouts = layout.chunks(MAX_TABLE_VALUES);
         let mut init = |layout: &HashGridLayout| {
             let shape = [layout.n_entries(), layout.n_features_per_level()];
             let remedy = "lower the encoder's `log2_hashmap_size`";

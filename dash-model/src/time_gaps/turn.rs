@@ -46,9 +46,9 @@ fn largest(ways: [&Tensor<2>; 3]) -> Tensor<2> {
 #[cfg(test)]
 mod tests {
     use burn::tensor::{Device, TensorData};
+    use dash_kernels::testing::devices;
 
     use super::*;
-    use crate::test_devices::devices;
 
     /// [`turn`] of single bodies.
     fn turned(ways: [[f64; 3]; 3], share: f32, device: &Device) -> [f64; 3] {

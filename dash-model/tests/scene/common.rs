@@ -1,6 +1,7 @@
 //! Scenes for the tests, and what they compare.
 
 use burn::tensor::{Device, Tensor};
+pub use dash_kernels::testing::devices;
 use dash_model::parameters::{named_parameters, with_parameters};
 use dash_model::{
     Camera, DeformationConfig, DeformationField, DynamicPart, DynamicScene, GaussianRows,
@@ -12,27 +13,6 @@ use rand_pcg::Pcg64;
 const SIZE: usize = 40;
 const BASIS: TrajectoryBasis = TrajectoryBasis::polyline(4);
 pub const BACKGROUND: [f32; 3] = [0.1, 0.2, 0.3];
-
-/// A device of each backend in this build.
-#[cfg_attr(
-    feature = "ndarray",
-    expect(
-        deprecated,
-        reason = "burn-ndarray gives way to burn-flex; users still ask for it"
-    )
-)]
-pub fn devices() -> Vec<Device> {
-    vec![
-        #[cfg(feature = "ndarray")]
-        Device::ndarray(),
-        #[cfg(feature = "flex")]
-        Device::flex(),
-        #[cfg(feature = "wgpu")]
-        Device::wgpu(burn::tensor::DeviceKind::DefaultDevice),
-        #[cfg(feature = "cuda")]
-        Device::cuda(0),
-    ]
-}
 
 pub fn camera() -> Camera {
     Camera::new(45.0, 45.0, 20.0, 20.0, SIZE, SIZE).look_at(

@@ -37,6 +37,7 @@ pub(super) fn table_vjp(
         let (count, dim) = units(client, n);
         // Points outside come last.
         let outside = level.size as u32;
+        let launched = || LevelLaunch::new(l as u32, level.offset as u32, outside);
         list_corners::launch(
             client,
             count,
@@ -47,8 +48,7 @@ pub(super) fn table_vjp(
             corners.arg(),
             weights.arg(),
             n as u32,
-            l as u32,
-            outside,
+            launched(),
             grid(layout),
         );
         let count = DeviceCount {
@@ -67,13 +67,21 @@ pub(super) fn table_vjp(
             arg(v_out),
             arg(&v_table),
             n_corners as u32,
-            l as u32,
-            level.offset as u32,
-            outside,
+            launched(),
             grid(layout),
         );
     }
     v_table
+}
+
+/// The numbers of a level as launched.
+#[derive(CubeType, CubeLaunch, Clone, Copy)]
+struct Level {
+    index: u32,
+    /// First row of the level in the table.
+    offset: u32,
+    /// Stands for the row of a point outside.
+    outside: u32,
 }
 
 /// Bits that hold every number up to `largest`.
@@ -83,14 +91,13 @@ fn bits_of(largest: u32) -> u32 {
 
 #[cube(launch)]
 fn list_corners(
-    positions: &[f32],
-    levels: &[u32],
-    rows: &mut [u32],
-    corners: &mut [u32],
-    weights: &mut [f32],
+    positions: &[f32],   // [N, D]
+    levels: &[u32],      // [L, N_WORDS]
+    rows: &mut [u32],    // [N, 2^D]
+    corners: &mut [u32], // [N, 2^D]
+    weights: &mut [f32], // [N, 2^D]
     n: u32,
-    level: u32,
-    outside: u32,
+    level: Level,
     #[comptime] grid: Grid,
 ) {
     let point = ABSOLUTE_POS;
@@ -101,7 +108,7 @@ fn list_corners(
     let inside = is_inside(positions, point, grid.dims);
     #[unroll]
     for corner in 0..comptime!(1usize << grid.dims) {
-        rows[first + corner] = outside;
+        rows[first + corner] = level.outside;
         corners[first + corner] = (first + corner) as u32;
     }
     if inside {
@@ -109,7 +116,7 @@ fn list_corners(
             positions,
             point,
             levels,
-            level as usize,
+            level.index as usize,
             grid.dims,
             grid.smooth,
         );
@@ -124,15 +131,13 @@ fn list_corners(
 
 #[cube(launch)]
 fn sum_rows(
-    rows: &[u32],
-    corners: &[u32],
-    weights: &[f32],
-    v_out: &[f32],
-    v_table: &mut [f32],
+    rows: &[u32],        // [N * 2^D]
+    corners: &[u32],     // [N * 2^D]
+    weights: &[f32],     // [N, 2^D]
+    v_out: &[f32],       // [N, L * F]
+    v_table: &mut [f32], // [T, F]
     n_corners: u32,
-    level: u32,
-    offset: u32,
-    outside: u32,
+    level: Level,
     #[comptime] grid: Grid,
 ) {
     let place = ABSOLUTE_POS;
@@ -144,7 +149,7 @@ fn sum_rows(
     if place > 0 {
         starts = rows[place - 1] != row;
     }
-    if starts && row != outside {
+    if starts && row != level.outside {
         let mut sums = Array::<f32>::new(grid.features);
         #[unroll]
         for f in 0..grid.features {
@@ -158,7 +163,7 @@ fn sum_rows(
                 if same {
                     let corner = corners[next] as usize;
                     let point = corner / comptime!(1usize << grid.dims);
-                    let at = (point * grid.levels + level as usize) * grid.features;
+                    let at = (point * grid.levels + level.index as usize) * grid.features;
                     #[unroll]
                     for f in 0..grid.features {
                         sums[f] += weights[corner] * bounded(v_out[at + f]);
@@ -173,7 +178,7 @@ fn sum_rows(
         }
         #[unroll]
         for f in 0..grid.features {
-            v_table[(offset + row) as usize * grid.features + f] = sums[f];
+            v_table[(level.offset + row) as usize * grid.features + f] = sums[f];
         }
     }
 }

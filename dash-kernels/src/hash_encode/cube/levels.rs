@@ -71,18 +71,22 @@ pub(super) struct Cell {
     row_mask: u32,
     dense: bool,
     /// Row contribution of the lower vertex, per axis.
-    lower: Array<u32>,
+    lower: Array<u32>, // [D]
     /// What the upper vertex adds to it, per axis.
-    multiplier: Array<u32>,
+    multiplier: Array<u32>, // [D]
     /// Weight of the upper vertex, per axis.
-    upper_weight: Array<f32>,
+    upper_weight: Array<f32>, // [D]
     /// Its derivative by the position, per axis.
-    slope: Array<f32>,
+    slope: Array<f32>, // [D]
 }
 
 /// Whether all coordinates lie in [0, 1]. NaN does not, by its bits: a device may take it that there is none.
 #[cube]
-pub(super) fn is_inside(positions: &[f32], point: usize, #[comptime] dims: usize) -> bool {
+pub(super) fn is_inside(
+    positions: &[f32], // [N, D]
+    point: usize,
+    #[comptime] dims: usize,
+) -> bool {
     let mut inside = true;
     #[unroll]
     for axis in 0..dims {
@@ -126,9 +130,9 @@ fn cell_of(x: f32, high: f32, middle: f32, low: f32, last: u32) -> (u32, f32) {
 
 #[cube]
 pub(super) fn locate(
-    positions: &[f32],
+    positions: &[f32], // [N, D]
     point: usize,
-    levels: &[u32],
+    levels: &[u32], // [L, N_WORDS]
     level: usize,
     #[comptime] dims: usize,
     #[comptime] smooth: bool,

@@ -2,8 +2,7 @@
 
 use crate::cube::tests::{cube_tensor, cube_values};
 use crate::hash_encode::{HashGridConfig, LevelSizing, reference};
-use crate::testing::poison;
-use crate::testing_hash::*;
+use crate::testing::*;
 
 use super::*;
 
@@ -124,9 +123,9 @@ fn every_way_of_adding_up_agrees_with_the_reference() {
         &case.layout,
     );
     let [native, exchanged, sorted] = case.v_tables();
-    assert_agrees(&native, &expected);
-    assert_agrees(&exchanged, &expected);
-    assert_agrees(&sorted, &expected);
+    assert_agrees("native", &native, &expected);
+    assert_agrees("exchanged", &exchanged, &expected);
+    assert_agrees("sorted", &sorted, &expected);
     let [_, _, again] = case.v_tables();
     assert_eq!(bits(&sorted), bits(&again), "another run differs");
 }

@@ -4,7 +4,7 @@ use burn::tensor::Tensor;
 
 use super::{Case, every_layout, small_layout};
 use crate::hash_encode::{LevelSizing, cpu, hash_encode};
-use crate::testing_hash::*;
+use crate::testing::*;
 
 #[test]
 fn no_points() {
@@ -57,7 +57,13 @@ fn outside_and_nan_have_no_features_and_no_gradient() {
                     "{bad}"
                 );
                 let clean_v_table = clean.cpu()[2].clone();
-                assert_close(&to_f64(&v_table), &to_f64(&clean_v_table), 0.0, 0.0);
+                assert_close(
+                    "v_table",
+                    &to_f64(&v_table),
+                    &to_f64(&clean_v_table),
+                    0.0,
+                    0.0,
+                );
             }
         }
     }
@@ -106,7 +112,7 @@ fn features_are_continuous_across_vertices() {
                 .collect();
             let got = to_f64(&cpu::hash_encode(&beside, &at.table, &at.layout));
             // 90 cells times half an ulp of one half, over four axes.
-            assert_close(&got, &expected, 0.0, 2e-5);
+            assert_close("got", &got, &expected, 2e-5, 0.0);
         }
         at.assert_cpu_agrees();
     }
@@ -124,11 +130,11 @@ fn tables_of_one_entry_and_huge_resolutions() {
             });
             let case = Case::random(layout, 50, 4);
             let [out, v_positions, v_table] = case.cpu();
-            assert_agrees(&out, &case.reference());
-            assert_agrees(&v_table, &case.reference_vjp().1);
+            assert_agrees("features", &out, &case.reference());
+            assert_agrees("v_table", &v_table, &case.reference_vjp().1);
             // With one entry all corners are equal and the slope is rounding.
             if log2 > 0 {
-                assert_agrees(&v_positions, &case.reference_vjp().0);
+                assert_agrees("v_positions", &v_positions, &case.reference_vjp().0);
             }
         }
     }

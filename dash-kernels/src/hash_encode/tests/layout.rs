@@ -204,7 +204,7 @@ fn parts_hold_the_levels_of_the_whole() {
         .map(|l| l.size as usize * 4)
         .collect();
     for max_values in [1, sizes[0] + sizes[1], 3 * 512 * 4, usize::MAX] {
-        let parts = layout.split(max_values);
+        let parts = layout.chunks(max_values);
         let mut from_parts = Vec::new();
         for part in &parts {
             let n_values = part.n_entries() * 4;
@@ -226,6 +226,6 @@ fn parts_hold_the_levels_of_the_whole() {
             assert!(pair[0].n_entries() * 4 + first_of_next > max_values);
         }
     }
-    assert_eq!(layout.split(usize::MAX).len(), 1);
-    assert_eq!(layout.split(1).len(), layout.n_levels());
+    assert_eq!(layout.chunks(usize::MAX).len(), 1);
+    assert_eq!(layout.chunks(1).len(), layout.n_levels());
 }

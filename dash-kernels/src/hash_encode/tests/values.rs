@@ -2,7 +2,7 @@
 
 use super::{Case, every_layout, small_layout};
 use crate::hash_encode::{Interpolation, cpu, hash_encode, reference};
-use crate::testing_hash::*;
+use crate::testing::*;
 
 /// Largest norm of what features are off, as a share of theirs.
 const FEATURES_L2: f64 = 1e-6;
@@ -29,17 +29,24 @@ fn one_cell_by_hand() {
             + 0.5 * ((1.0 - quarter) * 9.0 + quarter * 16.0);
         let expected = [lower, left];
         assert_close(
+            "features",
             &to_f64(&cpu::hash_encode(&positions, &table, &layout)),
             &expected,
-            1e-6,
             0.0,
+            1e-6,
         );
         let got = reference::hash_encode(&to_f64(&positions), &to_f64(&table), &layout);
-        assert_close(&got, &expected, 1e-12, 0.0);
+        assert_close("reference", &got, &expected, 0.0, 1e-12);
         // Corners get their weights; only rows 0, 1, 3 and 4 are touched.
         let v_table = to_f64(&cpu::table_vjp(&positions, &[1.0, 0.0], &layout));
         let q = 0.25;
-        assert_close(&v_table, &[q, q, 0.0, q, q, 0.0, 0.0, 0.0, 0.0], 1e-6, 0.0);
+        assert_close(
+            "v_table",
+            &v_table,
+            &[q, q, 0.0, q, q, 0.0, 0.0, 0.0, 0.0],
+            0.0,
+            1e-6,
+        );
         // d/dx in the middle: mean rise of the two edges, times scale, times the weight's slope.
         let v_positions = cpu::positions_vjp(&positions, &table, &[1.0, 0.0], &layout);
         let slope = if interpolation == Interpolation::Linear {
@@ -53,7 +60,7 @@ fn one_cell_by_hand() {
             0.0,
             0.0,
         ];
-        assert_close(&to_f64(&v_positions), &expected, 1e-6, 0.0);
+        assert_close("v_positions", &to_f64(&v_positions), &expected, 0.0, 1e-6);
     }
 }
 
@@ -93,12 +100,13 @@ fn reference_vjp_matches_central_differences() {
         });
         let scale = v_positions.iter().fold(0.0f64, |max, v| max.max(v.abs()));
         assert_close(
+            "v_positions",
             &v_positions,
             &by_positions,
-            DIFFERENCES_RELATIVE,
             1e-6 * scale,
+            DIFFERENCES_RELATIVE,
         );
-        assert_close(&v_table, &by_table, DIFFERENCES_RELATIVE, 1e-9);
+        assert_close("v_table", &v_table, &by_table, 1e-9, DIFFERENCES_RELATIVE);
     }
 }
 
@@ -123,16 +131,21 @@ fn backends_match_the_reference() {
             let v_out = tensor(&case.v_out, [n, layout.n_features()], &device);
             let out = hash_encode(positions.clone(), table.clone(), layout).expect("fits");
             let (features, expected) = (values(out.clone().inner()), case.reference());
-            assert_agrees(&features, &expected);
-            let off = relative_l2(&features, &expected);
+            assert_agrees("features", &features, &expected);
+            let off = relative_l2(&to_f64(&features), &expected);
             assert!(off <= FEATURES_L2, "{dims}D: relative L2 error {off:e}");
             let grads = (out * v_out).sum().backward();
             let (v_positions, v_table) = case.reference_vjp();
             assert_agrees(
+                "v_positions",
                 &values(positions.grad(&grads).expect("tracked")),
                 &v_positions,
             );
-            assert_agrees(&values(table.grad(&grads).expect("tracked")), &v_table);
+            assert_agrees(
+                "v_table",
+                &values(table.grad(&grads).expect("tracked")),
+                &v_table,
+            );
         }
     }
 }
@@ -183,7 +196,7 @@ fn a_constant_table_gives_constant_features() {
             to_f64(&v_table).iter().sum(),
             to_f64(&case.v_out).iter().sum(),
         );
-        assert_close(&[got], &[expected], 1e-5, 1e-4);
+        assert_close("slope", &[got], &[expected], 1e-4, 1e-5);
     }
 }
 

@@ -1,143 +1,21 @@
-//! Vectors, and the projected covariance of one Gaussian.
+//! The projected covariance of one Gaussian, and its gradient.
 
 use cubecl::prelude::*;
 
 use crate::cube::is_finite;
+use crate::splats;
+
+use super::linear::{Mat3, Quat, Vec3};
 
 /// Quaternions with a smaller squared length are culled.
 const MIN_QUAT_NORM_SQUARED: f32 = 1e-12;
 
-/// Three coordinates.
-#[derive(CubeType, Clone, Copy)]
-pub(super) struct Vec3 {
-    pub x: f32,
-    pub y: f32,
-    pub z: f32,
-}
-
-#[cube]
-impl Vec3 {
-    pub fn read(values: &[f32], i: usize) -> Vec3 {
-        Vec3 {
-            x: values[3 * i],
-            y: values[3 * i + 1],
-            z: values[3 * i + 2],
-        }
-    }
-
-    pub fn dot(&self, other: &Vec3) -> f32 {
-        self.x * other.x + self.y * other.y + self.z * other.z
-    }
-
-    pub fn cross(&self, other: &Vec3) -> Vec3 {
-        Vec3 {
-            x: self.y * other.z - self.z * other.y,
-            y: self.z * other.x - self.x * other.z,
-            z: self.x * other.y - self.y * other.x,
-        }
-    }
-
-    pub fn scaled(&self, factor: f32) -> Vec3 {
-        Vec3 {
-            x: self.x * factor,
-            y: self.y * factor,
-            z: self.z * factor,
-        }
-    }
-
-    pub fn plus(&self, other: &Vec3) -> Vec3 {
-        Vec3 {
-            x: self.x + other.x,
-            y: self.y + other.y,
-            z: self.z + other.z,
-        }
-    }
-
-    /// Coordinate by coordinate.
-    pub fn times(&self, other: &Vec3) -> Vec3 {
-        Vec3 {
-            x: self.x * other.x,
-            y: self.y * other.y,
-            z: self.z * other.z,
-        }
-    }
-
-    pub fn is_finite(&self) -> bool {
-        is_finite(self.x) && is_finite(self.y) && is_finite(self.z)
-    }
-}
-
-/// Three rows.
-#[derive(CubeType, Clone, Copy)]
-pub(super) struct Mat3 {
-    pub x: Vec3,
-    pub y: Vec3,
-    pub z: Vec3,
-}
-
-#[cube]
-impl Mat3 {
-    pub fn times_vector(&self, v: &Vec3) -> Vec3 {
-        Vec3 {
-            x: self.x.dot(v),
-            y: self.y.dot(v),
-            z: self.z.dot(v),
-        }
-    }
-
-    /// The product of the transpose with a vector.
-    pub fn transposed_times_vector(&self, v: &Vec3) -> Vec3 {
-        let sum = self.x.scaled(v.x).plus(&self.y.scaled(v.y));
-        sum.plus(&self.z.scaled(v.z))
-    }
-
-    pub fn times(&self, other: &Mat3) -> Mat3 {
-        Mat3 {
-            x: other.transposed_times_vector(&self.x),
-            y: other.transposed_times_vector(&self.y),
-            z: other.transposed_times_vector(&self.z),
-        }
-    }
-
-    pub fn transposed(&self) -> Mat3 {
-        Mat3 {
-            x: Vec3 {
-                x: self.x.x,
-                y: self.y.x,
-                z: self.z.x,
-            },
-            y: Vec3 {
-                x: self.x.y,
-                y: self.y.y,
-                z: self.z.y,
-            },
-            z: Vec3 {
-                x: self.x.z,
-                y: self.y.z,
-                z: self.z.z,
-            },
-        }
-    }
-}
-
-/// A [`View`](super::super::View) as launched; `xx` to `zz` are the rotation's entries.
+/// A [`View`](super::super::View) as launched.
 #[derive(CubeType, CubeLaunch, Clone, Copy)]
 pub(super) struct ViewConstants {
-    xx: f32,
-    xy: f32,
-    xz: f32,
-    yx: f32,
-    yy: f32,
-    yz: f32,
-    zx: f32,
-    zy: f32,
-    zz: f32,
-    translation_x: f32,
-    translation_y: f32,
-    translation_z: f32,
-    position_x: f32,
-    position_y: f32,
-    position_z: f32,
+    pub rotation: Mat3,
+    translation: Vec3,
+    position: Vec3,
     pub focal_x: f32,
     pub focal_y: f32,
     pub principal_x: f32,
@@ -154,97 +32,26 @@ pub(super) struct ViewConstants {
 
 #[cube]
 impl ViewConstants {
-    pub fn rotation(&self) -> Mat3 {
-        Mat3 {
-            x: Vec3 {
-                x: self.xx,
-                y: self.xy,
-                z: self.xz,
-            },
-            y: Vec3 {
-                x: self.yx,
-                y: self.yy,
-                z: self.yz,
-            },
-            z: Vec3 {
-                x: self.zx,
-                y: self.zy,
-                z: self.zz,
-            },
-        }
-    }
-
     /// Vector from the camera's centre.
     pub fn offset(&self, mean: &Vec3) -> Vec3 {
         Vec3 {
-            x: mean.x - self.position_x,
-            y: mean.y - self.position_y,
-            z: mean.z - self.position_z,
+            x: mean.x - self.position.x,
+            y: mean.y - self.position.y,
+            z: mean.z - self.position.z,
         }
     }
 
     fn point(&self, mean: &Vec3) -> Vec3 {
-        let rotated = self.rotation().times_vector(mean);
-        Vec3 {
-            x: rotated.x + self.translation_x,
-            y: rotated.y + self.translation_y,
-            z: rotated.z + self.translation_z,
-        }
+        self.rotation.times_vector(mean).plus(&self.translation)
     }
 }
 
-/// Four coordinates (w, x, y, z).
-#[derive(CubeType, Clone, Copy)]
-pub(super) struct Quat {
-    pub w: f32,
-    pub x: f32,
-    pub y: f32,
-    pub z: f32,
-}
-
-#[cube]
-impl Quat {
-    pub fn rotation(&self) -> Mat3 {
-        let (w, x, y, z) = (self.w, self.x, self.y, self.z);
-        Mat3 {
-            x: Vec3 {
-                x: 1.0f32 - 2.0f32 * (y * y + z * z),
-                y: 2.0f32 * (x * y - w * z),
-                z: 2.0f32 * (x * z + w * y),
-            },
-            y: Vec3 {
-                x: 2.0f32 * (x * y + w * z),
-                y: 1.0f32 - 2.0f32 * (x * x + z * z),
-                z: 2.0f32 * (y * z - w * x),
-            },
-            z: Vec3 {
-                x: 2.0f32 * (x * z - w * y),
-                y: 2.0f32 * (y * z + w * x),
-                z: 1.0f32 - 2.0f32 * (x * x + y * y),
-            },
-        }
-    }
-
-    /// Gradient from that of the rotation.
-    pub fn rotation_vjp(&self, v: &Mat3) -> Quat {
-        let (w, x, y, z) = (self.w, self.x, self.y, self.z);
-        let turn_x = v.z.y - v.y.z;
-        let turn_y = v.x.z - v.z.x;
-        let turn_z = v.y.x - v.x.y;
-        let xy = v.x.y + v.y.x;
-        let xz = v.x.z + v.z.x;
-        let yz = v.y.z + v.z.y;
-        Quat {
-            w: 2.0f32 * (x * turn_x + y * turn_y + z * turn_z),
-            x: 2.0f32 * (w * turn_x + y * xy + z * xz) - 4.0f32 * x * (v.y.y + v.z.z),
-            y: 2.0f32 * (w * turn_y + x * xy + z * yz) - 4.0f32 * y * (v.x.x + v.z.z),
-            z: 2.0f32 * (w * turn_z + x * xz + y * yz) - 4.0f32 * z * (v.x.x + v.y.y),
-        }
-    }
-
-    pub fn dot(&self, other: &Quat) -> f32 {
-        self.w * other.w + self.x * other.x + self.y * other.y + self.z * other.z
-    }
+/// The Gaussians' inputs but for opacities and colours.
+#[derive(CubeType, CubeLaunch)]
+pub(super) struct Ellipsoids {
+    pub means: Box<[f32]>, // [N, 3]
+    quats: Box<[f32]>,     // [N, 4]
+    scales: Box<[f32]>,    // [N, 3]
 }
 
 /// The projected covariance and what leads to it.
@@ -270,24 +77,25 @@ pub(super) struct Footprint {
     pub row1: Vec3,
 }
 
+/// A row of `J W R S` from those of `W R`.
+#[cube]
+fn projected_row(along: &Vec3, depth: &Vec3, slope: f32, factor: f32, scale: &Vec3) -> Vec3 {
+    let row = along.plus(&depth.scaled(-slope));
+    row.scaled(factor).times(scale)
+}
+
+/// The footprint of Gaussian `i`.
 #[cube]
 pub(super) fn footprint_of(
-    means: &[f32],
-    quats: &[f32],
-    scales: &[f32],
+    gaussians: &Ellipsoids,
     i: usize,
     view: &ViewConstants,
     #[comptime] exp: bool,
 ) -> Footprint {
-    let mean = Vec3::read(means, i);
+    let mean = Vec3::read(&gaussians.means, i);
     let point = view.point(&mean);
-    let raw_scale = Vec3::read(scales, i);
-    let quat = Quat {
-        w: quats[4 * i],
-        x: quats[4 * i + 1],
-        y: quats[4 * i + 2],
-        z: quats[4 * i + 3],
-    };
+    let raw_scale = Vec3::read(&gaussians.scales, i);
+    let quat = Quat::read(&gaussians.quats, i);
     let norm_squared = quat.dot(&quat);
     let drawn = point.z >= view.near_plane
         && mean.is_finite()
@@ -296,38 +104,21 @@ pub(super) fn footprint_of(
         && is_finite(norm_squared)
         && norm_squared >= MIN_QUAT_NORM_SQUARED;
     let inverse_quat_norm = 1.0f32 / norm_squared.sqrt();
-    let unit_quat = Quat {
-        w: quat.w * inverse_quat_norm,
-        x: quat.x * inverse_quat_norm,
-        y: quat.y * inverse_quat_norm,
-        z: quat.z * inverse_quat_norm,
+    let unit_quat = quat.scaled(inverse_quat_norm);
+    let scale = if comptime!(exp) {
+        raw_scale.exponentials()
+    } else {
+        raw_scale
     };
-    let mut scale = Vec3 {
-        x: raw_scale.x,
-        y: raw_scale.y,
-        z: raw_scale.z,
-    };
-    if comptime!(exp) {
-        scale.x = raw_scale.x.exp();
-        scale.y = raw_scale.y.exp();
-        scale.z = raw_scale.z.exp();
-    }
-    let axes = view.rotation().times(&unit_quat.rotation());
+    let axes = view.rotation.times(&unit_quat.rotation());
     let inverse_z = 1.0f32 / point.z;
     let ratio_x = point.x * inverse_z;
     let ratio_y = point.y * inverse_z;
     let slope_x = f32::min(f32::max(ratio_x, view.lowest_x), view.highest_x);
     let slope_y = f32::min(f32::max(ratio_y, view.lowest_y), view.highest_y);
-    let row0 = axes
-        .x
-        .plus(&axes.z.scaled(-slope_x))
-        .scaled(view.focal_x * inverse_z)
-        .times(&scale);
-    let row1 = axes
-        .y
-        .plus(&axes.z.scaled(-slope_y))
-        .scaled(view.focal_y * inverse_z)
-        .times(&scale);
+    let (factor_x, factor_y) = (view.focal_x * inverse_z, view.focal_y * inverse_z);
+    let row0 = projected_row(&axes.x, &axes.z, slope_x, factor_x, &scale);
+    let row1 = projected_row(&axes.y, &axes.z, slope_y, factor_y, &scale);
     Footprint {
         drawn,
         point,
@@ -341,5 +132,109 @@ pub(super) fn footprint_of(
         axes,
         row0,
         row1,
+    }
+}
+
+/// Gradients of the rows of `J W R S`.
+#[derive(CubeType, Clone, Copy)]
+struct RowsGradient {
+    v_row0: Vec3,
+    v_row1: Vec3,
+    /// Through both rows, of the scales' logarithms.
+    v_log_scale: Vec3,
+}
+
+/// `v_rows = -2 conic v_conic (conic rows)`.
+///
+/// The conic times the rows are cross products: of a needle, the product of the two cancels to next to nothing, and
+/// cross products have components along the Gaussian's own axes.
+#[cube]
+fn rows_vjp(
+    f: &Footprint,
+    splats: &[f32],   // [N, C]
+    v_splats: &[f32], // [N, C]
+    at: usize,
+    low_pass: f32,
+) -> RowsGradient {
+    let a = splats[at + splats::CONIC_A];
+    let b = splats[at + splats::CONIC_B];
+    let c = splats[at + splats::CONIC_C];
+    let v_a = v_splats[at + splats::CONIC_A];
+    let v_b = 0.5f32 * v_splats[at + splats::CONIC_B];
+    let v_c = v_splats[at + splats::CONIC_C];
+    let normal = f.row0.cross(&f.row1);
+    let trace = f.row0.dot(&f.row0) + f.row1.dot(&f.row1);
+    let inverse_det = 1.0f32 / (normal.dot(&normal) + low_pass * trace + low_pass * low_pass);
+    let across0 = f.row1.cross(&normal);
+    let across1 = normal.cross(&f.row0);
+    let h0 = across0.plus(&f.row0.scaled(low_pass)).scaled(inverse_det);
+    let h1 = across1.plus(&f.row1.scaled(low_pass)).scaled(inverse_det);
+    let v_h0 = h0.scaled(v_a).plus(&h1.scaled(v_b));
+    let v_h1 = h0.scaled(v_b).plus(&h1.scaled(v_c));
+    RowsGradient {
+        v_row0: v_h0.scaled(-2.0f32 * a).plus(&v_h1.scaled(-2.0f32 * b)),
+        v_row1: v_h0.scaled(-2.0f32 * b).plus(&v_h1.scaled(-2.0f32 * c)),
+        v_log_scale: h0.times(&v_h0).plus(&h1.times(&v_h1)).scaled(-2.0f32),
+    }
+}
+
+/// Gradients of what a [`Footprint`] is made of.
+#[derive(CubeType, Clone, Copy)]
+pub(super) struct FootprintGradient {
+    /// Of the mean in camera coordinates.
+    pub v_point: Vec3,
+    /// Of the unnormalised quaternion.
+    pub v_quat: Quat,
+    /// Of the scales' logarithms.
+    pub v_log_scale: Vec3,
+}
+
+/// The pullback of [`footprint_of`]: through the centre, the conic and the depth of the splat that starts at `at`.
+#[cube]
+pub(super) fn footprint_vjp(
+    f: &Footprint,
+    splats: &[f32],   // [N, C]
+    v_splats: &[f32], // [N, C]
+    at: usize,
+    view: &ViewConstants,
+) -> FootprintGradient {
+    let rows = rows_vjp(f, splats, v_splats, at, view.low_pass);
+    let v_log_scale = rows.v_log_scale;
+    let inverse_z = 1.0f32 / f.point.z;
+    let v_unscaled0 = rows.v_row0.times(&f.scale).scaled(view.focal_x * inverse_z);
+    let v_unscaled1 = rows.v_row1.times(&f.scale).scaled(view.focal_y * inverse_z);
+    let v_slope_x = select(f.slope_x == f.ratio_x, -v_unscaled0.dot(&f.axes.z), 0.0f32);
+    let v_slope_y = select(f.slope_y == f.ratio_y, -v_unscaled1.dot(&f.axes.z), 0.0f32);
+    let v_third = v_unscaled0
+        .scaled(-f.slope_x)
+        .plus(&v_unscaled1.scaled(-f.slope_y));
+    let v_axes = Mat3 {
+        x: v_unscaled0,
+        y: v_unscaled1,
+        z: v_third,
+    };
+    let v_ratio_x = view.focal_x * v_splats[at + splats::MEAN_X] + v_slope_x;
+    let v_ratio_y = view.focal_y * v_splats[at + splats::MEAN_Y] + v_slope_y;
+    let through_ratio = v_ratio_x * f.ratio_x + v_ratio_y * f.ratio_y;
+    let through_rows = v_log_scale.x + v_log_scale.y + v_log_scale.z;
+    let v_point = Vec3 {
+        x: v_ratio_x * inverse_z,
+        y: v_ratio_y * inverse_z,
+        z: v_splats[at + splats::DEPTH] - (through_ratio + through_rows) * inverse_z,
+    };
+    let v_rotation = view.rotation.transposed().times(&v_axes);
+    let v_unit = f.unit_quat.rotation_vjp(&v_rotation);
+    let along = v_unit.dot(&f.unit_quat);
+    let norm = f.inverse_quat_norm;
+    let v_quat = Quat {
+        w: (v_unit.w - along * f.unit_quat.w) * norm,
+        x: (v_unit.x - along * f.unit_quat.x) * norm,
+        y: (v_unit.y - along * f.unit_quat.y) * norm,
+        z: (v_unit.z - along * f.unit_quat.z) * norm,
+    };
+    FootprintGradient {
+        v_point,
+        v_quat,
+        v_log_scale,
     }
 }

@@ -2,8 +2,10 @@
 
 use cubecl::prelude::*;
 
-use super::super::sh::{C0, C1, C2, C3};
-use super::footprint::{Vec3, ViewConstants};
+use super::super::sh::{self, C0, C1, C2, C3};
+use super::Form;
+use super::footprint::ViewConstants;
+use super::linear::Vec3;
 
 /// Functions of the highest degree there is.
 const MAX_BASIS: usize = 16;
@@ -39,9 +41,13 @@ fn basis_at(direction: &Vec3, #[comptime] degree: usize) -> Array<f32> {
     basis
 }
 
-/// Gradient of the direction from that of the basis functions.
+/// The pullback of [`basis_at`], to the direction.
 #[cube]
-fn basis_vjp(direction: &Vec3, v: &Array<f32>, #[comptime] degree: usize) -> Vec3 {
+fn basis_vjp(
+    direction: &Vec3,
+    v: &Array<f32>, // [MAX_BASIS]
+    #[comptime] degree: usize,
+) -> Vec3 {
     let (x, y, z) = (direction.x, direction.y, direction.z);
     let mut v_x = 0.0f32;
     let mut v_y = 0.0f32;
@@ -95,31 +101,35 @@ fn basis_vjp(direction: &Vec3, v: &Array<f32>, #[comptime] degree: usize) -> Vec
 
 /// A coefficient, but for the constant one, of the three channels.
 #[cube]
-fn coefficient(sh_rest: &[f32], i: usize, k: usize, #[comptime] n_coeffs: usize) -> Vec3 {
+fn coefficient(
+    sh_rest: &[f32], // [N, K - 1, 3]
+    i: usize,
+    k: usize,
+    #[comptime] n_coeffs: usize,
+) -> Vec3 {
     Vec3::read(sh_rest, i * comptime!(n_coeffs - 1) + k - 1)
 }
 
-/// The colour before it is clamped at zero.
+/// The colour of Gaussian `i` before it is clamped at zero.
 #[cube]
 pub(super) fn colour(
-    means: &[f32],
-    sh_dc: &[f32],
-    sh_rest: &[f32],
+    means: &[f32],   // [N, 3]
+    sh_dc: &[f32],   // [N, 1, 3]
+    sh_rest: &[f32], // [N, K - 1, 3]
     i: usize,
     view: &ViewConstants,
-    #[comptime] degree: usize,
-    #[comptime] n_coeffs: usize,
+    #[comptime] form: Form,
 ) -> Vec3 {
     let offset = view.offset(&Vec3::read(means, i));
     let direction = offset.scaled(1.0f32 / offset.dot(&offset).sqrt());
-    let basis = basis_at(&direction, degree);
+    let basis = basis_at(&direction, form.sh_degree);
     let constant = Vec3::read(sh_dc, i);
     let mut red = 0.5f32 + constant.x * basis[0];
     let mut green = 0.5f32 + constant.y * basis[0];
     let mut blue = 0.5f32 + constant.z * basis[0];
     #[unroll]
-    for k in 1..comptime!((degree + 1) * (degree + 1)) {
-        let coefficient = coefficient(sh_rest, i, k, n_coeffs);
+    for k in 1..comptime!(sh::N_COEFFS[form.sh_degree]) {
+        let coefficient = coefficient(sh_rest, i, k, form.n_coeffs);
         red += coefficient.x * basis[k];
         green += coefficient.y * basis[k];
         blue += coefficient.z * basis[k];
@@ -131,50 +141,47 @@ pub(super) fn colour(
     }
 }
 
-/// Gradient of the mean through the direction it is seen from; that of the coefficients is written
-/// to `v_sh_dc` and `v_sh_rest` where it is asked for and `v_colour` is finite.
+/// Gradients of colour coefficients.
+#[derive(CubeType, CubeLaunch)]
+pub(super) struct ShGradients {
+    v_sh_dc: Box<[f32]>,   // [N, 1, 3]
+    v_sh_rest: Box<[f32]>, // [N, K - 1, 3]
+}
+
+/// The pullback of [`colour`]: to the mean through the direction it is seen from. The coefficients' gradient is written
+/// to `v_sh` where it is asked for and `v_colour` is finite.
 #[cube]
 pub(super) fn colour_vjp(
-    means: &[f32],
-    sh_rest: &[f32],
-    v_sh_dc: &mut [f32],
-    v_sh_rest: &mut [f32],
+    means: &[f32],   // [N, 3]
+    sh_rest: &[f32], // [N, K - 1, 3]
+    v_sh: &mut ShGradients,
     i: usize,
     view: &ViewConstants,
     v_colour: &Vec3,
-    #[comptime] degree: usize,
-    #[comptime] n_coeffs: usize,
+    #[comptime] form: Form,
     #[comptime] with_sh_coeffs: bool,
 ) -> Vec3 {
     let offset = view.offset(&Vec3::read(means, i));
     let inverse_distance = 1.0f32 / offset.dot(&offset).sqrt();
     let direction = offset.scaled(inverse_distance);
     if comptime!(with_sh_coeffs) && v_colour.is_finite() {
-        let basis = basis_at(&direction, degree);
-        v_sh_dc[3 * i] = basis[0] * v_colour.x;
-        v_sh_dc[3 * i + 1] = basis[0] * v_colour.y;
-        v_sh_dc[3 * i + 2] = basis[0] * v_colour.z;
+        let basis = basis_at(&direction, form.sh_degree);
+        v_colour.scaled(basis[0]).write(&mut v_sh.v_sh_dc, i);
         #[unroll]
-        for k in 1..comptime!((degree + 1) * (degree + 1)) {
-            let at = 3 * (i * comptime!(n_coeffs - 1) + k - 1);
-            v_sh_rest[at] = basis[k] * v_colour.x;
-            v_sh_rest[at + 1] = basis[k] * v_colour.y;
-            v_sh_rest[at + 2] = basis[k] * v_colour.z;
+        for k in 1..comptime!(sh::N_COEFFS[form.sh_degree]) {
+            let row = i * comptime!(form.n_coeffs - 1) + k - 1;
+            v_colour.scaled(basis[k]).write(&mut v_sh.v_sh_rest, row);
         }
     }
-    let mut v_mean = Vec3 {
-        x: 0.0f32,
-        y: 0.0f32,
-        z: 0.0f32,
-    };
-    if comptime!(degree > 0) {
+    let mut v_mean = Vec3::zero();
+    if comptime!(form.sh_degree > 0) {
         // The constant function has no direction.
         let mut v_basis = Array::<f32>::new(MAX_BASIS);
         #[unroll]
-        for k in 1..comptime!((degree + 1) * (degree + 1)) {
-            v_basis[k] = coefficient(sh_rest, i, k, n_coeffs).dot(v_colour);
+        for k in 1..comptime!(sh::N_COEFFS[form.sh_degree]) {
+            v_basis[k] = coefficient(sh_rest, i, k, form.n_coeffs).dot(v_colour);
         }
-        let v_direction = basis_vjp(&direction, &v_basis, degree);
+        let v_direction = basis_vjp(&direction, &v_basis, form.sh_degree);
         let along = v_direction.dot(&direction);
         v_mean.x = (v_direction.x - along * direction.x) * inverse_distance;
         v_mean.y = (v_direction.y - along * direction.y) * inverse_distance;

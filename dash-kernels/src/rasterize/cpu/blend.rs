@@ -7,7 +7,7 @@ use crate::splats::{ALPHA_MAX, TRANSMITTANCE_STOP};
 use super::super::tiles::TILE;
 use super::super::{CHANNEL_ALPHA, CHANNEL_DEPTH, N_CHANNELS, RasterizeOptions};
 use super::band::{Band, Record, TILE_PIXELS};
-use super::lanes::{CENTRES, TilePixels, any, exp2};
+use super::lanes::{ColumnLanes, SplatLanes, TilePixels, any, exp2};
 
 /// Draws a band's splats into its rows of the image.
 pub struct BlendBand<'a> {
@@ -19,14 +19,17 @@ pub struct BlendBand<'a> {
     pub save: bool,
 }
 
-/// What is known of a tile's pixels while it is drawn.
+/// A tile's pixels while splats are blended over them.
 struct Tile {
-    /// Negative once the pixel is finished.
+    /// Transmittance behind the splats so far, negative once the pixel is finished.
     transmittance: TilePixels<f32>,
+    /// Accumulated colour.
     red: TilePixels<f32>,
     green: TilePixels<f32>,
     blue: TilePixels<f32>,
+    /// Accumulated depth.
     depth: TilePixels<f32>,
+    /// One past the place of the last splat blended.
     last: TilePixels<i32>,
 }
 
@@ -127,17 +130,11 @@ impl Tile {
     ) -> u32 {
         let per_row = TILE / S::F32_LANES;
         let zero = simd.splat_f32s(0.0);
-        let threshold = simd.splat_f32s(record.threshold);
-        let opacity = simd.splat_f32s(record.opacity);
         let alpha_max = simd.splat_f32s(ALPHA_MAX as f32);
         let stop = simd.splat_f32s(TRANSMITTANCE_STOP as f32);
-        let (red, green) = (simd.splat_f32s(record.red), simd.splat_f32s(record.green));
-        let (blue, depth) = (simd.splat_f32s(record.blue), simd.splat_f32s(record.depth));
+        let splat = SplatLanes::new(simd, record);
+        let columns = ColumnLanes::new(simd, record, left, group);
         let place = simd.splat_i32s(place);
-        let centres = S::as_simd_f32s(&CENTRES.0).0[group];
-        let dx = simd.sub_f32s(simd.splat_f32s(record.x - left), centres);
-        let squared = simd.mul_f32s(simd.splat_f32s(record.qa), simd.mul_f32s(dx, dx));
-        let mixed = simd.mul_f32s(simd.splat_f32s(record.qb), dx);
 
         let transmittances = S::as_mut_simd_f32s(&mut self.transmittance.0).0;
         let reds = S::as_mut_simd_f32s(&mut self.red.0).0;
@@ -150,30 +147,24 @@ impl Tile {
             let row = rows.trailing_zeros() as usize;
             rows &= rows - 1;
             let dy = record.y - top - (row as f32 + 0.5);
-            let exponent = simd.mul_add_e_f32s(
-                mixed,
-                simd.splat_f32s(dy),
-                simd.add_f32s(squared, simd.splat_f32s(record.qc * dy * dy)),
-            );
-            let drawn = simd.and_m32s(
-                simd.greater_than_or_equal_f32s(exponent, threshold),
-                simd.less_than_or_equal_f32s(exponent, zero),
-            );
+            let exponent = columns.exponent(simd, record, dy);
+            let drawn = splat.is_drawn(simd, exponent);
             if !any::<S>(drawn) {
                 continue;
             }
             let i = row * per_row + group;
-            let alpha = simd.min_f32s(simd.mul_f32s(opacity, exp2(simd, exponent)), alpha_max);
+            let unclamped = simd.mul_f32s(splat.opacity, exp2(simd, exponent));
+            let alpha = simd.min_f32s(unclamped, alpha_max);
             let before = transmittances[i];
-            let weight = simd.mul_f32s(alpha, before);
-            let after = simd.sub_f32s(before, weight);
+            let visibility = simd.mul_f32s(alpha, before);
+            let after = simd.sub_f32s(before, visibility);
             let unfinished = simd.greater_than_or_equal_f32s(after, stop);
             let taken = simd.and_m32s(drawn, unfinished);
-            let weight = simd.select_f32s(taken, weight, zero);
-            reds[i] = simd.mul_add_e_f32s(weight, red, reds[i]);
-            greens[i] = simd.mul_add_e_f32s(weight, green, greens[i]);
-            blues[i] = simd.mul_add_e_f32s(weight, blue, blues[i]);
-            depths[i] = simd.mul_add_e_f32s(weight, depth, depths[i]);
+            let visibility = simd.select_f32s(taken, visibility, zero);
+            reds[i] = simd.mul_add_e_f32s(visibility, splat.red, reds[i]);
+            greens[i] = simd.mul_add_e_f32s(visibility, splat.green, greens[i]);
+            blues[i] = simd.mul_add_e_f32s(visibility, splat.blue, blues[i]);
+            depths[i] = simd.mul_add_e_f32s(visibility, splat.depth, depths[i]);
             lasts[i] = simd.select_i32s(taken, place, lasts[i]);
             let stopped = simd.and_m32s(drawn, simd.not_m32s(unfinished));
             let negative = simd.min_f32s(before, simd.sub_f32s(zero, before));

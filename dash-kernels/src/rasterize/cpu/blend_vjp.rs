@@ -7,7 +7,7 @@ use crate::splats::{self, ALPHA_MAX, N_DIFFERENTIABLE};
 use super::super::tiles::TILE;
 use super::super::{CHANNEL_ALPHA, CHANNEL_DEPTH, N_CHANNELS, RasterizeOptions};
 use super::band::{Band, Record, TILE_PIXELS};
-use super::lanes::{CENTRES, TilePixels, any, exp2};
+use super::lanes::{ColumnLanes, SplatLanes, TilePixels, any, exp2};
 
 /// Gradient of the columns that have one.
 pub type SplatGradient = [f32; N_DIFFERENTIABLE];
@@ -20,12 +20,12 @@ pub struct BlendBandVjp<'a> {
     pub options: &'a RasterizeOptions,
 }
 
-/// What is known of a tile's pixels while it is replayed.
+/// A tile's pixels while splats are taken off them.
 struct TileVjp {
     /// Transmittance behind the splats still to come.
     transmittance: TilePixels<f32>,
-    /// What lies behind those splats, as the loss sees it.
-    behind: TilePixels<f32>,
+    /// Colour and depth accumulated behind those splats, times their gradients.
+    accumulated: TilePixels<f32>,
     v_red: TilePixels<f32>,
     v_green: TilePixels<f32>,
     v_blue: TilePixels<f32>,
@@ -68,7 +68,7 @@ impl TileVjp {
         let zero = TilePixels([0.0; TILE_PIXELS]);
         let mut state = Self {
             transmittance: zero,
-            behind: zero,
+            accumulated: zero,
             v_red: zero,
             v_green: zero,
             v_blue: zero,
@@ -101,8 +101,8 @@ impl TileVjp {
                 state.v_green.0[i] = v[1];
                 state.v_blue.0[i] = v[2];
                 state.v_depth.0[i] = v[CHANNEL_DEPTH];
-                let seen = background[0] * v[0] + background[1] * v[1] + background[2] * v[2];
-                state.behind.0[i] = state.transmittance.0[i] * (seen - v[CHANNEL_ALPHA]);
+                let behind = background[0] * v[0] + background[1] * v[1] + background[2] * v[2];
+                state.accumulated.0[i] = state.transmittance.0[i] * (behind - v[CHANNEL_ALPHA]);
             }
         }
         state
@@ -120,31 +120,13 @@ impl TileVjp {
     ) {
         let per_row = TILE / S::F32_LANES;
         let zero = simd.splat_f32s(0.0);
-        let one = simd.splat_f32s(1.0);
-        let threshold = simd.splat_f32s(record.threshold);
-        let opacity = simd.splat_f32s(record.opacity);
-        let alpha_max = simd.splat_f32s(ALPHA_MAX as f32);
-        let (red, green) = (simd.splat_f32s(record.red), simd.splat_f32s(record.green));
-        let (blue, depth) = (simd.splat_f32s(record.blue), simd.splat_f32s(record.depth));
+        let splat = SplatLanes::new(simd, record);
         let place_lanes = simd.splat_i32s(place);
-
-        let transmittances = S::as_mut_simd_f32s(&mut self.transmittance.0).0;
-        let behinds = S::as_mut_simd_f32s(&mut self.behind.0).0;
-        let v_reds = S::as_simd_f32s(&self.v_red.0).0;
-        let v_greens = S::as_simd_f32s(&self.v_green.0).0;
-        let v_blues = S::as_simd_f32s(&self.v_blue.0).0;
-        let v_depths = S::as_simd_f32s(&self.v_depth.0).0;
-        let lasts = S::as_simd_i32s(&self.last.0).0;
-
-        let mut v_colour = [zero; 4];
-        // Sums of v = alpha v_alpha = -v_sigma times 1, dx, dx^2, dy, dx dy, dy^2.
-        let mut moments = [zero; 6];
+        let mut sums = Sums::<S>::zero(simd);
         let mut any_drawn = false;
         for group in 0..per_row {
-            let centres = S::as_simd_f32s(&CENTRES.0).0[group];
-            let dx = simd.sub_f32s(simd.splat_f32s(record.x - left), centres);
-            let squared = simd.mul_f32s(simd.splat_f32s(record.qa), simd.mul_f32s(dx, dx));
-            let mixed = simd.mul_f32s(simd.splat_f32s(record.qb), dx);
+            let columns = ColumnLanes::new(simd, record, left, group);
+            // Sums of v times 1, dy and dy^2.
             let mut by_dy = [zero; 3];
             let mut rows = record.row_bits();
             while rows != 0 {
@@ -155,63 +137,112 @@ impl TileVjp {
                 }
                 let i = row * per_row + group;
                 let dy = record.y - top - (row as f32 + 0.5);
-                let dy_lanes = simd.splat_f32s(dy);
-                let exponent = simd.mul_add_e_f32s(
-                    mixed,
-                    dy_lanes,
-                    simd.add_f32s(squared, simd.splat_f32s(record.qc * dy * dy)),
-                );
+                let exponent = columns.exponent(simd, record, dy);
                 let drawn = simd.and_m32s(
-                    simd.and_m32s(
-                        simd.greater_than_or_equal_f32s(exponent, threshold),
-                        simd.less_than_or_equal_f32s(exponent, zero),
-                    ),
-                    simd.greater_than_i32s(lasts[i], place_lanes),
+                    splat.is_drawn(simd, exponent),
+                    simd.greater_than_i32s(S::as_simd_i32s(&self.last.0).0[i], place_lanes),
                 );
                 if !any::<S>(drawn) {
                     continue;
                 }
                 any_drawn = true;
-                let unclamped = simd.mul_f32s(opacity, exp2(simd, exponent));
-                let alpha = simd.min_f32s(unclamped, alpha_max);
-                let inverse = simd.div_f32s(one, simd.sub_f32s(one, alpha));
-                let after = transmittances[i];
-                let before = simd.mul_f32s(after, inverse);
-                transmittances[i] = simd.select_f32s(drawn, before, after);
-                let weight = simd.select_f32s(drawn, simd.mul_f32s(alpha, before), zero);
-                let (v_red, v_green) = (v_reds[i], v_greens[i]);
-                let (v_blue, v_depth) = (v_blues[i], v_depths[i]);
-                v_colour[0] = simd.mul_add_e_f32s(weight, v_red, v_colour[0]);
-                v_colour[1] = simd.mul_add_e_f32s(weight, v_green, v_colour[1]);
-                v_colour[2] = simd.mul_add_e_f32s(weight, v_blue, v_colour[2]);
-                v_colour[3] = simd.mul_add_e_f32s(weight, v_depth, v_colour[3]);
-                let own = simd.mul_f32s(depth, v_depth);
-                let own = simd.mul_add_e_f32s(blue, v_blue, own);
-                let own = simd.mul_add_e_f32s(green, v_green, own);
-                let own = simd.mul_add_e_f32s(red, v_red, own);
-                let behind = behinds[i];
-                let v_alpha =
-                    simd.sub_f32s(simd.mul_f32s(own, before), simd.mul_f32s(behind, inverse));
-                behinds[i] = simd.mul_add_e_f32s(weight, own, behind);
-                let with_gradient =
-                    simd.and_m32s(drawn, simd.less_than_or_equal_f32s(unclamped, alpha_max));
-                let v = simd.select_f32s(with_gradient, simd.mul_f32s(v_alpha, unclamped), zero);
+                let v = self.replay_pixels(simd, &splat, i, exponent, drawn, &mut sums);
+                let dy_lanes = simd.splat_f32s(dy);
                 let v_dy = simd.mul_f32s(v, dy_lanes);
                 by_dy[0] = simd.add_f32s(by_dy[0], v);
                 by_dy[1] = simd.add_f32s(by_dy[1], v_dy);
                 by_dy[2] = simd.mul_add_e_f32s(v_dy, dy_lanes, by_dy[2]);
             }
-            let by_dx = simd.mul_f32s(by_dy[0], dx);
-            moments[0] = simd.add_f32s(moments[0], by_dy[0]);
-            moments[1] = simd.add_f32s(moments[1], by_dx);
-            moments[2] = simd.mul_add_e_f32s(by_dx, dx, moments[2]);
-            moments[3] = simd.add_f32s(moments[3], by_dy[1]);
-            moments[4] = simd.mul_add_e_f32s(by_dy[1], dx, moments[4]);
-            moments[5] = simd.add_f32s(moments[5], by_dy[2]);
+            sums.add_columns(simd, by_dy, columns.dx);
         }
-        if !any_drawn {
-            return;
+        if any_drawn {
+            sums.add_to(simd, record, v_splat);
         }
+    }
+
+    /// Takes one splat off the pixels at `i` where it is `drawn`: `alpha v_alpha`.
+    #[inline(always)]
+    fn replay_pixels<S: Simd>(
+        &mut self,
+        simd: S,
+        splat: &SplatLanes<S>,
+        i: usize,
+        exponent: S::f32s,
+        drawn: S::m32s,
+        sums: &mut Sums<S>,
+    ) -> S::f32s {
+        let zero = simd.splat_f32s(0.0);
+        let one = simd.splat_f32s(1.0);
+        let alpha_max = simd.splat_f32s(ALPHA_MAX as f32);
+        let transmittance = &mut S::as_mut_simd_f32s(&mut self.transmittance.0).0[i];
+        let accumulated = &mut S::as_mut_simd_f32s(&mut self.accumulated.0).0[i];
+        let v_red = S::as_simd_f32s(&self.v_red.0).0[i];
+        let v_green = S::as_simd_f32s(&self.v_green.0).0[i];
+        let v_blue = S::as_simd_f32s(&self.v_blue.0).0[i];
+        let v_depth = S::as_simd_f32s(&self.v_depth.0).0[i];
+
+        let unclamped = simd.mul_f32s(splat.opacity, exp2(simd, exponent));
+        let alpha = simd.min_f32s(unclamped, alpha_max);
+        let inverse = simd.div_f32s(one, simd.sub_f32s(one, alpha));
+        let after = *transmittance;
+        let before = simd.mul_f32s(after, inverse);
+        *transmittance = simd.select_f32s(drawn, before, after);
+        let visibility = simd.select_f32s(drawn, simd.mul_f32s(alpha, before), zero);
+        let v_colour = &mut sums.v_colour;
+        v_colour[0] = simd.mul_add_e_f32s(visibility, v_red, v_colour[0]);
+        v_colour[1] = simd.mul_add_e_f32s(visibility, v_green, v_colour[1]);
+        v_colour[2] = simd.mul_add_e_f32s(visibility, v_blue, v_colour[2]);
+        v_colour[3] = simd.mul_add_e_f32s(visibility, v_depth, v_colour[3]);
+        let v_visibility = simd.mul_f32s(splat.depth, v_depth);
+        let v_visibility = simd.mul_add_e_f32s(splat.blue, v_blue, v_visibility);
+        let v_visibility = simd.mul_add_e_f32s(splat.green, v_green, v_visibility);
+        let v_visibility = simd.mul_add_e_f32s(splat.red, v_red, v_visibility);
+        let v_alpha = simd.sub_f32s(
+            simd.mul_f32s(v_visibility, before),
+            simd.mul_f32s(*accumulated, inverse),
+        );
+        *accumulated = simd.mul_add_e_f32s(visibility, v_visibility, *accumulated);
+        let with_gradient =
+            simd.and_m32s(drawn, simd.less_than_or_equal_f32s(unclamped, alpha_max));
+        simd.select_f32s(with_gradient, simd.mul_f32s(v_alpha, unclamped), zero)
+    }
+}
+
+/// Sums over a tile's pixels that a splat's gradient is made of.
+struct Sums<S: Simd> {
+    /// Gradients of red, green, blue and depth.
+    v_colour: [S::f32s; 4],
+    /// Sums of v = alpha v_alpha = -v_sigma times 1, dx, dx^2, dy, dx dy, dy^2.
+    moments: [S::f32s; 6],
+}
+
+impl<S: Simd> Sums<S> {
+    #[inline(always)]
+    fn zero(simd: S) -> Self {
+        let zero = simd.splat_f32s(0.0);
+        Self {
+            v_colour: [zero; 4],
+            moments: [zero; 6],
+        }
+    }
+
+    /// Adds the sums of v times 1, dy and dy^2 over a group of columns.
+    #[inline(always)]
+    fn add_columns(&mut self, simd: S, by_dy: [S::f32s; 3], dx: S::f32s) {
+        let moments = &mut self.moments;
+        let by_dx = simd.mul_f32s(by_dy[0], dx);
+        moments[0] = simd.add_f32s(moments[0], by_dy[0]);
+        moments[1] = simd.add_f32s(moments[1], by_dx);
+        moments[2] = simd.mul_add_e_f32s(by_dx, dx, moments[2]);
+        moments[3] = simd.add_f32s(moments[3], by_dy[1]);
+        moments[4] = simd.mul_add_e_f32s(by_dy[1], dx, moments[4]);
+        moments[5] = simd.add_f32s(moments[5], by_dy[2]);
+    }
+
+    /// Adds the gradient that the sums make to `v_splat`.
+    #[inline(always)]
+    fn add_to(&self, simd: S, record: &Record, v_splat: &mut SplatGradient) {
+        let moments = &self.moments;
         let (m, m_x, m_xx) = (
             simd.reduce_sum_f32s(moments[0]),
             simd.reduce_sum_f32s(moments[1]),
@@ -229,9 +260,9 @@ impl TileVjp {
         v_splat[splats::CONIC_B] -= m_xy;
         v_splat[splats::CONIC_C] -= 0.5 * m_yy;
         v_splat[splats::OPACITY] += m / record.opacity;
-        v_splat[splats::RED] += simd.reduce_sum_f32s(v_colour[0]);
-        v_splat[splats::GREEN] += simd.reduce_sum_f32s(v_colour[1]);
-        v_splat[splats::BLUE] += simd.reduce_sum_f32s(v_colour[2]);
-        v_splat[splats::DEPTH] += simd.reduce_sum_f32s(v_colour[3]);
+        v_splat[splats::RED] += simd.reduce_sum_f32s(self.v_colour[0]);
+        v_splat[splats::GREEN] += simd.reduce_sum_f32s(self.v_colour[1]);
+        v_splat[splats::BLUE] += simd.reduce_sum_f32s(self.v_colour[2]);
+        v_splat[splats::DEPTH] += simd.reduce_sum_f32s(self.v_colour[3]);
     }
 }

@@ -6,7 +6,7 @@
 use pulp::{Simd, bytemuck};
 
 use super::super::tiles::TILE;
-use super::band::TILE_PIXELS;
+use super::band::{Record, TILE_PIXELS};
 
 /// A value for every pixel of a tile, row by row.
 #[derive(Clone, Copy)]
@@ -57,6 +57,72 @@ pub fn exp2<S: Simd>(simd: S, x: S::f32s) -> S::f32s {
         simd.splat_u32s(f32::MANTISSA_DIGITS - 1),
     );
     simd.transmute_f32s_u32s(simd.add_u32s(simd.transmute_u32s_f32s(power), exponent))
+}
+
+/// A splat's values that all pixels share.
+pub struct SplatLanes<S: Simd> {
+    pub opacity: S::f32s,
+    /// The exponent where alpha is 1/255.
+    threshold: S::f32s,
+    pub red: S::f32s,
+    pub green: S::f32s,
+    pub blue: S::f32s,
+    pub depth: S::f32s,
+}
+
+impl<S: Simd> SplatLanes<S> {
+    #[inline(always)]
+    pub fn new(simd: S, record: &Record) -> Self {
+        Self {
+            opacity: simd.splat_f32s(record.opacity),
+            threshold: simd.splat_f32s(record.threshold),
+            red: simd.splat_f32s(record.red),
+            green: simd.splat_f32s(record.green),
+            blue: simd.splat_f32s(record.blue),
+            depth: simd.splat_f32s(record.depth),
+        }
+    }
+
+    /// Whether a pixel with this exponent shows the splat.
+    #[inline(always)]
+    pub fn is_drawn(&self, simd: S, exponent: S::f32s) -> S::m32s {
+        simd.and_m32s(
+            simd.greater_than_or_equal_f32s(exponent, self.threshold),
+            simd.less_than_or_equal_f32s(exponent, simd.splat_f32s(0.0)),
+        )
+    }
+}
+
+/// The part of a splat's exponents that a group of columns shares.
+pub struct ColumnLanes<S: Simd> {
+    /// Offset of the splat's centre from the columns'.
+    pub dx: S::f32s,
+    squared: S::f32s,
+    mixed: S::f32s,
+}
+
+impl<S: Simd> ColumnLanes<S> {
+    /// Of one group of the tile whose left edge is at `left`.
+    #[inline(always)]
+    pub fn new(simd: S, record: &Record, left: f32, group: usize) -> Self {
+        let centres = S::as_simd_f32s(&CENTRES.0).0[group];
+        let dx = simd.sub_f32s(simd.splat_f32s(record.x - left), centres);
+        Self {
+            dx,
+            squared: simd.mul_f32s(simd.splat_f32s(record.qa), simd.mul_f32s(dx, dx)),
+            mixed: simd.mul_f32s(simd.splat_f32s(record.qb), dx),
+        }
+    }
+
+    /// `log2(alpha / opacity)` in the row at offset `dy`.
+    #[inline(always)]
+    pub fn exponent(&self, simd: S, record: &Record, dy: f32) -> S::f32s {
+        simd.mul_add_e_f32s(
+            self.mixed,
+            simd.splat_f32s(dy),
+            simd.add_f32s(self.squared, simd.splat_f32s(record.qc * dy * dy)),
+        )
+    }
 }
 
 #[cfg(test)]

@@ -26,7 +26,7 @@ pub(super) fn units_per_tile(client: &Client) -> usize {
 /// 65,535 rounds in all, so that it draws the first 262,140 splats of a tile.
 const PER_ROUND: usize = 4;
 
-/// What the forward pass leaves of every pixel.
+/// What the forward pass leaves of every pixel for the backward pass.
 #[derive(Debug, Clone)]
 pub(super) struct Pixels {
     /// Transmittance behind the last splat `[H * W]`.
@@ -45,8 +45,10 @@ pub(super) fn blend(
 ) -> Pixels {
     let client = &splats.client;
     let n_pixels = options.width * options.height;
-    let transmittance = Buffer::uninitialised(client, n_pixels);
-    let last = Buffer::uninitialised(client, n_pixels);
+    let pixels = Pixels {
+        transmittance: Buffer::uninitialised(client, n_pixels),
+        last: Buffer::uninitialised(client, n_pixels),
+    };
     blend_tiles::launch(
         client,
         calculate_cubes(client, lists.tiles[0] * lists.tiles[1]),
@@ -54,15 +56,11 @@ pub(super) fn blend(
         arg(splats),
         lists_arg(lists),
         arg(image),
-        transmittance.arg(),
-        last.arg(),
+        pixels.arg(),
         frame(lists, options, splats),
         TILE * TILE / units,
     );
-    Pixels {
-        transmittance,
-        last,
-    }
+    pixels
 }
 
 /// The numbers of a frame.
@@ -85,6 +83,7 @@ pub(super) fn frame(
     )
 }
 
+/// The numbers of a frame as launched.
 #[derive(CubeType, CubeLaunch, Clone, Copy)]
 pub(super) struct Frame {
     pub width: u32,
@@ -93,6 +92,7 @@ pub(super) struct Frame {
     pub tile_rows: u32,
     pub n_splats: u32,
     pub capacity: u32,
+    /// Background.
     pub red: f32,
     pub green: f32,
     pub blue: f32,
@@ -101,12 +101,12 @@ pub(super) struct Frame {
 /// An [`Intersections`] as launched.
 #[derive(CubeType, CubeLaunch)]
 pub(super) struct Lists {
-    pub order: Box<[u32]>,
-    tile_counts: Box<[u32]>,
-    rows: Box<[u32]>,
-    pub slots: Box<[u32]>,
-    ranges: Box<[u32]>,
-    starts: Box<[u32]>,
+    pub order: Box<[u32]>,   // [N]
+    tile_counts: Box<[u32]>, // [N]
+    rows: Box<[u32]>,        // [capacity]
+    pub slots: Box<[u32]>,   // [capacity]
+    ranges: Box<[u32]>,      // [n_tiles, 2]
+    starts: Box<[u32]>,      // [N + 1]
 }
 
 pub(super) fn lists_arg(lists: &Intersections) -> ListsLaunch {
@@ -159,7 +159,12 @@ pub(super) struct Splat {
 
 /// The splat at a place of a tile's list.
 #[cube]
-pub(super) fn read_splat(splats: &[f32], place: usize, list: &TileList, lists: &Lists) -> Splat {
+pub(super) fn read_splat(
+    splats: &[f32], // [N, C]
+    place: usize,
+    list: &TileList,
+    lists: &Lists,
+) -> Splat {
     let row = if list.overflowed {
         lists.order[place] as usize
     } else {
@@ -204,21 +209,31 @@ pub(super) fn first_pixel(tile: usize, frame: &Frame, #[comptime] per_unit: usiz
     (column, row)
 }
 
-/// What has been drawn of a unit's pixels.
+/// A unit's pixels while splats are blended over them.
 #[derive(CubeType)]
-struct Drawn {
-    transmittance: Array<f32>,
-    red: Array<f32>,
-    green: Array<f32>,
-    blue: Array<f32>,
-    depth: Array<f32>,
-    last: Array<u32>,
-    live: Array<bool>,
+struct BlendedPixels {
+    /// Transmittance behind the splats so far.
+    transmittance: Array<f32>, // [per_unit]
+    /// Accumulated colour.
+    red: Array<f32>, // [per_unit]
+    green: Array<f32>, // [per_unit]
+    blue: Array<f32>,  // [per_unit]
+    /// Accumulated depth.
+    depth: Array<f32>, // [per_unit]
+    /// One past the place of the last splat blended.
+    last: Array<u32>, // [per_unit]
+    /// Whether the pixel is in the image and not finished.
+    live: Array<bool>, // [per_unit]
 }
 
 #[cube]
-fn nothing_drawn(column: u32, first_row: u32, frame: &Frame, #[comptime] per_unit: usize) -> Drawn {
-    let mut drawn = Drawn {
+fn empty_pixels(
+    column: u32,
+    first_row: u32,
+    frame: &Frame,
+    #[comptime] per_unit: usize,
+) -> BlendedPixels {
+    let mut pixels = BlendedPixels {
         transmittance: Array::<f32>::new(per_unit),
         red: Array::<f32>::new(per_unit),
         green: Array::<f32>::new(per_unit),
@@ -229,22 +244,22 @@ fn nothing_drawn(column: u32, first_row: u32, frame: &Frame, #[comptime] per_uni
     };
     #[unroll]
     for k in 0..per_unit {
-        drawn.transmittance[k] = 1.0f32;
-        drawn.red[k] = 0.0f32;
-        drawn.green[k] = 0.0f32;
-        drawn.blue[k] = 0.0f32;
-        drawn.depth[k] = 0.0f32;
-        drawn.last[k] = 0u32;
-        drawn.live[k] = column < frame.width && first_row + comptime!(k as u32) < frame.height;
+        pixels.transmittance[k] = 1.0f32;
+        pixels.red[k] = 0.0f32;
+        pixels.green[k] = 0.0f32;
+        pixels.blue[k] = 0.0f32;
+        pixels.depth[k] = 0.0f32;
+        pixels.last[k] = 0u32;
+        pixels.live[k] = column < frame.width && first_row + comptime!(k as u32) < frame.height;
     }
-    drawn
+    pixels
 }
 
-/// Draws a splat over the unit's pixels, the first of which is centred at `(x, y)`; whether any of
+/// Blends a splat over the unit's pixels, the first of which is centred at `(x, y)`; whether any of
 /// them still goes on.
 #[cube]
-fn draw(
-    drawn: &mut Drawn,
+fn blend_splat(
+    pixels: &mut BlendedPixels,
     splat: &Splat,
     place: usize,
     x: f32,
@@ -257,32 +272,45 @@ fn draw(
     for k in 0..per_unit {
         let dy = splat.y - (y + comptime!(k as f32));
         let alpha = f32::min(alpha_at(splat, dx, dy), comptime!(ALPHA_MAX as f32));
-        let next = drawn.transmittance[k] * (1.0f32 - alpha);
-        if alpha > 0.0f32 && drawn.live[k] {
+        let next = pixels.transmittance[k] * (1.0f32 - alpha);
+        if alpha > 0.0f32 && pixels.live[k] {
             if next < comptime!(TRANSMITTANCE_STOP as f32) {
-                drawn.live[k] = false;
+                pixels.live[k] = false;
             } else {
-                let weight = alpha * drawn.transmittance[k];
-                drawn.red[k] += weight * splat.red;
-                drawn.green[k] += weight * splat.green;
-                drawn.blue[k] += weight * splat.blue;
-                drawn.depth[k] += weight * splat.depth;
-                drawn.transmittance[k] = next;
-                drawn.last[k] = place as u32 + 1u32;
+                let visibility = alpha * pixels.transmittance[k];
+                pixels.red[k] += visibility * splat.red;
+                pixels.green[k] += visibility * splat.green;
+                pixels.blue[k] += visibility * splat.blue;
+                pixels.depth[k] += visibility * splat.depth;
+                pixels.transmittance[k] = next;
+                pixels.last[k] = place as u32 + 1u32;
             }
         }
-        any_live = any_live || drawn.live[k];
+        any_live = any_live || pixels.live[k];
     }
     any_live
 }
 
+/// A [`Pixels`] as launched.
+#[derive(CubeType, CubeLaunch)]
+pub(super) struct ForwardPixels {
+    pub transmittances: Box<[f32]>, // [H, W]
+    pub lasts: Box<[u32]>,          // [H, W]
+}
+
+impl Pixels {
+    /// The pixels as a kernel's argument.
+    pub fn arg(&self) -> ForwardPixelsLaunch {
+        ForwardPixelsLaunch::new(self.transmittance.arg(), self.last.arg())
+    }
+}
+
 #[cube(launch)]
 fn blend_tiles(
-    splats: &[f32],
+    splats: &[f32], // [N, C]
     lists: Lists,
-    image: &mut [f32],
-    transmittances: &mut [f32],
-    lasts: &mut [u32],
+    image: &mut [f32], // [H, W, 5]
+    mut forward: ForwardPixels,
     frame: Frame,
     #[comptime] per_unit: usize,
 ) {
@@ -294,15 +322,15 @@ fn blend_tiles(
     let (column, first_row) = first_pixel(tile, &frame, per_unit);
     let x = f32::cast_from(column) + 0.5f32;
     let y = f32::cast_from(first_row) + 0.5f32;
-    let mut drawn = nothing_drawn(column, first_row, &frame, per_unit);
+    let mut pixels = empty_pixels(column, first_row, &frame, per_unit);
     let mut place = list.start;
-    let mut any_live = drawn.live[0];
+    let mut any_live = pixels.live[0];
     while place < list.end && any_live {
         #[unroll]
         for step in 0..PER_ROUND {
             if place + step < list.end {
                 let splat = read_splat(splats, place + step, &list, &lists);
-                any_live = draw(&mut drawn, &splat, place + step, x, y, per_unit);
+                any_live = blend_splat(&mut pixels, &splat, place + step, x, y, per_unit);
             }
         }
         place += PER_ROUND;
@@ -313,14 +341,14 @@ fn blend_tiles(
         if column < frame.width && row < frame.height {
             let pixel = (row * frame.width + column) as usize;
             let at = pixel * N_CHANNELS;
-            let behind = drawn.transmittance[k];
-            image[at] = finite_or_zero(drawn.red[k] + behind * frame.red);
-            image[at + 1] = finite_or_zero(drawn.green[k] + behind * frame.green);
-            image[at + 2] = finite_or_zero(drawn.blue[k] + behind * frame.blue);
-            image[at + CHANNEL_ALPHA] = 1.0f32 - behind;
-            image[at + CHANNEL_DEPTH] = finite_or_zero(drawn.depth[k]);
-            transmittances[pixel] = behind;
-            lasts[pixel] = drawn.last[k];
+            let transmittance = pixels.transmittance[k];
+            image[at] = finite_or_zero(pixels.red[k] + transmittance * frame.red);
+            image[at + 1] = finite_or_zero(pixels.green[k] + transmittance * frame.green);
+            image[at + 2] = finite_or_zero(pixels.blue[k] + transmittance * frame.blue);
+            image[at + CHANNEL_ALPHA] = 1.0f32 - transmittance;
+            image[at + CHANNEL_DEPTH] = finite_or_zero(pixels.depth[k]);
+            forward.transmittances[pixel] = transmittance;
+            forward.lasts[pixel] = pixels.last[k];
         }
     }
 }

@@ -1,12 +1,11 @@
 //! Gradient of the blending, replayed back to front.
 //!
-//! Cubes and units own what they own in the forward pass; a unit sums a splat's gradient over its
-//! pixels. Those sums of `BATCH` splats are added up over the cube in shared memory (at most
-//! 15.5 KiB), one unit for each value, in a fixed order, and written to the slot of the (tile,
-//! splat) intersection; `sum_slots` then adds up each splat's slots, which follow each other. Where
-//! the device can't bind as many slots as there may be intersections, both kernels go over them
-//! in windows. No atomics, the same bits on every run - unless the lists overflowed: then there are
-//! no slots, and the cubes add to the splats' gradients atomically.
+//! As in the forward pass a cube owns a tile and a unit a run of pixels. A unit sums a splat's gradient over its
+//! pixels. The sums of `BATCH` splats are added up over the cube in shared memory (at most 15.5 KiB), one unit for each
+//! value, in a fixed order, and written to the slot of the (tile, splat) intersection. `sum_slots` then adds up each
+//! splat's slots, which follow each other. Where the device can't bind as many slots as there may be intersections,
+//! both kernels go over them in windows. No atomics, the same bits on every run. When the lists overflowed there are no
+//! slots, and the cubes add to the splats' gradients atomically.
 
 use burn_cubecl::tensor::CubeTensor;
 use cubecl::prelude::*;
@@ -19,13 +18,15 @@ use super::super::tiles::TILE;
 use super::super::{CHANNEL_ALPHA, CHANNEL_DEPTH, N_CHANNELS};
 use super::Saved;
 use super::blend::{
-    Frame, Lists, Splat, alpha_at, first_pixel, frame, lists_arg, read_splat, tile_list,
+    ForwardPixels, Frame, Lists, Splat, TileList, alpha_at, first_pixel, frame, lists_arg,
+    read_splat, tile_list,
 };
 
 /// Splats whose gradients are added up together; a round of the loop over a tile's list, whose
 /// inner loops are unrolled for the reason that [`PER_ROUND`](super::blend) has.
 const BATCH: usize = 6;
 const BATCH_VALUES: usize = BATCH * N_DIFFERENTIABLE;
+
 /// Adds the gradient to `v_splats [N, C]`, which holds zeros.
 pub(super) fn blend_vjp(saved: &Saved, v_image: &CubeTensor, v_splats: &CubeTensor) {
     if saved.tuning.native_add {
@@ -74,7 +75,7 @@ fn blend_window<A: FloatAdd>(
         CubeDim::new_1d(saved.tuning.units as u32),
         arg(&saved.splats),
         lists_arg(lists),
-        ForwardPixelsLaunch::new(saved.pixels.transmittance.arg(), saved.pixels.last.arg()),
+        saved.pixels.arg(),
         arg(v_image),
         v_slots.arg(),
         arg(v_splats),
@@ -117,32 +118,32 @@ fn cube_max(own: u32, #[comptime] units: usize) -> u32 {
     largest
 }
 
-/// What is known of a unit's pixels while they are replayed.
+/// A unit's pixels while splats are taken off them, back to front.
 #[derive(CubeType)]
-struct Replayed {
+struct ReplayedPixels {
     /// Transmittance behind the splats still to come.
-    transmittance: Array<f32>,
-    /// What lies behind those splats, as the loss sees it.
-    behind: Array<f32>,
-    v_red: Array<f32>,
-    v_green: Array<f32>,
-    v_blue: Array<f32>,
-    v_depth: Array<f32>,
-    last: Array<u32>,
+    transmittance: Array<f32>, // [per_unit]
+    /// Colour and depth accumulated behind those splats, times their gradients.
+    accumulated: Array<f32>, // [per_unit]
+    v_red: Array<f32>,   // [per_unit]
+    v_green: Array<f32>, // [per_unit]
+    v_blue: Array<f32>,  // [per_unit]
+    v_depth: Array<f32>, // [per_unit]
+    last: Array<u32>,    // [per_unit]
 }
 
 #[cube]
 fn read_pixels(
     forward: &ForwardPixels,
-    v_image: &[f32],
+    v_image: &[f32], // [H, W, 5]
     column: u32,
     first_row: u32,
     frame: &Frame,
     #[comptime] per_unit: usize,
-) -> Replayed {
-    let mut pixels = Replayed {
+) -> ReplayedPixels {
+    let mut pixels = ReplayedPixels {
         transmittance: Array::<f32>::new(per_unit),
-        behind: Array::<f32>::new(per_unit),
+        accumulated: Array::<f32>::new(per_unit),
         v_red: Array::<f32>::new(per_unit),
         v_green: Array::<f32>::new(per_unit),
         v_blue: Array::<f32>::new(per_unit),
@@ -152,7 +153,7 @@ fn read_pixels(
     #[unroll]
     for k in 0..per_unit {
         pixels.transmittance[k] = 1.0f32;
-        pixels.behind[k] = 0.0f32;
+        pixels.accumulated[k] = 0.0f32;
         pixels.v_red[k] = 0.0f32;
         pixels.v_green[k] = 0.0f32;
         pixels.v_blue[k] = 0.0f32;
@@ -167,11 +168,11 @@ fn read_pixels(
             pixels.v_green[k] = green;
             pixels.v_blue[k] = blue;
             pixels.v_depth[k] = v_image[at + CHANNEL_DEPTH];
-            // The background replaces colour and takes away alpha.
-            let seen = frame.red * red + frame.green * green + frame.blue * blue;
+            // Behind all splats the background adds colour and takes away alpha.
+            let background = frame.red * red + frame.green * green + frame.blue * blue;
             let transmittance = forward.transmittances[pixel];
             pixels.transmittance[k] = transmittance;
-            pixels.behind[k] = transmittance * (seen - v_image[at + CHANNEL_ALPHA]);
+            pixels.accumulated[k] = transmittance * (background - v_image[at + CHANNEL_ALPHA]);
             pixels.last[k] = forward.lasts[pixel];
         }
     }
@@ -182,7 +183,7 @@ fn read_pixels(
 /// summed over them.
 #[cube]
 fn replay(
-    pixels: &mut Replayed,
+    pixels: &mut ReplayedPixels,
     splat: &Splat,
     place: usize,
     x: f32,
@@ -203,17 +204,17 @@ fn replay(
             let alpha = f32::min(raw, comptime!(ALPHA_MAX as f32));
             let remains = 1.0f32 - alpha;
             let before = pixels.transmittance[k] / remains;
-            let weight = alpha * before;
-            let own = splat.red * pixels.v_red[k]
+            let visibility = alpha * before;
+            let v_visibility = splat.red * pixels.v_red[k]
                 + splat.green * pixels.v_green[k]
                 + splat.blue * pixels.v_blue[k]
                 + splat.depth * pixels.v_depth[k];
-            v[splats::RED] += weight * pixels.v_red[k];
-            v[splats::GREEN] += weight * pixels.v_green[k];
-            v[splats::BLUE] += weight * pixels.v_blue[k];
-            v[splats::DEPTH] += weight * pixels.v_depth[k];
-            let v_alpha = before * own - pixels.behind[k] / remains;
-            pixels.behind[k] += weight * own;
+            v[splats::RED] += visibility * pixels.v_red[k];
+            v[splats::GREEN] += visibility * pixels.v_green[k];
+            v[splats::BLUE] += visibility * pixels.v_blue[k];
+            v[splats::DEPTH] += visibility * pixels.v_depth[k];
+            let v_alpha = before * v_visibility - pixels.accumulated[k] / remains;
+            pixels.accumulated[k] += visibility * v_visibility;
             pixels.transmittance[k] = before;
             if raw <= comptime!(ALPHA_MAX as f32) {
                 let v_own = -(alpha * v_alpha);
@@ -244,21 +245,75 @@ fn no_gradient() -> Array<f32> {
     v
 }
 
-/// A [`Pixels`](super::blend::Pixels) as launched.
-#[derive(CubeType, CubeLaunch)]
-struct ForwardPixels {
-    transmittances: Box<[f32]>,
-    lasts: Box<[u32]>,
+/// Clears the slots of the splats behind all pixels, which are read all the same.
+#[cube]
+fn clear_slots(
+    v_slots: &mut [f32], // [slots per window, N_DIFFERENTIABLE]
+    list: &TileList,
+    lists: &Lists,
+    end: usize,
+    window: &Window,
+) {
+    let value = UNIT_POS as usize;
+    if !list.overflowed && value < N_DIFFERENTIABLE {
+        for place in usize::max(end, list.start)..list.end {
+            // Wraps around for slots before the window.
+            let slot = lists.slots[place] - window.first;
+            if slot < window.length {
+                v_slots[slot as usize * N_DIFFERENTIABLE + value] = 0.0f32;
+            }
+        }
+    }
+}
+
+/// Adds up the units' sums of a batch of splats that ends before `batch_end`; a unit owns a value.
+#[cube]
+fn add_up_batch<A: FloatAdd>(
+    sums: &Shared<[f32]>,         // [BATCH_VALUES, units + 1]
+    v_slots: &mut [f32],          // [slots per window, N_DIFFERENTIABLE]
+    v_splats: &[Atomic<A::Word>], // [N, C]
+    list: &TileList,
+    lists: &Lists,
+    batch_end: usize,
+    window: &Window,
+    #[comptime] units: usize,
+) {
+    #[unroll]
+    for turn in 0..comptime!(BATCH_VALUES.div_ceil(units)) {
+        let own = UNIT_POS as usize + comptime!(turn * units);
+        let step = own / N_DIFFERENTIABLE;
+        let value = own % N_DIFFERENTIABLE;
+        if own < BATCH_VALUES && batch_end > list.start + step {
+            let mut sum = 0.0f32;
+            #[unroll]
+            for other in 0..units {
+                sum += sums[own * comptime!(units + 1) + other];
+            }
+            let place = batch_end - step - 1;
+            if list.overflowed {
+                // Of all splats few reach the tile, and all tiles wait for each other here.
+                if sum != 0.0f32 {
+                    let row = lists.order[place] as usize;
+                    A::add(&v_splats[row * N_COLUMNS + value], sum);
+                }
+            } else {
+                let slot = lists.slots[place] - window.first;
+                if slot < window.length {
+                    v_slots[slot as usize * N_DIFFERENTIABLE + value] = sum;
+                }
+            }
+        }
+    }
 }
 
 #[cube(launch)]
 fn blend_tiles_vjp<A: FloatAdd>(
-    splats: &[f32],
+    splats: &[f32], // [N, C]
     lists: Lists,
     forward: ForwardPixels,
-    v_image: &[f32],
-    v_slots: &mut [f32],
-    v_splats: &[Atomic<A::Word>],
+    v_image: &[f32],              // [H, W, 5]
+    v_slots: &mut [f32],          // [slots per window, N_DIFFERENTIABLE]
+    v_splats: &[Atomic<A::Word>], // [N, C]
     frame: Frame,
     window: Window,
     #[comptime] per_unit: usize,
@@ -271,7 +326,6 @@ fn blend_tiles_vjp<A: FloatAdd>(
     if tile >= (frame.tile_columns * frame.tile_rows) as usize {
         terminate!();
     }
-    let unit = UNIT_POS as usize;
     let list = tile_list(tile, &lists, &frame);
     // Without slots the first window has done it all.
     if list.overflowed && window.first > 0u32 {
@@ -287,16 +341,7 @@ fn blend_tiles_vjp<A: FloatAdd>(
         own_last = u32::max(own_last, pixels.last[k]);
     }
     let end = cube_max(own_last, units) as usize;
-    if !list.overflowed && unit < N_DIFFERENTIABLE {
-        // Splats behind all pixels: their slots are read all the same.
-        for place in usize::max(end, list.start)..list.end {
-            // Wraps around for slots before the window.
-            let slot = lists.slots[place] - window.first;
-            if slot < window.length {
-                v_slots[slot as usize * N_DIFFERENTIABLE + unit] = 0.0f32;
-            }
-        }
-    }
+    clear_slots(v_slots, &list, &lists, end, &window);
 
     let mut sums = Shared::<[f32]>::new_slice(comptime!(BATCH_VALUES * stride));
     let mut batch_end = end;
@@ -309,38 +354,16 @@ fn blend_tiles_vjp<A: FloatAdd>(
                 let v = replay(&mut pixels, &splat, place, x, y, per_unit);
                 #[unroll]
                 for value in 0..N_DIFFERENTIABLE {
-                    sums[(step * N_DIFFERENTIABLE + value) * stride + unit] = v[value];
+                    let at = (step * N_DIFFERENTIABLE + value) * stride;
+                    sums[at + UNIT_POS as usize] = v[value];
                 }
             }
         }
         // A value is added up by one unit after all units have summed theirs.
         sync_cube();
-        #[unroll]
-        for turn in 0..comptime!(BATCH_VALUES.div_ceil(units)) {
-            let own = unit + comptime!(turn * units);
-            let step = own / N_DIFFERENTIABLE;
-            let value = own % N_DIFFERENTIABLE;
-            if own < BATCH_VALUES && batch_end > list.start + step {
-                let mut sum = 0.0f32;
-                #[unroll]
-                for other in 0..units {
-                    sum += sums[own * stride + other];
-                }
-                let place = batch_end - step - 1;
-                if list.overflowed {
-                    // Of all splats few reach the tile, and all tiles wait for each other here.
-                    if sum != 0.0f32 {
-                        let row = lists.order[place] as usize;
-                        A::add(&v_splats[row * N_COLUMNS + value], sum);
-                    }
-                } else {
-                    let slot = lists.slots[place] - window.first;
-                    if slot < window.length {
-                        v_slots[slot as usize * N_DIFFERENTIABLE + value] = sum;
-                    }
-                }
-            }
-        }
+        add_up_batch::<A>(
+            &sums, v_slots, v_splats, &list, &lists, batch_end, &window, units,
+        );
         // All are added up before the next batch overwrites them.
         sync_cube();
         batch_end -= usize::min(BATCH, batch_end);
@@ -351,11 +374,11 @@ fn blend_tiles_vjp<A: FloatAdd>(
 /// largest number there is, counts as zero.
 #[cube(launch)]
 fn sum_slots(
-    v_slots: &[f32],
-    firsts: &[u32],
-    tile_counts: &[u32],
-    starts: &[u32],
-    v_splats: &mut [f32],
+    v_slots: &[f32],      // [slots per window, N_DIFFERENTIABLE]
+    firsts: &[u32],       // [N]
+    tile_counts: &[u32],  // [N]
+    starts: &[u32],       // [N + 1]
+    v_splats: &mut [f32], // [N, C]
     window: Window,
     n: u32,
     capacity: u32,

@@ -1,10 +1,10 @@
-//! How many intersections the lists of the next frame have room for.
+//! Capacity of a frame's lists of intersections.
 //!
-//! The number that a frame needs is sent for when the frame is drawn, and taken in by the next one, which never waits
-//! for what is still on its way (CUDA, whose readings can't be asked whether they are there, waits for the number
-//! alone, sent before the frame before was blended). On wgpu a number that nobody takes keeps a thread in the driver,
-//! and a program that ends meanwhile may crash there: a thread of ours takes each as it comes. The first frame of a
-//! size waits for its own number, where anything can wait: in a browser it has the room of a guess.
+//! Each frame starts to read back the number of intersections it needs; the next frame takes the number if it has
+//! arrived, and does not wait for it. CUDA can't tell whether a reading has arrived: there the next frame waits for the
+//! number, which was sent before the previous frame was blended. On wgpu a reading that nobody takes keeps a thread in
+//! the driver, and a program that ends meanwhile may crash there, so a thread of this module takes every reading. The
+//! first frame of a size waits for its own number; in a browser nothing can wait, and it takes a guess.
 
 use std::collections::HashMap;
 use std::future::poll_fn;
@@ -24,27 +24,27 @@ use crate::cube::{Buffer, largest_buffer};
 use crate::determinism::is_deterministic;
 use crate::splats::N_DIFFERENTIABLE;
 
-/// Room before anything is known: per splat, and at least.
+/// Capacity before a reading arrives: per splat, and at least.
 const FIRST_PER_SPLAT: usize = 8;
 const FIRST: usize = 1 << 16;
-/// Room kept beyond what was needed last, in eighths of it.
+/// Spare capacity beyond the last need, in eighths of it.
 const SPARE_EIGHTHS: usize = 2;
-/// Part of the room that a frame which needs less gives back: pictures of several layers and of many cameras are
-/// drawn in turns.
+/// A frame that needs less gives back this fraction of the capacity, and no more: frames of several layers and cameras
+/// alternate.
 const DECAY: usize = 4096;
-/// Bytes that an intersection takes while gradients are worked out: its key, slot and rows, what they are sorted
-/// into, and a value of each differentiable column.
+/// Bytes of an intersection in the backward pass: its key, slot and rows, their sorted copies, and a value of each
+/// differentiable column.
 const BYTES: u64 = 4 * (7 + N_DIFFERENTIABLE as u64);
 
-/// What frames of one size need on a device.
+/// Need of frames of one size on a device.
 #[derive(Default)]
 struct Need {
     intersections: usize,
-    /// A number on its way.
+    /// A reading that has not arrived.
     reading: Option<Reading>,
-    /// Whether the thread of [`wait_apart`] has one.
+    /// Whether the thread of [`wait_apart`] has a reading.
     is_awaited: bool,
-    /// Whether it was said that a device's lists can't hold what frames need.
+    /// Whether a warning was given that the device's lists are too small.
     warned: bool,
 }
 
@@ -61,7 +61,7 @@ pub(super) fn next(client: &Client, starts: &Buffer, n: usize, tiles: [usize; 2]
     let total = starts.handle().offset_start((n * size_of::<u32>()) as u64);
     let most = most(client);
     if is_deterministic() {
-        // The slow way adds gradients in any order.
+        // Overflowed lists add gradients in any order.
         let needed = try_read_sync(send_for(client, total)).flatten();
         let needed = needed.unwrap_or(1).max(1);
         if needed > most {
@@ -71,7 +71,7 @@ pub(super) fn next(client: &Client, starts: &Buffer, n: usize, tiles: [usize; 2]
     }
     let device = format!("{:?}", client.service_id());
     let mut needs = lock(&NEEDS);
-    // Those of other sizes, too: what is done with a number should not wait for a frame that may never come.
+    // Of all sizes: the next frame of another size may never come.
     for (_, need) in needs.iter_mut().filter(|(key, _)| key.0 == device) {
         need.take_what_arrived(most);
     }
@@ -94,7 +94,7 @@ pub(super) fn next(client: &Client, starts: &Buffer, n: usize, tiles: [usize; 2]
 }
 
 impl Need {
-    /// Takes in the number that was sent for, if it is there.
+    /// Takes the reading if it has arrived.
     fn take_what_arrived(&mut self, most: usize) {
         let Some(reading) = &mut self.reading else {
             return;
@@ -117,7 +117,7 @@ impl Need {
     }
 }
 
-/// Has a thread wait for a number and take it in; gives it back where there is none that could.
+/// Has a thread wait for a reading and take it; returns the reading where there is no thread.
 #[cfg(not(target_family = "wasm"))]
 fn wait_apart(key: Key, reading: Reading, most: usize) -> Option<Reading> {
     type Awaited = (Key, Reading, usize);
@@ -153,15 +153,15 @@ fn warn_of_slow_drawing(needed: usize, most: usize) {
     );
 }
 
-/// What a panic elsewhere leaves is as good as before: every state is a whole one.
+/// The state behind a poisoned lock is still valid: no update leaves it incomplete.
 fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
     mutex
         .lock()
         .unwrap_or_else(|poisoned| poisoned.into_inner())
 }
 
-/// The most intersections that a device's lists hold: a list fits a buffer, and all that they take half of the memory,
-/// where that is known.
+/// Largest capacity of a device: a list fits one buffer, and all lists take at most half of the memory, where its size is
+/// known.
 fn most(client: &Client) -> usize {
     let words = largest_buffer(client) / size_of::<u32>() as u64;
     let memory = client.properties().memory.max_memory();
@@ -176,12 +176,12 @@ pub(super) fn slots_per_window(client: &Client) -> usize {
     (words as usize / N_DIFFERENTIABLE).min(most(client))
 }
 
-/// A capacity of at least `wanted`, in steps so that memory is used again, but not of more than `most`.
+/// A capacity of at least `wanted` but at most `most`, in steps, so that memory is reused.
 fn fitting(wanted: usize, most: usize) -> usize {
     wanted.next_multiple_of(FIRST).min(most)
 }
 
-/// Whether a number that frames on so many tiles need is on its way, in anybody's hands.
+/// Whether a reading of frames on so many tiles has not arrived yet.
 #[cfg(test)]
 pub(super) fn is_on_its_way(tiles: [usize; 2]) -> bool {
     let needs = lock(&NEEDS);
@@ -189,13 +189,13 @@ pub(super) fn is_on_its_way(tiles: [usize; 2]) -> bool {
     of_size.any(|(_, need)| need.is_awaited || need.reading.is_some())
 }
 
-/// Sends for the number that the memory begins with, as it is now. None arrives when the device failed.
+/// Starts to read the number at the start of the memory; `None` when the device failed.
 fn send_for(client: &Client, memory: Handle) -> Reading {
     let client = client.clone();
     let mut is_sent = false;
     let mut reading: Reading = Box::pin(async move {
         let answer = client.read_async(vec![memory]);
-        // On CUDA the first question for an answer waits for it, so that it is put off until the reading is polled again.
+        // On CUDA the first poll of the answer waits for it, so it is delayed until the reading is polled again.
         poll_fn(|context| {
             let state = if is_sent {
                 Poll::Ready(())

@@ -1,4 +1,4 @@
-//! Which tiles a splat overlaps, and the lists of splats by tile in drawing order.
+//! Lists of splats by tile, in drawing order.
 //!
 //! A unit owns one splat, or one intersection in `finish_lists`. No shared memory, no atomics;
 //! integer results, the same on every run.
@@ -11,20 +11,16 @@ use cubecl::prelude::*;
 
 use crate::cube::radix_sort::{DeviceCount, sort_pairs};
 use crate::cube::scan::exclusive_scan;
-use crate::cube::{Buffer, arg, is_finite, units};
-use crate::splats::{self, ALPHA_MIN, N_COLUMNS};
+use crate::cube::{Buffer, arg, units};
+use crate::splats::{self, N_COLUMNS};
 
 use super::super::RasterizeOptions;
 use super::super::tiles::TILE;
 use super::capacity;
+use super::footprint::{ImageSize, ImageSizeLaunch, footprint, overlaps};
 
 /// Key of a splat that touches no tile: sorts behind every depth.
 const BEHIND_ALL: u32 = u32::MAX;
-
-/// Rounding of sigma, as a part of its terms' magnitudes: a tile is kept when rounding might.
-const SIGMA_ROUNDING: f32 = 1e-6;
-/// The same for the logarithm of the opacity.
-const CUT_ROUNDING: f32 = 1e-4;
 
 /// The lists of a frame.
 ///
@@ -52,19 +48,19 @@ pub(super) struct Intersections {
     pub tiles: [usize; 2],
 }
 
-impl Intersections {
-    /// The lists of `splats [N, C]`, with room for as many intersections as earlier calls suggest
-    /// unless `capacity` says otherwise.
-    pub fn new(splats: &CubeTensor, options: &RasterizeOptions, capacity: Option<usize>) -> Self {
+/// Splats in drawing order, before tiles are listed.
+struct DrawingOrder {
+    order: Buffer,
+    tile_counts: Buffer,
+    starts: Buffer,
+}
+
+impl DrawingOrder {
+    fn new(splats: &CubeTensor, image: ImageSizeLaunch) -> Self {
         let client = &splats.client;
         let n = splats.meta.shape()[0];
-        let tiles = [options.width.div_ceil(TILE), options.height.div_ceil(TILE)];
-        let n_tiles = tiles[0] * tiles[1];
-        let new = |length| Buffer::uninitialised(client, length);
-        let image =
-            || ImageSizeLaunch::new(options.width as u32, options.height as u32, tiles[0] as u32);
-
-        let (keys, ids, tile_counts) = (new(n), new(n), new(n));
+        let new = || Buffer::uninitialised(client, n);
+        let (keys, ids, tile_counts) = (new(), new(), new());
         let (count, dim) = units(client, n);
         find_tiles::launch(
             client,
@@ -74,7 +70,7 @@ impl Intersections {
             keys.arg(),
             ids.arg(),
             tile_counts.arg(),
-            image(),
+            image,
             n as u32,
         );
         let all = Buffer::from_words(client, &[n as u32]);
@@ -83,21 +79,41 @@ impl Intersections {
             at: 0,
         };
         let (_, order) = sort_pairs(client, keys, ids, &all, u32::BITS);
-        let ordered_counts = new(n);
+        let ordered_counts = new();
         reorder::launch(
             client,
-            count.clone(),
+            count,
             dim,
             order.arg(),
             tile_counts.arg(),
             ordered_counts.arg(),
             n as u32,
         );
-        let starts = exclusive_scan(client, &ordered_counts);
+        Self {
+            starts: exclusive_scan(client, &ordered_counts),
+            order,
+            tile_counts,
+        }
+    }
+}
+
+impl Intersections {
+    /// The lists of `splats [N, C]`, with room for as many intersections as earlier calls suggest
+    /// unless `capacity` says otherwise.
+    pub fn new(splats: &CubeTensor, options: &RasterizeOptions, capacity: Option<usize>) -> Self {
+        let client = &splats.client;
+        let n = splats.meta.shape()[0];
+        let tiles = [options.width.div_ceil(TILE), options.height.div_ceil(TILE)];
+        let (width, height) = (options.width as u32, options.height as u32);
+        let image = || ImageSizeLaunch::new(width, height, tiles[0] as u32);
+        let drawing = DrawingOrder::new(splats, image());
+        let (order, tile_counts, starts) = (drawing.order, drawing.tile_counts, drawing.starts);
         let capacity = capacity.unwrap_or_else(|| capacity::next(client, &starts, n, tiles));
 
+        let new = |length| Buffer::uninitialised(client, length);
         let firsts = new(n);
         let (tile_keys, slots, slot_rows) = (new(capacity), new(capacity), new(capacity));
+        let (count, dim) = units(client, n);
         expand::launch(
             client,
             count,
@@ -106,10 +122,7 @@ impl Intersections {
             order.arg(),
             tile_counts.arg(),
             starts.arg(),
-            firsts.arg(),
-            tile_keys.arg(),
-            slots.arg(),
-            slot_rows.arg(),
+            ExpandedLaunch::new(firsts.arg(), tile_keys.arg(), slots.arg(), slot_rows.arg()),
             image(),
             n as u32,
             capacity as u32,
@@ -118,6 +131,7 @@ impl Intersections {
             buffer: &starts,
             at: n,
         };
+        let n_tiles = tiles[0] * tiles[1];
         let key_bits = (n_tiles as u32).next_power_of_two().trailing_zeros().max(1);
         let (tile_keys, slots) = sort_pairs(client, tile_keys, slots, &total, key_bits);
         let (rows, ranges) = (new(capacity), Buffer::zeros(client, 2 * n_tiles));
@@ -149,118 +163,6 @@ impl Intersections {
     }
 }
 
-#[derive(CubeType, CubeLaunch, Clone, Copy)]
-pub(super) struct ImageSize {
-    width: u32,
-    height: u32,
-    tile_columns: u32,
-}
-
-/// A splat's place in the image, as far as tiles are concerned.
-#[derive(CubeType, Clone, Copy)]
-struct Footprint {
-    x: f32,
-    y: f32,
-    a: f32,
-    b: f32,
-    c: f32,
-    /// Sigma beyond which alpha is under its minimum.
-    cut: f32,
-    /// Tiles touched by the box: first and one past the last.
-    tile_x0: u32,
-    tile_x1: u32,
-    tile_y0: u32,
-    tile_y1: u32,
-}
-
-/// Pixels of `0..size` whose centres (at +0.5) lie within `radius` of `centre`.
-#[cube]
-fn pixel_range(centre: f32, radius: f32, size: u32) -> (u32, u32) {
-    let size = f32::cast_from(size);
-    let from = f32::clamp((centre - radius - 0.5f32).ceil(), 0.0f32, size);
-    let to = f32::clamp((centre + radius - 0.5f32).floor() + 1.0f32, 0.0f32, size);
-    (u32::cast_from(from), u32::cast_from(to))
-}
-
-/// The footprint of a row; without tiles when nothing of it is drawn.
-#[cube]
-fn footprint(splats: &[f32], row: usize, image: &ImageSize) -> Footprint {
-    let at = row * N_COLUMNS;
-    let mut finite = true;
-    #[unroll]
-    for column in 0..N_COLUMNS {
-        finite = finite && is_finite(splats[at + column]);
-    }
-    let radius_x = splats[at + splats::RADIUS_X];
-    let radius_y = splats[at + splats::RADIUS_Y];
-    let opacity = splats[at + splats::OPACITY];
-    let mut found = Footprint {
-        x: splats[at + splats::MEAN_X],
-        y: splats[at + splats::MEAN_Y],
-        a: splats[at + splats::CONIC_A],
-        b: splats[at + splats::CONIC_B],
-        c: splats[at + splats::CONIC_C],
-        cut: 0.0f32,
-        tile_x0: 0u32,
-        tile_x1: 0u32,
-        tile_y0: 0u32,
-        tile_y1: 0u32,
-    };
-    let alpha_min = comptime!(ALPHA_MIN as f32);
-    if finite && radius_x > 0.0f32 && radius_y > 0.0f32 && opacity >= alpha_min {
-        let (x0, x1) = pixel_range(found.x, radius_x, image.width);
-        let (y0, y1) = pixel_range(found.y, radius_y, image.height);
-        if x0 < x1 && y0 < y1 {
-            let tile = comptime!(TILE as u32);
-            found.cut = (opacity / alpha_min).ln() + CUT_ROUNDING;
-            found.tile_x0 = x0 / tile;
-            found.tile_x1 = x1.div_ceil(tile);
-            found.tile_y0 = y0 / tile;
-            found.tile_y1 = y1.div_ceil(tile);
-        }
-    }
-    found
-}
-
-/// Sigma at the offset, and how far it may be off.
-#[cube]
-fn sigma(splat: &Footprint, dx: f32, dy: f32) -> (f32, f32) {
-    let squares = 0.5f32 * (splat.a * dx * dx + splat.c * dy * dy);
-    let mixed = splat.b * dx * dy;
-    (squares + mixed, (squares + mixed.abs()) * SIGMA_ROUNDING)
-}
-
-/// Whether the splat reaches any pixel's centre of the tile: the smallest sigma over the rectangle
-/// of these is that of the centre or lies on an edge that faces it.
-#[cube]
-fn overlaps(splat: &Footprint, tile_x: u32, tile_y: u32, image: &ImageSize) -> bool {
-    let size = comptime!(TILE as f32);
-    let left = f32::cast_from(tile_x) * size + 0.5f32;
-    let top = f32::cast_from(tile_y) * size + 0.5f32;
-    let right = f32::min(left + (size - 1.0f32), f32::cast_from(image.width) - 0.5f32);
-    let bottom = f32::min(top + (size - 1.0f32), f32::cast_from(image.height) - 0.5f32);
-    let x = f32::clamp(splat.x, left, right);
-    let y = f32::clamp(splat.y, top, bottom);
-    let mut reached = x == splat.x && y == splat.y;
-    // Not an ellipse: nothing is known of where it ends.
-    if !(splat.a > 0.0f32 && splat.c > 0.0f32 && splat.a * splat.c > splat.b * splat.b) {
-        reached = true;
-    }
-    if x != splat.x {
-        let dx = splat.x - x;
-        let best = f32::clamp(splat.y + splat.b / splat.c * dx, top, bottom);
-        let (value, rounding) = sigma(splat, dx, splat.y - best);
-        reached = reached || value - rounding <= splat.cut;
-    }
-    if y != splat.y {
-        let dy = splat.y - y;
-        let best = f32::clamp(splat.x + splat.b / splat.a * dy, left, right);
-        let (value, rounding) = sigma(splat, splat.x - best, dy);
-        reached = reached || value - rounding <= splat.cut;
-    }
-    reached
-}
-
 /// Bits that compare as unsigned integers like the finite float does.
 #[cube]
 fn ascending_bits(value: f32) -> u32 {
@@ -273,10 +175,10 @@ fn ascending_bits(value: f32) -> u32 {
 
 #[cube(launch)]
 fn find_tiles(
-    splats: &[f32],
-    keys: &mut [u32],
-    ids: &mut [u32],
-    tile_counts: &mut [u32],
+    splats: &[f32],          // [N, C]
+    keys: &mut [u32],        // [N]
+    ids: &mut [u32],         // [N]
+    tile_counts: &mut [u32], // [N]
     image: ImageSize,
     n: u32,
 ) {
@@ -299,22 +201,33 @@ fn find_tiles(
 }
 
 #[cube(launch)]
-fn reorder(order: &[u32], values: &[u32], ordered: &mut [u32], n: u32) {
+fn reorder(
+    order: &[u32],       // [N]
+    values: &[u32],      // [N]
+    ordered: &mut [u32], // [N]
+    n: u32,
+) {
     if ABSOLUTE_POS < n as usize {
         ordered[ABSOLUTE_POS] = values[order[ABSOLUTE_POS] as usize];
     }
 }
 
+/// The intersections in drawing order, with their tiles, slots and rows.
+#[derive(CubeType, CubeLaunch)]
+struct Expanded {
+    firsts: Box<[u32]>,    // [N]
+    tile_keys: Box<[u32]>, // [capacity]
+    slots: Box<[u32]>,     // [capacity]
+    slot_rows: Box<[u32]>, // [capacity]
+}
+
 #[cube(launch)]
 fn expand(
-    splats: &[f32],
-    order: &[u32],
-    tile_counts: &[u32],
-    starts: &[u32],
-    firsts: &mut [u32],
-    tile_keys: &mut [u32],
-    slots: &mut [u32],
-    slot_rows: &mut [u32],
+    splats: &[f32],      // [N, C]
+    order: &[u32],       // [N]
+    tile_counts: &[u32], // [N]
+    starts: &[u32],      // [N + 1]
+    mut expanded: Expanded,
     image: ImageSize,
     n: u32,
     capacity: u32,
@@ -323,7 +236,7 @@ fn expand(
     if place < n as usize {
         let row = order[place];
         let mut slot = starts[place];
-        firsts[row as usize] = slot;
+        expanded.firsts[row as usize] = slot;
         let mut to_list = tile_counts[row as usize];
         if to_list > 0u32 {
             let splat = footprint(splats, row as usize, &image);
@@ -334,9 +247,10 @@ fn expand(
                     // A tile too many shows nothing of the splat.
                     if to_list > 0u32 && (found || left <= to_list) {
                         if slot < capacity {
-                            tile_keys[slot as usize] = tile_y * image.tile_columns + tile_x;
-                            slots[slot as usize] = slot;
-                            slot_rows[slot as usize] = row;
+                            let at = slot as usize;
+                            expanded.tile_keys[at] = tile_y * image.tile_columns + tile_x;
+                            expanded.slots[at] = slot;
+                            expanded.slot_rows[at] = row;
                         }
                         slot += 1u32;
                         to_list -= 1u32;
@@ -350,12 +264,12 @@ fn expand(
 
 #[cube(launch)]
 fn finish_lists(
-    tile_keys: &[u32],
-    slots: &[u32],
-    slot_rows: &[u32],
-    starts: &[u32],
-    rows: &mut [u32],
-    ranges: &mut [u32],
+    tile_keys: &[u32],  // [capacity]
+    slots: &[u32],      // [capacity]
+    slot_rows: &[u32],  // [capacity]
+    starts: &[u32],     // [N + 1]
+    rows: &mut [u32],   // [capacity]
+    ranges: &mut [u32], // [n_tiles, 2]
     n: u32,
     capacity: u32,
 ) {

@@ -27,7 +27,13 @@ pub(super) struct Tile {
 }
 
 #[cube]
-pub(super) fn pixel(image: &[f32], row: i32, column: i32, channel: u32, frame: &Frame) -> f32 {
+pub(super) fn pixel(
+    image: &[f32], // [H, W, C]
+    row: i32,
+    column: i32,
+    channel: u32,
+    frame: &Frame,
+) -> f32 {
     let mut value = 0.0f32;
     if row >= 0i32 && column >= 0i32 && (row as u32) < frame.height && (column as u32) < frame.width
     {
@@ -41,7 +47,11 @@ pub(super) fn pixel(image: &[f32], row: i32, column: i32, channel: u32, frame: &
 }
 
 #[cube]
-pub(super) fn own_tile(x: &[f32], y: &[f32], frame: &Frame) -> Tile {
+pub(super) fn own_tile(
+    x: &[f32], // [H, W, C]
+    y: &[f32], // [H, W, C]
+    frame: &Frame,
+) -> Tile {
     let side = comptime!(TILE as u32);
     let columns = frame.width.div_ceil(side);
     let cube = CUBE_POS as u32;
@@ -64,9 +74,9 @@ pub(super) fn own_tile(x: &[f32], y: &[f32], frame: &Frame) -> Tile {
 /// Reads both images in a square of `side` pixels that begins `margin` before the tile.
 #[cube]
 pub(super) fn load(
-    x: &[f32],
-    y: &[f32],
-    pixels: &mut Shared<[f32]>,
+    x: &[f32],                  // [H, W, C]
+    y: &[f32],                  // [H, W, C]
+    pixels: &mut Shared<[f32]>, // [2, side, side]
     tile: &Tile,
     frame: &Frame,
     #[comptime] margin: usize,
@@ -85,7 +95,11 @@ pub(super) fn load(
 
 /// The blurred value whose window starts at a place, with such steps from one value to the next.
 #[cube]
-pub(super) fn blurred_from(values: &Shared<[f32]>, first: usize, #[comptime] step: usize) -> f32 {
+pub(super) fn blurred_from(
+    values: &Shared<[f32]>, // [planes * rows * columns]
+    first: usize,
+    #[comptime] step: usize,
+) -> f32 {
     let mut sum = 0.0f32;
     #[unroll]
     for tap in 0..TAPS {
@@ -97,8 +111,8 @@ pub(super) fn blurred_from(values: &Shared<[f32]>, first: usize, #[comptime] ste
 /// Blurs the moments of a square of `side` pixels along its rows: `side` rows of what is left.
 #[cube]
 pub(super) fn blur_moments_along_rows(
-    pixels: &Shared<[f32]>,
-    blurred: &mut Shared<[f32]>,
+    pixels: &Shared<[f32]>,      // [2, side, side]
+    blurred: &mut Shared<[f32]>, // [4, side, side - 2 * RADIUS]
     #[comptime] side: usize,
 ) {
     let kept = comptime!(side - 2 * RADIUS);
@@ -170,7 +184,7 @@ pub(super) fn terms(
 /// The gradient of the similarity at a pixel, zero outside the image.
 #[cube]
 pub(super) fn gradient_at(
-    v_out: &[f32],
+    v_out: &[f32], // [H, W, C]
     row: i32,
     column: i32,
     channel: u32,

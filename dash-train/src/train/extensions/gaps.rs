@@ -49,7 +49,7 @@ impl Extension<Dash> for TimeGaps {
         let between = |steps: f32| Gaps::between(times.iter().copied(), steps);
         run.scene.settings.gaps = between(GAP_STEPS);
         let is_synchronized = run.is_synchronized();
-        if between(LONG_GAP_STEPS).lie_within() && !is_synchronized {
+        if between(LONG_GAP_STEPS).any_closed() && !is_synchronized {
             let encoder = &mut run.method.field.encoder;
             for cells in [&mut encoder.base_resolution, &mut encoder.finest_resolution] {
                 for axis in cells.iter_mut().take(3) {

@@ -206,7 +206,7 @@ impl MethodConfig {
             finest_resolution,
             smoothstep: released,
             reference_sizing: released,
-            left_out_levels: Vec::new(),
+            pruned_levels: Vec::new(),
         }
     }
 }

@@ -235,7 +235,7 @@ impl Method for Dash {
                 let own = tensors.filter_map(|(name, tensor)| {
                     Some((name.strip_prefix(MOTION)?.to_string(), tensor))
                 });
-                Some(with_parameters(skeleton, own.collect())?)
+                Some(with_parameters(skeleton, own.collect()).map_err(|e| e.to_string())?)
             }
             _ => None,
         };
