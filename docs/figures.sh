@@ -16,6 +16,12 @@ beside() {
         "hstack=inputs=$n,format=rgb24,split[a][b];[a]palettegen=max_colors=128[p];[b][p]paletteuse=dither=none" \
         -frames:v 1 "$out"
 }
+# small WIDTH FROM TO: a picture of that width, with a palette of its own.
+small() {
+    ffmpeg -loglevel error -y -i "$2" -filter_complex \
+        "scale=$1:-1:flags=area,format=rgb24,split[a][b];[a]palettegen=max_colors=64[p];[b][p]paletteuse=dither=none" \
+        -frames:v 1 "$3"
+}
 # larger FILE.json: the same cameras with pictures of twice the size, one camera.
 larger() {
     python3 -c '
@@ -31,6 +37,7 @@ json.dump([camera], open(sys.argv[2], "w"))' "$1" "$2"
 mkdir -p "$work" && cd "$work"
 [ -d room ] || dash synth room --scene bounce
 [ -f run/results.json ] || dash train room --out run --preset quick --curve 12
+rm -rf test spiral novel times report
 dash render run --cameras test --layers full,static,dynamic,depth --out test
 dash render run --cameras spiral --frames 12 --out spiral
 larger spiral/cameras.json one.json
@@ -44,4 +51,8 @@ beside "$images/motion.png" "$captured" "room/motion_masks/cam00/$frame.png" "te
 beside "$images/decomposition.png" novel/full/*.png novel/static/*.png novel/dynamic/*.png
 beside "$images/times.png" times/full/*.png
 dash doctor room --no-timing --picture doctor.png
+small 800 doctor.png "$images/doctor.png"
+# The upper half: PSNR and PSNR on moving pixels.
 dash report run --out report
+ffmpeg -loglevel error -y -i report/quality-steps.png -vf "crop=iw:ih/2:0:0" -frames:v 1 steps.png
+small 800 steps.png "$images/run.png"
