@@ -12,6 +12,9 @@
 //! | `rust excerpt=PATH` | the file holds these lines |
 //! | `text` | nothing: it shows output |
 
+// The blocks are of a Unix shell.
+#![cfg(unix)]
+
 mod commands;
 mod page;
 mod program;
