@@ -14,6 +14,15 @@
 //!   after [`set_deterministic`].
 //! - Operations don't wait for the device, unless determinism is asked for; a buffer that outgrows its limits is an error before it is
 //!   made ([`limits`]).
+//!
+//! # Features
+//! | feature | brings | default |
+//! | --- | --- | --- |
+//! | `flex` | the CPU through burn-flex | yes |
+//! | `ndarray` | the CPU through burn-ndarray | yes |
+//! | `wgpu` | GPUs through Vulkan, Metal or DX12 | yes |
+//! | `cube` | the CubeCL kernels without a runtime; `wgpu` and `cuda` bring it | yes |
+//! | `cuda` | NVIDIA GPUs through CUDA; its build downloads LLVM | no |
 
 #![cfg_attr(
     feature = "ndarray",
@@ -55,3 +64,7 @@ pub use camera::Camera;
 pub use determinism::{is_deterministic, set_deterministic};
 pub use error::KernelError;
 pub use host::HostBackend;
+
+#[cfg(doctest)]
+#[doc = include_str!("../README.md")]
+struct Readme;

@@ -13,6 +13,14 @@
 //! - `scene`, `scene_file`: rendering (Eqs. 1-2, 10), and the scene on disk.
 //! - `parameters`: parameters by name.
 //!
+//! # Features
+//! | feature | brings | default |
+//! | --- | --- | --- |
+//! | `flex` | the CPU through burn-flex | yes |
+//! | `ndarray` | the CPU through burn-ndarray | yes |
+//! | `wgpu` | GPUs through Vulkan, Metal or DX12 | yes |
+//! | `cuda` | NVIDIA GPUs through CUDA; its build downloads LLVM | no |
+//!
 //! Conventions are those of [`dash_kernels`]. Time is in [0, 1] over the clip, images are sRGB in
 //! [0, 1].
 
@@ -45,3 +53,7 @@ pub use motion::MotionField;
 pub use scene::{DynamicScene, Layer, OffsetPlacement, Rendering, SceneSettings};
 pub use space::{SpaceBox, TrajectoryBasis};
 pub use splat_ply::{Clipping, read_splat_ply, write_splat_ply};
+
+#[cfg(doctest)]
+#[doc = include_str!("../README.md")]
+struct Readme;
