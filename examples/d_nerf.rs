@@ -1,67 +1,44 @@
-//! A monocular capture in the D-NeRF layout (`transforms_*.json` with a time for every image): trains
-//! in memory, scores the test views, then freezes time and writes the scene from the first test
-//! camera at five instants, with the layer of what moves beside it.
+//! A monocular capture in the D-NeRF layout (`transforms_*.json` with a time for every image): takes
+//! the training steps one by one, scores the test views, and writes the scene from one test camera
+//! at five instants.
 //!
-//! `cargo run --release --example d_nerf -- FOLDER OUT [DOWNSCALE]`
+//! `cargo run --release --example d_nerf -- [FOLDER OUT [DOWNSCALE]]`
 
-use std::path::Path;
+mod common;
+
 use std::sync::Arc;
 
-use dash_train::dataset::{self, Layout, LoadOptions, Split};
-use dash_train::device::DeviceChoice;
+use common::{Failure, print_scores, print_step, task};
+use dash_train::dataset::{self, LoadOptions, Split};
 use dash_train::evaluate::evaluate;
 use dash_train::process;
 use dash_train::render::{
     PictureFormat, PictureLayer, RenderJob, at_times, test_shots, write_pictures,
 };
-use dash_train::train::{Preset, TrainConfig, Trainer};
-
-type Failure = Box<dyn std::error::Error + Send + Sync>;
+use dash_train::synth::SynthLayout;
+use dash_train::train::Trainer;
 
 fn main() -> Result<(), Failure> {
-    process::prepare();
-    // On a thread of the pool: from outside, every parallel loop would wake one and wait for it.
-    rayon::scope(|_| run())
+    process::run(run)
 }
 
 fn run() -> Result<(), Failure> {
-    let arguments: Vec<String> = std::env::args().skip(1).collect();
-    let [folder, out, rest @ ..] = arguments.as_slice() else {
-        return Err("expected FOLDER OUT [DOWNSCALE]".into());
-    };
+    let task = task(SynthLayout::Blender)?;
+    let downscale = task.config.downscale;
     let options = LoadOptions {
-        layout: Some(Layout::Blender),
-        downscale: rest.first().map_or(Ok(4.0), |factor| factor.parse())?,
+        layout: task.config.layout,
+        downscale,
         ..Default::default()
     };
-    let dataset = Arc::new(dataset::load(Path::new(folder), &options)?);
-    let device = DeviceChoice::Auto.device()?;
-    let config = TrainConfig::preset(Preset::Quick);
-    let mut trainer = Trainer::new(config, dataset.clone(), &device)?;
+    let dataset = Arc::new(dataset::load(&task.folder, &options)?);
+    let device = task.config.device.device()?;
+    let mut trainer = Trainer::new(task.config.train, dataset.clone(), &device)?;
     while !trainer.is_finished() {
-        let report = trainer.step()?;
-        if report.step.is_multiple_of(500) {
-            let (n_static, n_dynamic) = (report.n_static, report.n_dynamic);
-            println!(
-                "step {:6}  {:5.2} dB  {n_static} static, {n_dynamic} dynamic",
-                report.step, report.psnr
-            );
-        }
+        print_step(&trainer.step()?, 0.0);
     }
     let scene = trainer.scene();
-    let scores = evaluate(
-        scene,
-        &dataset,
-        Split::Test,
-        options.downscale,
-        &Default::default(),
-    )?;
-    println!(
-        "{} test views: PSNR {:.2} dB, SSIM {:.3}",
-        scores.per_view.len(),
-        scores.psnr.unwrap_or(f64::NAN),
-        scores.ssim.unwrap_or(f64::NAN),
-    );
+    let scores = evaluate(scene, &dataset, Split::Test, downscale, &Default::default())?;
+    print_scores(Some(&scores));
 
     let shots = at_times(&test_shots(&dataset)[..1], 5);
     let job = RenderJob {
@@ -70,6 +47,6 @@ fn run() -> Result<(), Failure> {
         on_shot: &mut |_| {},
     };
     let layers = [PictureLayer::Full, PictureLayer::Dynamic];
-    write_pictures(job, &layers, PictureFormat::Png, Path::new(out))?;
+    write_pictures(job, &layers, PictureFormat::Png, &task.run)?;
     Ok(())
 }

@@ -1,97 +1,36 @@
 //! A capture in the Neural 3D Video layout (`poses_bounds.npy` with one folder of images or one
 //! video per camera): trains, scores camera 0, and writes a video along a path between the cameras.
 //!
-//! `cargo run --release --example neural_3d_video -- FOLDER RUN [DOWNSCALE]`
+//! `cargo run --release --example neural_3d_video -- [FOLDER RUN [DOWNSCALE]]`
 
-use std::path::{Path, PathBuf};
-use std::sync::Arc;
+mod common;
 
-use dash_train::dataset::{self, Layout, LoadOptions, Split};
-use dash_train::device::DeviceChoice;
-use dash_train::evaluate::{Process, evaluate_run};
+use common::{Failure, print_scores, print_step, task};
 use dash_train::process;
+use dash_train::reconstruct::reconstruct;
 use dash_train::render::{PictureLayer, RenderJob, spiral_shots, write_video};
-use dash_train::train::{
-    DataConfig, Preset, RunConfig, RunFolder, TrainConfig, TrainOptions, train,
-};
-
-type Failure = Box<dyn std::error::Error + Send + Sync>;
+use dash_train::synth::SynthLayout;
 
 fn main() -> Result<(), Failure> {
-    process::prepare();
-    // On a thread of the pool: from outside, every parallel loop would wake one and wait for it.
-    rayon::scope(|_| run())
+    process::run(run)
 }
 
 fn run() -> Result<(), Failure> {
-    let arguments: Vec<String> = std::env::args().skip(1).collect();
-    let [folder, out, rest @ ..] = arguments.as_slice() else {
-        return Err("expected FOLDER RUN [DOWNSCALE]".into());
-    };
-    let choice = DeviceChoice::Auto.resolved();
-    let data = DataConfig {
-        dataset: PathBuf::from(folder).canonicalize()?,
-        layout: Some(Layout::N3dv),
-        downscale: rest.first().map_or(Ok(2.0), |factor| factor.parse())?,
-        test_cameras: Some(vec![0]),
-        invert_masks: false,
-        frames: None,
-        skip_broken: false,
-        device: choice.to_string(),
-    };
-    let dataset = Arc::new(dataset::load(
-        &data.dataset,
-        &LoadOptions {
-            ..data.load_options()
-        },
-    )?);
-    println!("{} cameras, {} frames", dataset.n_cameras, dataset.n_frames);
+    let mut task = task(SynthLayout::N3dv)?;
+    task.config.test_cameras = Some(vec![0]);
+    // The quick preset with more Gaussians: some minutes on a CPU at a small size.
+    task.config
+        .train
+        .set("densify.static.max_gaussians=20000")?;
+    let done = reconstruct(&task.folder, &task.run, &task.config, &mut print_step)?;
+    print_scores(done.scores());
 
-    // The quick preset with more Gaussians and steps: some minutes on a CPU at a small size.
-    let mut train_config = TrainConfig::preset(Preset::Quick);
-    train_config.set("iterations=8000")?;
-    train_config.set("densify.static.max_gaussians=20000")?;
-    let config = RunConfig::new(data, train_config);
-    let run = RunFolder::create(Path::new(out), &config)?;
-    let device = choice.device()?;
-    let options = TrainOptions {
-        resume: false,
-        curve: 0,
-        on_step: &mut |report, seconds| {
-            if report.step.is_multiple_of(500) {
-                println!(
-                    "{seconds:5.0} s  step {:6}  {:5.2} dB",
-                    report.step, report.psnr
-                );
-            }
-        },
-        clock: None,
-        additions: Default::default(),
-    };
-    let (trainer, _) = train(&run, &config.train, dataset.clone(), &device, options)?;
-    let name = config.data.device.as_str();
-    let results = evaluate_run(
-        &run,
-        &dataset,
-        Split::Test,
-        (&device, name),
-        Process::Trained,
-        &Default::default(),
-    )?;
-    println!(
-        "PSNR {:.2} dB, moving pixels {:.2} dB",
-        results.evaluation.psnr.unwrap_or(f64::NAN),
-        results.evaluation.psnr_dynamic.unwrap_or(f64::NAN),
-    );
-    let shots = spiral_shots(&dataset, dataset.n_frames.max(2));
+    let shots = spiral_shots(&done.dataset, done.dataset.n_frames.max(2));
     let job = RenderJob {
-        scene: trainer.scene(),
+        scene: &done.scene,
         shots: &shots,
         on_shot: &mut |_| {},
     };
-    Ok(write_video(
-        job,
-        PictureLayer::Full,
-        &run.root().join("spiral.mp4"),
-    )?)
+    write_video(job, PictureLayer::Full, &task.run.join("spiral.mp4"))?;
+    Ok(())
 }

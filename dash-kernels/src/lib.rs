@@ -80,6 +80,15 @@
 //! assert!(losses[99] < 0.1 * losses[0]);
 //! # Ok::<(), KernelError>(())
 //! ```
+//!
+//! # Features
+//! | feature | brings | default |
+//! | --- | --- | --- |
+//! | `flex` | the CPU through burn-flex | yes |
+//! | `ndarray` | the CPU through burn-ndarray | yes |
+//! | `wgpu` | GPUs through Vulkan, Metal or DX12 | yes |
+//! | `cube` | the CubeCL kernels without a runtime; `wgpu` and `cuda` bring it | yes |
+//! | `cuda` | NVIDIA GPUs through CUDA; its build downloads LLVM | no |
 
 #![cfg_attr(
     feature = "ndarray",
@@ -121,3 +130,7 @@ pub use determinism::{is_deterministic, set_deterministic};
 pub use error::KernelError;
 pub use glam;
 pub use host::HostBackend;
+
+#[cfg(doctest)]
+#[doc = include_str!("../README.md")]
+struct Readme;

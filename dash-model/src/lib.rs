@@ -65,6 +65,14 @@
 //! assert!(picture.num_params() > 0);
 //! # Ok::<(), ModelError>(())
 //! ```
+//!
+//! # Features
+//! | feature | brings | default |
+//! | --- | --- | --- |
+//! | `flex` | the CPU through burn-flex | yes |
+//! | `ndarray` | the CPU through burn-ndarray | yes |
+//! | `wgpu` | GPUs through Vulkan, Metal or DX12 | yes |
+//! | `cuda` | NVIDIA GPUs through CUDA; its build downloads LLVM | no |
 
 pub mod decomposition;
 mod deformation;
@@ -96,3 +104,7 @@ pub use space_box::SpaceBox;
 pub use splat_ply::{read_splat_ply, write_splat_ply};
 pub use time_gaps::{GapExtrapolation, GapInterpolation, Gaps};
 pub use trajectory::TrajectoryBasis;
+
+#[cfg(doctest)]
+#[doc = include_str!("../README.md")]
+struct Readme;

@@ -9,6 +9,7 @@ use crate::cameras::CameraFileError;
 use crate::dataset::DatasetError;
 use crate::device::DeviceChoice;
 use crate::metrics::lpips::LpipsError;
+use crate::synth::SynthError;
 use crate::video::VideoError;
 
 /// What training, evaluation and rendering can refuse.
@@ -29,6 +30,9 @@ pub enum TrainError {
     /// A picture or a video could not be written.
     #[error(transparent)]
     Video(#[from] VideoError),
+    /// A synthetic clip could not be written.
+    #[error(transparent)]
+    Synth(#[from] SynthError),
     /// LPIPS can't be measured.
     #[error(transparent)]
     Lpips(#[from] LpipsError),

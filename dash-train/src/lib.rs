@@ -5,12 +5,21 @@
 //! - `prepare`: datasets from recordings of a rig.
 //! - `synth`: ray-traced scenes with exact truth.
 //! - `train`: configuration, stages, losses, density control, checkpoints, runs on disk.
+//! - `reconstruct`: a whole run in one call; `quickstart`: one on a synthetic scene.
 //! - `stress`: extreme inputs for all of it.
 //! - `doctor`: what is wrong with a dataset, and how to mend it.
 //! - `compare`: other methods on the same data, at the same cost.
 //! - `process`: what a program sets up first; `device`: devices by name; `evaluate`: `results.json`; `render`: pictures of a scene.
 //! - `bench`: errors and times of kernels; `report`: what was measured, as a page, CSV and PNG.
 //! - `metrics`: picture quality; `video`: pictures and videos on disk.
+//!
+//! # Features
+//! | feature | brings | default |
+//! | --- | --- | --- |
+//! | `flex` | the CPU through burn-flex | yes |
+//! | `ndarray` | the CPU through burn-ndarray | yes |
+//! | `wgpu` | GPUs through Vulkan, Metal or DX12 | yes |
+//! | `cuda` | NVIDIA GPUs through CUDA; its build downloads LLVM | no |
 //!
 //! Conventions are those of [`dash_kernels`] and [`dash_model`].
 
@@ -28,6 +37,8 @@ pub mod metrics;
 pub mod ply;
 pub mod prepare;
 pub mod process;
+pub mod quickstart;
+pub mod reconstruct;
 pub mod render;
 pub mod report;
 pub mod stress;
@@ -36,3 +47,7 @@ pub mod train;
 pub mod video;
 
 pub use error::TrainError;
+
+#[cfg(doctest)]
+#[doc = include_str!("../README.md")]
+struct Readme;

@@ -16,6 +16,13 @@ pub fn prepare() {
     }
 }
 
+/// Prepares the process with [`prepare`] and does `work` on a thread of rayon's pool: from outside, every parallel
+/// loop would wake such a thread and wait for it. Call it first in `main`.
+pub fn run<T: Send>(work: impl FnOnce() -> T + Send) -> T {
+    prepare();
+    rayon::scope(|_| work())
+}
+
 #[cfg(target_os = "linux")]
 fn is_alone() -> bool {
     std::fs::read_dir("/proc/self/task").is_ok_and(|threads| threads.count() == 1)

@@ -9,25 +9,25 @@ use std::process::{Command, Output};
 /// Settings with which a tiny scene trains in a moment, but through all three stages.
 pub const TINY: [&str; 20] = [
     "--set",
-    "decomposition.encoder.log2_hashmap_size=8",
+    "method.motion_field.log2_hashmap_size=8",
     "--set",
-    "field.deformation.encoder.log2_hashmap_size=8",
+    "method.field.log2_hashmap_size=8",
     "--set",
-    "field.deformation.hidden=8",
+    "method.field.hidden=8",
     "--set",
-    "max_initial_points=300",
+    "initial_points=[0, 300]",
     "--set",
     "checkpoint_interval=10",
     "--set",
     "sh_degree=1",
     "--set",
-    "stages.decomposition=0.5",
+    "method.stages=[0.1, 0.5]",
     "--set",
-    "stages.min_following=0",
+    "extensions.following.min_steps=0",
     "--set",
-    "decomposition.floor=0",
+    "method.motion_floor=0",
     "--set",
-    "decomposition.quantile=0.5",
+    "method.static_quantile=0.5",
 ];
 
 /// A scratch folder in which commands run.

@@ -17,6 +17,7 @@ mod info;
 mod lpips;
 mod prepare;
 mod progress;
+mod quickstart;
 mod render;
 mod report;
 mod stress;
@@ -50,7 +51,9 @@ struct Cli {
     command: Command,
 }
 
-const EXAMPLE: &str = "Example, from nothing to pictures:
+const EXAMPLE: &str = "Examples, from nothing to pictures:
+  dash quickstart
+
   dash synth out/room
   dash train out/room --out runs/room --preset quick
   dash render runs/room --cameras spiral --out out/room.mp4
@@ -79,6 +82,7 @@ struct Shared {
 
 #[derive(Subcommand)]
 enum Command {
+    Quickstart(quickstart::QuickstartArgs),
     Synth(synth::SynthArgs),
     Prepare(prepare::PrepareArgs),
     Doctor(doctor::DoctorArgs),
@@ -140,6 +144,7 @@ fn start_threads(threads: Option<NonZeroUsize>) -> Result<(), Failure> {
 fn carry_out(cli: &Cli) -> Result<String, Failure> {
     let shared = &cli.shared;
     match &cli.command {
+        Command::Quickstart(args) => quickstart::run(args, shared),
         Command::Synth(args) => synth::run(args),
         Command::Prepare(args) => prepare::run(args),
         Command::Doctor(args) => doctor::run(args, shared),

@@ -1,0 +1,28 @@
+#!/usr/bin/env bash
+# Builds the release archive for this machine's system: `dash` (flex, ndarray, wgpu), README and licences.
+set -euo pipefail
+cd "$(dirname "$0")/.."
+
+version=$(sed -n 's/^version = "\(.*\)"/\1/p' Cargo.toml | head -n 1)
+system=$(rustc -vV | sed -n 's/^host: //p')
+target=${CARGO_TARGET_DIR:-target}
+name=dash-$version-$system
+stage=$target/dist/$name
+
+cargo build --release --locked -p dash-train --bin dash
+rm -rf "$stage" && mkdir -p "$stage"
+program=$target/release/dash
+[ -f "$program" ] || program=$program.exe
+cp "$program" README.md LICENSE-MIT LICENSE-APACHE "$stage"
+
+# The licences of everything that is linked in.
+cargo tree --locked -p dash-train -e normal --prefix none -f '{p}|{l}' | grep -v '(/' | sort -u |
+    while IFS='|' read -r package licence; do
+        package=${package% (*}
+        printf '\n======== %s: %s\n' "$package" "$licence"
+        find "${CARGO_HOME:-$HOME/.cargo}"/registry/src/*/"${package/ v/-}" -maxdepth 2 -type f \
+            -iregex '.*/\(licen[cs]e\|copying\|notice\|ofl\|ufl\)[^/]*' ! -name '*.rs' -exec cat {} +
+    done > "$stage/THIRD-PARTY-LICENSES.txt"
+
+tar -C "$target/dist" -czf "$target/dist/$name.tar.gz" "$name"
+echo "$target/dist/$name.tar.gz"

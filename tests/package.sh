@@ -1,0 +1,25 @@
+#!/usr/bin/env bash
+# Packs the three crates as crates.io would get them, and checks what was packed in a workspace of its own, where profile
+# and compiled dependencies are those of this one. With `--publish` cargo goes through all steps of publishing but the upload,
+# and compiles the packed crates and all they need in its development profile.
+set -euo pipefail
+cd "$(dirname "$0")/.."
+
+if [ "${1:-}" = --publish ]; then
+    exec cargo publish --dry-run --workspace --exclude dash
+fi
+cargo package --no-verify --workspace --exclude dash "$@"
+version=$(sed -n 's/^version = "\(.*\)"/\1/p' Cargo.toml | head -n 1)
+scratch=$(mktemp -d)
+trap 'rm -rf "$scratch"' EXIT
+{
+    printf '[workspace]\nmembers = ["dash-*"]\nresolver = "3"\n\n'
+    sed -n '/^\[profile/,/^$/p' Cargo.toml
+    echo '[patch.crates-io]'
+} > "$scratch/Cargo.toml"
+for crate in dash-kernels dash-model dash-train; do
+    tar -xzf "${CARGO_TARGET_DIR:-target}/package/$crate-$version.crate" -C "$scratch"
+    echo "$crate = { path = \"$crate-$version\" }" >> "$scratch/Cargo.toml"
+done
+cp Cargo.lock "$scratch"
+cargo check --release --offline --all-targets --manifest-path "$scratch/Cargo.toml"
