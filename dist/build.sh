@@ -14,14 +14,16 @@ rm -rf "$stage" && mkdir -p "$stage"
 program=$target/release/dash
 [ -f "$program" ] || program=$program.exe
 cp "$program" README.md LICENSE-MIT LICENSE-APACHE "$stage"
+# Half of the file is names of functions. Windows keeps them in a file of their own.
+case $system in *windows*) ;; *) strip "$stage/dash" ;; esac
 
 # The licences of everything that is linked in.
-cargo tree --locked -p dash-train -e normal --prefix none -f '{p}|{l}' | grep -v '(/' | sort -u |
-    while IFS='|' read -r package licence; do
-        package=${package% (*}
+cargo tree --locked -p dash-train -e normal --prefix none -f '{p}|{l}' | grep -v '(/' |
+    sed 's/ ([^)]*)//g' | sort -u | while IFS='|' read -r package licence; do
         printf '\n======== %s: %s\n' "$package" "$licence"
         find "${CARGO_HOME:-$HOME/.cargo}"/registry/src/*/"${package/ v/-}" -maxdepth 2 -type f \
-            -iregex '.*/\(licen[cs]e\|copying\|notice\|ofl\|ufl\)[^/]*' ! -name '*.rs' -exec cat {} +
+            \( -iname 'licen[cs]e*' -o -iname 'copying*' -o -iname 'notice*' -o -iname '[ou]fl.txt' \) \
+            ! -name '*.rs' -exec cat {} +
     done > "$stage/THIRD-PARTY-LICENSES.txt"
 
 tar -C "$target/dist" -czf "$target/dist/$name.tar.gz" "$name"
