@@ -8,9 +8,9 @@ use std::sync::Arc;
 
 use dash_train::dataset::{self, Layout, LoadOptions, Split};
 use dash_train::device::DeviceChoice;
-use dash_train::evaluate::{Process, evaluate_run};
 use dash_train::process;
 use dash_train::render::{PictureLayer, RenderJob, spiral_shots, write_video};
+use dash_train::results::{Process, evaluate_run};
 use dash_train::train::{
     DataConfig, Preset, RunConfig, RunFolder, TrainConfig, TrainOptions, train,
 };

@@ -8,12 +8,12 @@ use std::sync::Arc;
 
 use dash_train::dataset::{self, LoadOptions, Split};
 use dash_train::device::DeviceChoice;
-use dash_train::evaluate::{Process, evaluate_run};
 use dash_train::process;
 use dash_train::render::{
     PictureFormat, PictureLayer, RenderJob, spiral_shots, test_shots, write_overview,
     write_pictures, write_video,
 };
+use dash_train::results::{Process, evaluate_run};
 use dash_train::synth::{self, SynthConfig};
 use dash_train::train::{
     DataConfig, Preset, RunConfig, RunFolder, TrainConfig, TrainOptions, train,

@@ -22,7 +22,7 @@ const NEVER: usize = 1 << 40;
     Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize, clap::ValueEnum,
 )]
 pub enum Method {
-    /// The preset as it is.
+    /// The unchanged preset.
     #[serde(rename = "dash")]
     #[value(name = "dash")]
     Dash,
@@ -167,19 +167,19 @@ fn everything_moves(config: &mut TrainConfig) {
     config.decomposition.review_interval = 0;
     let most = config.density_static.max_gaussians + config.density_dynamic.max_gaussians;
     config.density_static.max_gaussians = most;
-    // They have what the static ones leave, which is all.
+    // They get what the static Gaussians leave, which is all.
     config.density_dynamic.max_gaussians = 0;
-    // What is a crowd among those that move is none where all do.
+    // A crowd of dynamic Gaussians is none where all Gaussians are dynamic.
     config.density_dynamic.crowd = 0;
     config.density_dynamic.from = config.stages.warmup;
-    // It helps to follow motion, which these do not.
+    // It helps block matching, which these methods do without.
     config.learning_rates.means_in_turns = 1.0;
-    // It costs them, which ask the field for so many, more steps than it is worth.
+    // They query the field for so many Gaussians that it costs more steps than it is worth.
     config.loss.steadiness = 0.0;
 }
 
-/// Grids of 3 dimensions instead of 4: what makes cells of all four share entries leaves each of these to
-/// itself, so that they are not made coarser where the 4D grid is for that.
+/// Grids of 3 dimensions instead of 4. They have fewer hash collisions than the 4D grid, so their resolution is
+/// not lowered for that.
 fn three_dimensional_grids(config: &mut TrainConfig) {
     config.field.deformation.representation = Representation::Grid4d;
     let finest = &mut config.field.deformation.encoder.finest_resolution;

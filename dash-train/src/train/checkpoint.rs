@@ -26,7 +26,7 @@ use super::optimizer::Optimizer;
 use super::sampler::ViewSampler;
 use super::trainer::Trainer;
 use super::validation;
-use crate::TrainError;
+use crate::Error;
 use crate::dataset::Dataset;
 use damage::with_remedy;
 use fingerprint::Fingerprint;
@@ -59,18 +59,14 @@ struct State {
 /// Writes `folder/NNNNNN` for the trainer's step.
 ///
 /// # Errors
-/// [`TrainError::Io`] or a model error; what was there before is left as it was.
-pub fn save_checkpoint(
-    trainer: &Trainer,
-    folder: &Path,
-    train_seconds: f64,
-) -> Result<(), TrainError> {
+/// [`Error::Io`] or a model error; what was there before is left as it was.
+pub fn save_checkpoint(trainer: &Trainer, folder: &Path, train_seconds: f64) -> Result<(), Error> {
     let name = format!("{:06}", trainer.step);
     let scratch = folder.join(format!(".{name}.partial"));
     if scratch.exists() {
-        fs::remove_dir_all(&scratch).map_err(|e| TrainError::io(&scratch, "remove", e))?;
+        fs::remove_dir_all(&scratch).map_err(|e| Error::io(&scratch, "remove", e))?;
     }
-    fs::create_dir_all(&scratch).map_err(|e| TrainError::io(&scratch, "create", e))?;
+    fs::create_dir_all(&scratch).map_err(|e| Error::io(&scratch, "create", e))?;
     trainer.scene.save(&scratch.join("scene"))?;
     if let Some(motion) = &trainer.motion {
         write_tensors(
@@ -101,20 +97,20 @@ pub fn save_checkpoint(
         dataset: Some(Fingerprint::of(&trainer.dataset.views)),
         config: trainer.config.clone(),
     };
-    let json = serde_json::to_vec(&state).map_err(|e| TrainError::Config(e.to_string()))?;
+    let json = serde_json::to_vec(&state).map_err(|e| Error::Config(e.to_string()))?;
     dash_model::scene_file::write_atomically(&scratch.join("state.json"), |mut file| {
         std::io::Write::write_all(&mut file, &json)
     })?;
     let target = folder.join(&name);
     if target.exists() {
-        fs::remove_dir_all(&target).map_err(|e| TrainError::io(&target, "replace", e))?;
+        fs::remove_dir_all(&target).map_err(|e| Error::io(&target, "replace", e))?;
     }
     sync_folder(&scratch)?;
-    fs::rename(&scratch, &target).map_err(|e| TrainError::io(&target, "write", e))?;
+    fs::rename(&scratch, &target).map_err(|e| Error::io(&target, "write", e))?;
     sync_folder(folder)?;
     let complete = list(folder)?;
     for old in complete.iter().rev().skip(KEPT) {
-        fs::remove_dir_all(old).map_err(|e| TrainError::io(old, "remove", e))?;
+        fs::remove_dir_all(old).map_err(|e| Error::io(old, "remove", e))?;
     }
     Ok(())
 }
@@ -122,8 +118,8 @@ pub fn save_checkpoint(
 /// The newest complete checkpoint of a folder.
 ///
 /// # Errors
-/// [`TrainError::Io`] when the folder can't be read.
-pub fn latest_checkpoint(folder: &Path) -> Result<Option<PathBuf>, TrainError> {
+/// [`Error::Io`] when the folder can't be read.
+pub fn latest_checkpoint(folder: &Path) -> Result<Option<PathBuf>, Error> {
     if !folder.exists() {
         return Ok(None);
     }
@@ -134,7 +130,7 @@ pub fn latest_checkpoint(folder: &Path) -> Result<Option<PathBuf>, TrainError> {
 ///
 /// # Errors
 /// When the checkpoint can't be read.
-pub fn checkpoint_config(checkpoint: &Path) -> Result<TrainConfig, TrainError> {
+pub fn checkpoint_config(checkpoint: &Path) -> Result<TrainConfig, Error> {
     Ok(read_state(checkpoint)?.config)
 }
 
@@ -143,11 +139,7 @@ pub fn checkpoint_config(checkpoint: &Path) -> Result<TrainConfig, TrainError> {
 ///
 /// # Errors
 /// When the checkpoint can't be read, or says that it is another one.
-pub(super) fn check_moved(
-    checkpoint: &Path,
-    dataset: &Dataset,
-    from: &Path,
-) -> Result<(), TrainError> {
+pub(super) fn check_moved(checkpoint: &Path, dataset: &Dataset, from: &Path) -> Result<(), Error> {
     let state = read_state(checkpoint).map_err(|error| with_remedy(checkpoint, error))?;
     let n_views = validation::hold_out(dataset).0.len();
     let contradiction = match state.dataset {
@@ -158,7 +150,7 @@ pub(super) fn check_moved(
     };
     match contradiction {
         None => Ok(()),
-        Some(what) => Err(TrainError::run(
+        Some(what) => Err(Error::run(
             &dataset.root,
             format!(
                 "{what}; name the run's own dataset, {} or where that was moved, or start another run",
@@ -176,7 +168,7 @@ pub fn load_checkpoint(
     checkpoint: &Path,
     dataset: Arc<Dataset>,
     device: &Device,
-) -> Result<(Trainer, f64), TrainError> {
+) -> Result<(Trainer, f64), Error> {
     read(checkpoint, dataset, device).map_err(|error| with_remedy(checkpoint, error))
 }
 
@@ -184,10 +176,10 @@ fn read(
     checkpoint: &Path,
     dataset: Arc<Dataset>,
     device: &Device,
-) -> Result<(Trainer, f64), TrainError> {
+) -> Result<(Trainer, f64), Error> {
     let state = read_state(checkpoint)?;
     if let Some(what) = contradiction(&state, &dataset) {
-        return Err(TrainError::run(
+        return Err(Error::run(
             &dataset.root,
             format!("{what}; the dataset was changed: restore it, or start another run"),
         ));
@@ -357,25 +349,25 @@ fn restore_statistics(
     Ok(())
 }
 
-fn read_state(checkpoint: &Path) -> Result<State, TrainError> {
+fn read_state(checkpoint: &Path) -> Result<State, Error> {
     let path = checkpoint.join("state.json");
-    let text = fs::read(&path).map_err(|e| TrainError::io(&path, "read", e))?;
+    let text = fs::read(&path).map_err(|e| Error::io(&path, "read", e))?;
     serde_json::from_slice(&text).map_err(|e| damaged(&path, e.to_string()))
 }
 
-fn damaged(path: &Path, found: String) -> TrainError {
-    TrainError::Checkpoint {
+fn damaged(path: &Path, found: String) -> Error {
+    Error::Checkpoint {
         path: path.to_path_buf(),
         found,
     }
 }
 
 /// Complete checkpoints, oldest first.
-fn list(folder: &Path) -> Result<Vec<PathBuf>, TrainError> {
-    let entries = fs::read_dir(folder).map_err(|e| TrainError::io(folder, "list", e))?;
+fn list(folder: &Path) -> Result<Vec<PathBuf>, Error> {
+    let entries = fs::read_dir(folder).map_err(|e| Error::io(folder, "list", e))?;
     let mut found = Vec::new();
     for entry in entries {
-        let path = entry.map_err(|e| TrainError::io(folder, "list", e))?.path();
+        let path = entry.map_err(|e| Error::io(folder, "list", e))?.path();
         let number = path
             .file_name()
             .and_then(|name| name.to_str())
@@ -391,8 +383,8 @@ fn list(folder: &Path) -> Result<Vec<PathBuf>, TrainError> {
     Ok(found)
 }
 
-fn sync_folder(folder: &Path) -> Result<(), TrainError> {
+fn sync_folder(folder: &Path) -> Result<(), Error> {
     File::open(folder)
         .and_then(|file| file.sync_all())
-        .map_err(|e| TrainError::io(folder, "sync", e))
+        .map_err(|e| Error::io(folder, "sync", e))
 }

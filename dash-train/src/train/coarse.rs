@@ -8,7 +8,7 @@ use super::config::{Selection, TimeWindow, TrainConfig};
 use super::optimizer::to_host;
 use super::split;
 use super::trainer::{STATIC, Trainer};
-use crate::TrainError;
+use crate::Error;
 use crate::dataset::{Dataset, View};
 
 /// Share of the field's time after which a growing window has all times.
@@ -77,7 +77,7 @@ fn share(from: usize, to: usize, step: usize) -> f32 {
 }
 
 /// Changes stage where the step number says so.
-pub(crate) fn enter_stage(trainer: &mut Trainer) -> Result<(), TrainError> {
+pub(crate) fn enter_stage(trainer: &mut Trainer) -> Result<(), Error> {
     if !trainer.may_move() {
         return Ok(());
     }
@@ -98,7 +98,7 @@ pub(crate) fn enter_stage(trainer: &mut Trainer) -> Result<(), TrainError> {
 
 /// Trajectory coefficients `[N, B * 3]` of all Gaussians; `None` while nothing moves and after the
 /// split.
-pub(crate) fn coefficients(trainer: &Trainer) -> Result<Option<Tensor<2>>, TrainError> {
+pub(crate) fn coefficients(trainer: &Trainer) -> Result<Option<Tensor<2>>, Error> {
     let set = &trainer.scene.static_set;
     Ok(match (&trainer.motion, &set.trajectories) {
         (Some(field), _) => Some(field.coefficients(set.means.val())?),
@@ -223,7 +223,7 @@ pub(crate) fn time_window(trainer: &Trainer, step: usize) -> Option<(Part, Part)
 }
 
 /// Gives every Gaussian the trajectory that the field has for it.
-fn settle(trainer: &mut Trainer) -> Result<(), TrainError> {
+fn settle(trainer: &mut Trainer) -> Result<(), Error> {
     let Some(own) = coefficients(trainer)? else {
         return Ok(());
     };

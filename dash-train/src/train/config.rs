@@ -6,7 +6,7 @@ use serde::{Deserialize, Serialize};
 pub use density::{DensityConfig, Oversized};
 pub use stages::{StageConfig, TimeWindow};
 
-use crate::TrainError;
+use crate::Error;
 
 /// Named starting points for a [`TrainConfig`].
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, clap::ValueEnum)]
@@ -296,8 +296,8 @@ impl TrainConfig {
     ///
     /// # Errors
     /// When the path does not exist or the value does not fit.
-    pub fn set(&mut self, assignment: &str) -> Result<(), TrainError> {
-        let refuse = |why: String| TrainError::Config(format!("--set {assignment}: {why}"));
+    pub fn set(&mut self, assignment: &str) -> Result<(), Error> {
+        let refuse = |why: String| Error::Config(format!("--set {assignment}: {why}"));
         let (path, value) = assignment
             .split_once('=')
             .ok_or_else(|| refuse("expected KEY=VALUE, such as loss.dssim=0.1".into()))?;

@@ -14,7 +14,7 @@ use super::optimizer::to_host;
 use super::regularity::{Measure, regularity};
 use super::trainer::Trainer;
 use super::{coarse, target};
-use crate::TrainError;
+use crate::Error;
 use crate::dataset::View;
 
 /// Motion from which on more of it costs little more, in shares of the image's width, while the field
@@ -39,7 +39,7 @@ pub(crate) struct Forward {
 
 impl Trainer {
     /// The loss of a view, with what the coarse stages and the regularisers add.
-    pub(super) fn forward(&mut self, view: &View) -> Result<Forward, TrainError> {
+    pub(super) fn forward(&mut self, view: &View) -> Result<Forward, Error> {
         let (camera, time) = (&view.camera, view.time);
         let mut regularisers = Vec::new();
         let mut motion = None;
@@ -110,7 +110,7 @@ impl Trainer {
     }
 
     /// A view's picture on the device, where that is all that is needed of it on the host.
-    fn plain_target(&mut self, view: &View) -> Result<Option<Tensor<3>>, TrainError> {
+    fn plain_target(&mut self, view: &View) -> Result<Option<Tensor<3>>, Error> {
         if self.looks_at_moved() {
             return Ok(None);
         }
@@ -125,7 +125,7 @@ impl Trainer {
         &mut self,
         image: Tensor<3>,
         view: &View,
-    ) -> Result<(Tensor<3>, Tensor<3>, Option<Vec<f32>>), TrainError> {
+    ) -> Result<(Tensor<3>, Tensor<3>, Option<Vec<f32>>), Error> {
         let camera = &view.camera;
         let (target, counted) = view.rgb_and_counted(self.scene.settings.background)?;
         let of_moved = self.weights_of_moved(view, &target)?;
@@ -145,7 +145,7 @@ impl Trainer {
         camera: &Camera,
         time: f32,
         regularisers: &mut Vec<Tensor<1>>,
-    ) -> Result<Option<Tensor<2>>, TrainError> {
+    ) -> Result<Option<Tensor<2>>, Error> {
         let Some(dynamic) = &self.scene.dynamic else {
             return Ok(None);
         };
@@ -181,7 +181,7 @@ impl Trainer {
     }
 
     /// What the coarse field pays for having forgotten where fast things were found.
-    fn cost_of_forgetting(&self) -> Result<Option<Tensor<1>>, TrainError> {
+    fn cost_of_forgetting(&self) -> Result<Option<Tensor<1>>, Error> {
         let weight = self.config.loss.found_places;
         let Some(field) = self.motion.as_ref().filter(|_| weight > 0.0) else {
             return Ok(None);
@@ -201,7 +201,7 @@ impl Trainer {
     /// How far the trajectories of `coefficients [N, B * 3]` go, `[N]`, world units. The smallest length
     /// that this tells from rest is a millionth, so that scenes of an extraordinary size are measured in
     /// units that suit them.
-    pub(crate) fn extents(&self, coefficients: Tensor<2>) -> Result<Tensor<1>, TrainError> {
+    pub(crate) fn extents(&self, coefficients: Tensor<2>) -> Result<Tensor<1>, Error> {
         let basis = self.config.decomposition.basis;
         Ok(match motion_unit(self.extent) {
             None => basis.extent(coefficients)?,

@@ -21,7 +21,7 @@ use super::average::Average;
 use super::optimizer::to_host;
 use super::split::keep_dynamic;
 use super::trainer::{DYNAMIC, STATIC, Trainer};
-use crate::TrainError;
+use crate::Error;
 
 /// Steps in a row that may be skipped; after that many nothing that the guard does has helped.
 pub const MAX_SKIPPED_IN_A_ROW: usize = 20;
@@ -173,14 +173,14 @@ pub(crate) fn look(trainer: &Trainer, gradients: &Gradients, loss: f32) -> Optio
 /// Mends what is at fault and takes note of the step that is left out.
 ///
 /// # Errors
-/// [`TrainError::NotFinite`] once [`MAX_SKIPPED_IN_A_ROW`] steps were skipped in a row, and at once where
+/// [`Error::NotFinite`] once [`MAX_SKIPPED_IN_A_ROW`] steps were skipped in a row, and at once where
 /// more than [`MAX_LOST_SHARE`] of a set of Gaussians are lost.
 pub(crate) fn skip(
     trainer: &mut Trainer,
     faults: Vec<Fault>,
     view: &str,
     loss: f32,
-) -> Result<(), TrainError> {
+) -> Result<(), Error> {
     let lost = too_much_lost(&faults);
     let remedies = match lost {
         true => Vec::new(),
@@ -208,7 +208,7 @@ pub(crate) fn skip(
     trainer.skipped.in_a_row += 1;
     let n = trainer.skipped.in_a_row;
     if lost || n >= MAX_SKIPPED_IN_A_ROW {
-        return Err(TrainError::NotFinite {
+        return Err(Error::NotFinite {
             n,
             last: skipped.to_string(),
         });

@@ -20,7 +20,7 @@ use super::coarse;
 use super::optimizer::{Optimizer, to_host};
 use super::trainer::Trainer;
 use super::update::motion_pace;
-use crate::TrainError;
+use crate::Error;
 
 /// Gaussians more transparent than this are not asked.
 const MIN_OPACITY: f32 = 0.2;
@@ -40,7 +40,7 @@ const SPAN_COST: f32 = 0.1;
 
 /// Looks for what moves fast in frames that the window has reached with this step. Where one time does not show the
 /// scene from several sides, pictures do not tell where anything is.
-pub(crate) fn meet_new_frames(trainer: &mut Trainer) -> Result<(), TrainError> {
+pub(crate) fn meet_new_frames(trainer: &mut Trainer) -> Result<(), Error> {
     let (Some(part), Some(before)) = (trainer.start_part, trainer.step.checked_sub(1)) else {
         return Ok(());
     };
@@ -78,14 +78,14 @@ pub(crate) fn meet_new_frames(trainer: &mut Trainer) -> Result<(), TrainError> {
 }
 
 /// Looks for what moves fast at a new time, after some known ones, nearest first.
-fn meet(trainer: &mut Trainer, new: f32, known: &[f32]) -> Result<(), TrainError> {
+fn meet(trainer: &mut Trainer, new: f32, known: &[f32]) -> Result<(), Error> {
     let Some(coefficients) = coarse::coefficients(trainer)? else {
         return Ok(());
     };
     let coefficients = coefficients.detach();
     let basis = trainer.config.decomposition.basis;
     let rows = trainer.scene.static_set.to_rows();
-    let places_at = |time: f32| -> Result<Vec<Vec3>, TrainError> {
+    let places_at = |time: f32| -> Result<Vec<Vec3>, Error> {
         let moved = to_host(basis.displacement(coefficients.clone(), time)?);
         let moved = moved.chunks_exact(3).map(Vec3::from_slice);
         let places = rows.means.iter().zip(moved);
@@ -180,7 +180,7 @@ fn teach(
     moved: &[(usize, Vec3)],
     coefficients: Tensor<2>,
     times: [f32; 2],
-) -> Result<(), TrainError> {
+) -> Result<(), Error> {
     let device = coefficients.device();
     let [total, width] = coefficients.dims();
     let mut is_moved = vec![false; total];

@@ -8,7 +8,7 @@ use std::collections::BTreeMap;
 use super::blocks::Blocks;
 use super::coarse::Part;
 use super::trainer::Trainer;
-use crate::TrainError;
+use crate::Error;
 use crate::dataset::{Dataset, View};
 
 /// Least difference of a block's mean colour that is a change, in any channel.
@@ -42,7 +42,7 @@ impl Moved {
         train_views: &[usize],
         background: [f32; 3],
         least: f32,
-    ) -> Result<Self, TrainError> {
+    ) -> Result<Self, Error> {
         let mut cameras: BTreeMap<usize, Vec<&View>> = BTreeMap::new();
         for &index in train_views {
             let view = &dataset.views[index];
@@ -117,7 +117,7 @@ impl Trainer {
         &mut self,
         view: &View,
         rgb: &[f32],
-    ) -> Result<Option<Vec<f32>>, TrainError> {
+    ) -> Result<Option<Vec<f32>>, Error> {
         let Some(part) = self.start_part.filter(|_| self.looks_at_moved()) else {
             self.moved = None;
             return Ok(None);

@@ -7,7 +7,7 @@ use dash_model::{Gaussians, SpaceBox};
 use super::split::keep_static;
 use super::statistics::{splat_gradient, spread};
 use super::trainer::{DYNAMIC, Trainer};
-use crate::TrainError;
+use crate::Error as TrainError;
 use crate::dataset::View;
 
 /// Views that are asked what error each static Gaussian sees.

@@ -6,7 +6,7 @@ use super::optimizer::to_host;
 use super::split::{drop_hidden, keep_dynamic};
 use super::statistics::witnesses;
 use super::trainer::{STATIC, Trainer};
-use crate::TrainError;
+use crate::Error;
 
 /// Times at which a review looks where a Gaussian is.
 const TIMES: usize = 12;
@@ -25,7 +25,7 @@ struct Ways {
 /// Removes dynamic Gaussians that no picture shows, and makes static those that stay in place, in
 /// the middle of where they are over the clip: all of them, if by the end of their density control
 /// holding all still does no harm.
-pub(crate) fn review(trainer: &mut Trainer) -> Result<(), TrainError> {
+pub(crate) fn review(trainer: &mut Trainer) -> Result<(), Error> {
     drop_hidden(trainer)?;
     let Some(ways) = ways(&trainer.scene)? else {
         return Ok(());
@@ -57,7 +57,7 @@ pub(crate) fn review(trainer: &mut Trainer) -> Result<(), TrainError> {
 }
 
 /// `None` without dynamic Gaussians.
-fn ways(scene: &DynamicScene) -> Result<Option<Ways>, TrainError> {
+fn ways(scene: &DynamicScene) -> Result<Option<Ways>, Error> {
     let Some(dynamic) = scene.dynamic.as_ref().filter(|d| !d.gaussians.is_empty()) else {
         return Ok(None);
     };
@@ -84,7 +84,7 @@ fn ways(scene: &DynamicScene) -> Result<Option<Ways>, TrainError> {
 }
 
 /// All Gaussians as one static set, the dynamic ones last and in the middle of their ways.
-fn held_still(scene: &DynamicScene, ways: &Ways) -> Result<Gaussians, TrainError> {
+fn held_still(scene: &DynamicScene, ways: &Ways) -> Result<Gaussians, Error> {
     let mut rows = scene.at(0.5)?;
     let n_static = rows.len() - ways.centres.len();
     rows.means[n_static..].copy_from_slice(&ways.centres);
@@ -100,7 +100,7 @@ pub(crate) fn is_grown(trainer: &Trainer) -> bool {
 }
 
 /// Whether pictures get worse when all that moves is held still.
-fn is_needed(trainer: &Trainer, still: &Gaussians) -> Result<bool, TrainError> {
+fn is_needed(trainer: &Trainer, still: &Gaussians) -> Result<bool, Error> {
     let scene = &trainer.scene;
     let still = DynamicScene {
         static_set: still.clone(),
@@ -110,7 +110,7 @@ fn is_needed(trainer: &Trainer, still: &Gaussians) -> Result<bool, TrainError> {
     let (mut moving_error, mut still_error) = (0.0, 0.0);
     for view in witnesses(trainer) {
         let truth = view.rgb(scene.settings.background)?;
-        let error = |scene: &DynamicScene| -> Result<f64, TrainError> {
+        let error = |scene: &DynamicScene| -> Result<f64, Error> {
             let image = scene.render(&view.camera, view.time)?.rgb().detach();
             let pairs = to_host(image).into_iter().zip(&truth);
             Ok(pairs.map(|(a, b)| f64::from(a - b).powi(2)).sum())

@@ -19,7 +19,7 @@ use super::config::{StageConfig, TrainConfig};
 use super::leave_out::Decision;
 use super::lines::{LogLine, append, read_lines, reopen_curve, reopen_log};
 use super::trainer::{StepReport, Trainer};
-use crate::TrainError;
+use crate::Error;
 use crate::dataset::{Dataset, Split};
 use crate::evaluate::{CurveLine, CurveProbe};
 
@@ -37,12 +37,12 @@ impl RunFolder {
     ///
     /// # Errors
     /// When there is no `config.toml` in it.
-    pub fn open(root: &Path) -> Result<Self, TrainError> {
+    pub fn open(root: &Path) -> Result<Self, Error> {
         let run = Self {
             root: root.to_path_buf(),
         };
         if !run.config_path().is_file() {
-            return Err(TrainError::run(
+            return Err(Error::run(
                 root,
                 "expected a run's folder with config.toml in it, found none; \
                  make one with `dash train DATASET --out RUN`",
@@ -55,7 +55,7 @@ impl RunFolder {
     ///
     /// # Errors
     /// When something is there already, or the folder can't be written.
-    pub fn create(root: &Path, config: &RunConfig) -> Result<Self, TrainError> {
+    pub fn create(root: &Path, config: &RunConfig) -> Result<Self, Error> {
         let run = Self {
             root: root.to_path_buf(),
         };
@@ -65,22 +65,22 @@ impl RunFolder {
                 .filter_map(Result::ok)
                 .any(|entry| entry.path().extension() != Some("partial".as_ref())),
             Err(e) if e.kind() == std::io::ErrorKind::NotFound => false,
-            Err(e) => return Err(TrainError::io(root, "list", e)),
+            Err(e) => return Err(Error::io(root, "list", e)),
         };
         if occupied {
-            return Err(TrainError::run(
+            return Err(Error::run(
                 root,
                 "expected a new or empty folder for the run, found files in it; \
                  continue that run with --resume or choose another --out",
             ));
         }
-        fs::create_dir_all(root).map_err(|e| TrainError::io(root, "create", e))?;
+        fs::create_dir_all(root).map_err(|e| Error::io(root, "create", e))?;
         run.write_config(config)?;
         Ok(run)
     }
 
-    fn write_config(&self, config: &RunConfig) -> Result<(), TrainError> {
-        let text = toml::to_string(config).map_err(|e| TrainError::Config(e.to_string()))?;
+    fn write_config(&self, config: &RunConfig) -> Result<(), Error> {
+        let text = toml::to_string(config).map_err(|e| Error::Config(e.to_string()))?;
         write_atomically(&self.config_path(), |mut file| {
             file.write_all(text.as_bytes())
         })?;
@@ -88,7 +88,7 @@ impl RunFolder {
     }
 
     /// Adds to `config.toml` how a finished run went, and what its scene kept and left out.
-    fn record(&self, trainer: &Trainer, decisions: Vec<Decision>) -> Result<(), TrainError> {
+    fn record(&self, trainer: &Trainer, decisions: Vec<Decision>) -> Result<(), Error> {
         let mut config = self.config()?;
         config.decisions = decisions;
         config.stage_ends = trainer.may_move().then(|| {
@@ -106,13 +106,13 @@ impl RunFolder {
     /// # Errors
     /// When the newest checkpoint says that it is another dataset, when the run is finished and there is no
     /// checkpoint that could say so, or when the file can't be written.
-    pub fn follow_dataset(&self, dataset: &Dataset) -> Result<(), TrainError> {
+    pub fn follow_dataset(&self, dataset: &Dataset) -> Result<(), Error> {
         let mut config = self.config()?;
         let from = &config.data.dataset;
         match latest_checkpoint(&self.checkpoints_path())? {
             Some(checkpoint) => check_moved(&checkpoint, dataset, from)?,
             None if self.scene_path().exists() => {
-                return Err(TrainError::run(
+                return Err(Error::run(
                     &dataset.root,
                     format!(
                         "expected the run's dataset {}, found another folder, and no checkpoint that tells \
@@ -137,7 +137,7 @@ impl RunFolder {
     ///
     /// # Errors
     /// When `config.toml` can't be read.
-    pub fn config(&self) -> Result<RunConfig, TrainError> {
+    pub fn config(&self) -> Result<RunConfig, Error> {
         read_config(&self.config_path())
     }
 
@@ -145,10 +145,10 @@ impl RunFolder {
     ///
     /// # Errors
     /// When the run has not got that far, or its files are damaged.
-    pub fn scene(&self, device: &Device) -> Result<DynamicScene, TrainError> {
+    pub fn scene(&self, device: &Device) -> Result<DynamicScene, Error> {
         let folder = self.scene_path();
         if !folder.join("scene.json").is_file() {
-            return Err(TrainError::run(
+            return Err(Error::run(
                 &self.root,
                 "expected a trained scene, found an unfinished run; \
                  finish it with `dash train DATASET --out RUN --resume`",
@@ -203,7 +203,7 @@ impl RunFolder {
     ///
     /// # Errors
     /// When the file can't be read.
-    pub fn log(&self) -> Result<Vec<LogLine>, TrainError> {
+    pub fn log(&self) -> Result<Vec<LogLine>, Error> {
         read_lines(&self.log_path())
     }
 
@@ -212,7 +212,7 @@ impl RunFolder {
     ///
     /// # Errors
     /// When the file can't be read.
-    pub fn curve(&self) -> Result<Vec<CurveLine>, TrainError> {
+    pub fn curve(&self) -> Result<Vec<CurveLine>, Error> {
         read_lines(&self.curve_path())
     }
 }
@@ -230,7 +230,7 @@ pub struct TrainOptions<'a> {
 }
 
 /// Turns the seconds that something took into those that it counts for.
-pub type Pace<'a> = &'a mut dyn FnMut(f64) -> Result<f64, TrainError>;
+pub type Pace<'a> = &'a mut dyn FnMut(f64) -> Result<f64, Error>;
 
 /// Trains to the end, writing checkpoints, the log, and at last the scene.
 ///
@@ -247,7 +247,7 @@ pub fn train(
     dataset: Arc<Dataset>,
     device: &Device,
     mut options: TrainOptions<'_>,
-) -> Result<(Trainer, f64), TrainError> {
+) -> Result<(Trainer, f64), Error> {
     let checkpoints = run.checkpoints_path();
     let found = if options.resume {
         latest_checkpoint(&checkpoints)?
@@ -260,7 +260,7 @@ pub fn train(
     };
     let mut log = reopen_log(run, trainer.steps_done())?;
     let mut curve = reopen_curve(run, &trainer, options.curve)?;
-    fs::create_dir_all(&checkpoints).map_err(|e| TrainError::io(&checkpoints, "create", e))?;
+    fs::create_dir_all(&checkpoints).map_err(|e| Error::io(&checkpoints, "create", e))?;
     let (mut loss, mut psnr, mut count) = (0.0, 0.0, 0);
     let mut finished = None;
     let begins = trainer.steps_done();

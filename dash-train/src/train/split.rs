@@ -13,7 +13,7 @@ use super::density::DensityStatistics;
 use super::optimizer::to_host;
 use super::statistics;
 use super::trainer::{DYNAMIC, STATIC, Trainer};
-use crate::TrainError;
+use crate::Error;
 use crate::dataset::Dataset;
 
 /// Share of the points on either side that a field's box may leave out.
@@ -24,7 +24,7 @@ const BOX_MARGIN: f32 = 0.15;
 const MIN_SHARE: f32 = 0.1;
 
 /// Starts the decomposition stage.
-pub(crate) fn start_motion(trainer: &mut Trainer) -> Result<(), TrainError> {
+pub(crate) fn start_motion(trainer: &mut Trainer) -> Result<(), Error> {
     let rows = trainer.scene.static_set.to_rows();
     let config = &trainer.config.decomposition;
     let space = match trainer.config.field.space {
@@ -46,7 +46,7 @@ pub(crate) fn start_motion(trainer: &mut Trainer) -> Result<(), TrainError> {
 }
 
 /// Ends it: the Gaussians that move, or all, become the dynamic part.
-pub(crate) fn split(trainer: &mut Trainer) -> Result<(), TrainError> {
+pub(crate) fn split(trainer: &mut Trainer) -> Result<(), Error> {
     let coefficients = coarse::coefficients(trainer)?;
     let mask = match (trainer.config.decomposition.select, &coefficients) {
         (Selection::All, _) => vec![true; trainer.scene.static_set.len()],
@@ -122,7 +122,7 @@ pub(crate) fn continue_with(trainer: &mut Trainer, scene: DynamicScene, dataset:
 }
 
 /// Removes dynamic Gaussians that no picture shows, such as those that strayed behind a wall.
-pub(crate) fn drop_hidden(trainer: &mut Trainer) -> Result<(), TrainError> {
+pub(crate) fn drop_hidden(trainer: &mut Trainer) -> Result<(), Error> {
     let (n_static, n_dynamic) = trainer.scene.counts();
     if n_dynamic == 0 {
         return Ok(());

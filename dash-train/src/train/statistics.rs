@@ -13,7 +13,7 @@ use super::density::MEANS;
 use super::forward::Forward;
 use super::optimizer::to_host;
 use super::trainer::Trainer;
-use crate::TrainError;
+use crate::Error;
 use crate::dataset::View;
 
 /// Steps between two looks at which Gaussians Eq. 5 holds still.
@@ -30,7 +30,7 @@ pub(crate) fn gather(
     forward: &Forward,
     view: &View,
     gradients: &mut Gradients,
-) -> Result<(), TrainError> {
+) -> Result<(), Error> {
     let camera = &view.camera;
     let half_size = [camera.width as f32 / 2.0, camera.height as f32 / 2.0];
     let (leaf, splats) = &forward.static_probe;
@@ -81,7 +81,7 @@ fn gather_scale(trainer: &mut Trainer, splats: &[f32], view: &View) {
 }
 
 /// Which Gaussians move, as far as the coarse stages know.
-pub(crate) fn moving(trainer: &Trainer) -> Result<Vec<bool>, TrainError> {
+pub(crate) fn moving(trainer: &Trainer) -> Result<Vec<bool>, Error> {
     let rule = &trainer.config.decomposition;
     let Some(coefficients) = coarse::coefficients(trainer)? else {
         return Ok(vec![false; trainer.scene.static_set.len()]);
@@ -116,7 +116,7 @@ pub(crate) fn spread(trainer: &Trainer, most: usize) -> impl Iterator<Item = &Vi
 pub(crate) fn largest_shares<'a>(
     trainer: &Trainer,
     views: impl Iterator<Item = &'a View>,
-) -> Result<Vec<f32>, TrainError> {
+) -> Result<Vec<f32>, Error> {
     let (n_static, n_dynamic) = trainer.scene.counts();
     let mut largest = vec![0.0f32; n_static + n_dynamic];
     for view in views {
@@ -135,7 +135,7 @@ pub(crate) fn splat_gradient(
     trainer: &Trainer,
     view: &View,
     number: impl FnOnce(Tensor<3>) -> Tensor<1>,
-) -> Result<Vec<f32>, TrainError> {
+) -> Result<Vec<f32>, Error> {
     // Without the graph: nothing would free what leads to splats through which no gradient flows.
     let scene = trainer.scene.valid();
     let mut splats = scene.static_splats(&view.camera)?;

@@ -25,7 +25,7 @@ use super::optimizer::{Optimizer, to_host};
 use super::regularity::Times;
 use super::sampler::ViewSampler;
 use super::{coarse, matching, promote, review, statistics, update, validation};
-use crate::TrainError;
+use crate::Error;
 use crate::dataset::{Dataset, Split, View};
 
 /// Steps between two times from which on what lies between makes the field coarser.
@@ -102,16 +102,12 @@ impl Trainer {
     ///
     /// # Errors
     /// When the configuration is out of range or no view is left to train on.
-    pub fn new(
-        config: TrainConfig,
-        dataset: Arc<Dataset>,
-        device: &Device,
-    ) -> Result<Self, TrainError> {
+    pub fn new(config: TrainConfig, dataset: Arc<Dataset>, device: &Device) -> Result<Self, Error> {
         config.validate()?;
         let device = device.clone().autodiff();
         let (train_views, validation_views) = validation::hold_out(&dataset);
         if train_views.is_empty() {
-            return Err(TrainError::NoTrainingViews {
+            return Err(Error::NoTrainingViews {
                 dataset: dataset.root.clone(),
             });
         }
@@ -225,7 +221,7 @@ impl Trainer {
     ///
     /// # Errors
     /// When rendering fails.
-    pub fn validation_psnr(&self) -> Result<Option<f64>, TrainError> {
+    pub fn validation_psnr(&self) -> Result<Option<f64>, Error> {
         validation::psnr(&self.scene, &self.dataset, &self.validation_views)
     }
 
@@ -242,9 +238,7 @@ impl Trainer {
     ///
     /// # Errors
     /// When rendering fails.
-    pub fn needed_scene(
-        &self,
-    ) -> Result<(DynamicScene, TablePrecision, Vec<Decision>), TrainError> {
+    pub fn needed_scene(&self) -> Result<(DynamicScene, TablePrecision, Vec<Decision>), Error> {
         leave_out::after_training(self)
     }
 
@@ -256,7 +250,7 @@ impl Trainer {
     ///
     /// # Errors
     /// When too many steps in a row had to be skipped, or a kernel refuses its input.
-    pub fn step(&mut self) -> Result<StepReport, TrainError> {
+    pub fn step(&mut self) -> Result<StepReport, Error> {
         if self.step == 0 {
             self.begin()?;
         }
@@ -309,7 +303,7 @@ impl Trainer {
 
     /// What is decided before the first step: whether anything moves, and the stages of runs that are
     /// short for following it. Where nothing does, the preset's stages stay as they are.
-    fn begin(&mut self) -> Result<(), TrainError> {
+    fn begin(&mut self) -> Result<(), Error> {
         leave_out::before_training(self)?;
         if self.start_part.is_some() && self.may_move() {
             self.config.make_room_for_following();
@@ -354,7 +348,7 @@ impl Trainer {
     }
 
     /// Lets dynamic Gaussians that do not move become static.
-    fn review(&mut self) -> Result<(), TrainError> {
+    fn review(&mut self) -> Result<(), Error> {
         let interval = self.config.decomposition.review_interval;
         let start = Stages::of(self).end;
         let due = interval > 0 && self.step > start && (self.step - start).is_multiple_of(interval);
@@ -388,7 +382,7 @@ pub(crate) fn start_from(trainer: &mut Trainer, rows: &GaussianRows) {
 }
 
 /// Mean PSNR of the training views, dB.
-pub(crate) fn training_psnr(trainer: &Trainer) -> Result<f64, TrainError> {
+pub(crate) fn training_psnr(trainer: &Trainer) -> Result<f64, Error> {
     let psnr = validation::psnr(&trainer.scene, &trainer.dataset, &trainer.train_views)?;
     Ok(psnr.unwrap_or(f64::NAN))
 }

@@ -6,8 +6,9 @@ use burn::tensor::Device;
 use clap::Args;
 use dash_model::{Clipping, GaussianRows, read_splat_ply};
 use dash_train::dataset::{Dataset, FrameRange, Layout, LoadOptions, Split, load};
-use dash_train::evaluate::{read_results, storage_bytes};
+use dash_train::evaluate::storage_bytes;
 use dash_train::ply::{PointCloud, read_points};
+use dash_train::results::read_results;
 use dash_train::train::config::Selection;
 use dash_train::train::{Decision, RunFolder, StageEnds, TrainConfig};
 
@@ -146,11 +147,11 @@ fn settings(table: &mut Table, config: &TrainConfig, ends: Option<StageEnds>) {
         warmup: config.step_at(config.stages.warmup),
         decomposition: config.step_at(config.stages.decomposition),
     });
-    let (warmup, split, end) = (ends.warmup, ends.decomposition, config.iterations);
+    let (warmup, decomposed, end) = (ends.warmup, ends.decomposition, config.iterations);
     let stages = match (config.decomposition.enabled, config.decomposition.select) {
         (false, _) => format!("static 3DGS to step {end}"),
         (true, Selection::Moving) => {
-            format!("warm-up to step {warmup}, decomposition to {split}, 4D to {end}")
+            format!("warm-up to step {warmup}, decomposition to {decomposed}, 4D to {end}")
         }
         (true, Selection::All) => {
             format!("warm-up to step {warmup}, then everything in 4D to {end}")

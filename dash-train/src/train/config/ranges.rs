@@ -1,7 +1,7 @@
 //! Which values a configuration may have.
 
 use super::TrainConfig;
-use crate::TrainError;
+use crate::Error;
 
 /// Most units of a hidden layer.
 const MAX_UNITS: usize = 4096;
@@ -15,12 +15,12 @@ impl TrainConfig {
     ///
     /// # Errors
     /// The first value that is out of range, and the range.
-    pub fn validate(&self) -> Result<(), TrainError> {
+    pub fn validate(&self) -> Result<(), Error> {
         let check = |ok: bool, what: &str| {
             if ok {
                 Ok(())
             } else {
-                Err(TrainError::Config(what.to_string()))
+                Err(Error::Config(what.to_string()))
             }
         };
         let shares = [
@@ -118,7 +118,7 @@ impl TrainConfig {
             .decomposition
             .encoder
             .layout()
-            .map_err(|e| TrainError::Config(format!("decomposition.encoder: {e}")))?;
+            .map_err(|e| Error::Config(format!("decomposition.encoder: {e}")))?;
         check(
             motion.dims() == 3,
             "decomposition.encoder must have 3 resolutions in base and in finest",
@@ -127,7 +127,7 @@ impl TrainConfig {
             .field
             .deformation
             .validate()
-            .map_err(|e| TrainError::Config(format!("field.deformation: {e}")))?;
+            .map_err(|e| Error::Config(format!("field.deformation: {e}")))?;
         let loss = &self.loss;
         check(
             [

@@ -11,7 +11,7 @@ use serde::{Deserialize, Serialize};
 
 use super::config::Keep;
 use super::trainer::Trainer;
-use crate::TrainError;
+use crate::Error;
 
 /// Most that pictures may lose when a part is left out, dB: over all pixels and where something moves, by
 /// the lower bound of the mean over training views.
@@ -81,7 +81,7 @@ impl Decision {
 }
 
 /// What is decided before the first step: whether anything moves.
-pub(crate) fn before_training(trainer: &mut Trainer) -> Result<(), TrainError> {
+pub(crate) fn before_training(trainer: &mut Trainer) -> Result<(), Error> {
     let decides = trainer.config.keep == Keep::Needed && trainer.may_move();
     if decides && trainer.decisions.is_empty() {
         trainer.decisions.extend(evidence::of_motion(trainer)?);
@@ -95,7 +95,7 @@ pub(crate) fn before_training(trainer: &mut Trainer) -> Result<(), TrainError> {
 /// When rendering fails.
 pub(crate) fn after_training(
     trainer: &Trainer,
-) -> Result<(DynamicScene, TablePrecision, Vec<Decision>), TrainError> {
+) -> Result<(DynamicScene, TablePrecision, Vec<Decision>), Error> {
     let mut decisions = trainer.decisions.clone();
     if trainer.config.keep == Keep::All {
         return Ok((trainer.scene.clone(), TablePrecision::Single, decisions));

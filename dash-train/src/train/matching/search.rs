@@ -4,7 +4,7 @@ use dash_kernels::Camera;
 use glam::{DVec3, Vec3};
 use rayon::prelude::*;
 
-use crate::TrainError;
+use crate::Error;
 use crate::dataset::View;
 use crate::train::sweep::{difference, smoothed};
 use crate::train::trainer::Trainer;
@@ -53,7 +53,7 @@ impl Pair {
 }
 
 /// Pictures of some of the cameras that have them at both times.
-pub(super) fn pairs(trainer: &Trainer, times: [f32; 2]) -> Result<Vec<Pair>, TrainError> {
+pub(super) fn pairs(trainer: &Trainer, times: [f32; 2]) -> Result<Vec<Pair>, Error> {
     let views = |time: f32| {
         let views = trainer.train_views.iter();
         let views = views.map(|&index| &trainer.dataset.views[index]);
