@@ -5,6 +5,7 @@
 //! The differences are taken in double precision throughout, by a second way through the whole model
 //! that is written here: the kernels' references, joined by plain loops instead of Burn.
 
+#[expect(dead_code, reason = "each test file uses its part")]
 mod common;
 
 use std::collections::BTreeMap;
