@@ -5,6 +5,7 @@ use std::path::PathBuf;
 use std::sync::Arc;
 
 use clap::Args;
+use dash_train::compare::Method;
 use dash_train::dataset::{Dataset, Split};
 use dash_train::device::DeviceChoice;
 use dash_train::evaluate::{CurveProbe, PerceptualFiles};
@@ -41,6 +42,9 @@ pub struct TrainArgs {
     /// Where values start from [default: default]
     #[arg(long, value_enum)]
     preset: Option<Preset>,
+    /// Another method in place of the preset's, as `dash compare` trains it
+    #[arg(long, value_enum, conflicts_with = "resume")]
+    method: Option<Method>,
     /// Values that replace the preset's
     #[arg(long, value_name = "F.toml")]
     config: Option<PathBuf>,
@@ -126,6 +130,9 @@ fn start(
     file: &ConfigFile,
 ) -> Result<(RunFolder, RunConfig, Dataset), Failure> {
     let train = overrides.resolve(file)?;
+    let train = args
+        .method
+        .map_or(train.clone(), |method| method.of(&train));
     let choice = shared.device.unwrap_or_default().resolved();
     choice.device()?;
     let (data, dataset) = args.data.load(&args.dataset, &file.data, choice)?;
