@@ -2,7 +2,7 @@
 
 use burn::tensor::{Device, Tensor};
 use dash_kernels::testing::named_devices;
-use dash_train::TrainError;
+use dash_train::Error;
 use dash_train::stress::{Case, Measured, Outcome, cases, long_cases, run};
 
 /// Says which parts of which cases fail.
@@ -67,26 +67,26 @@ fn cases_have_names_of_their_own() {
 /// Broken on purpose: values that are lost, values that are off, an error, a fault, nothing at all.
 #[test]
 fn what_is_broken_does_not_pass() {
-    fn lost(device: &Device) -> Result<Measured, TrainError> {
+    fn lost(device: &Device) -> Result<Measured, Error> {
         let values = Tensor::<1>::from_data([1.0, 0.0], device);
         let values = common_values(values.clone() / values);
         let mut measured = Measured::default();
         measured.agree("values", &values, &[1.0, 1.0], 1e-3);
         Ok(measured)
     }
-    fn off(device: &Device) -> Result<Measured, TrainError> {
+    fn off(device: &Device) -> Result<Measured, Error> {
         let values = common_values(Tensor::<1>::from_data([1.0, 2.01], device));
         let mut measured = Measured::default();
         measured.agree("values", &values, &[1.0, 2.0], 1e-3);
         Ok(measured)
     }
-    fn refused(_: &Device) -> Result<Measured, TrainError> {
-        Err(TrainError::Config("refused".into()))
+    fn refused(_: &Device) -> Result<Measured, Error> {
+        Err(Error::Config("refused".into()))
     }
-    fn fault(_: &Device) -> Result<Measured, TrainError> {
+    fn fault(_: &Device) -> Result<Measured, Error> {
         panic!("on purpose")
     }
-    fn empty(_: &Device) -> Result<Measured, TrainError> {
+    fn empty(_: &Device) -> Result<Measured, Error> {
         Ok(Measured::default())
     }
     fn common_values(tensor: Tensor<1>) -> Vec<f32> {

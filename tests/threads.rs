@@ -1,5 +1,5 @@
 //! Training gives the same bits whatever the number of threads, through all stages, density
-//! control, opacity resets and the split.
+//! control, opacity resets and the static/dynamic decomposition.
 
 use std::path::Path;
 use std::sync::Arc;
@@ -12,7 +12,7 @@ use dash_train::synth::{self, SynthConfig};
 use dash_train::train::{Preset, TrainConfig, Trainer};
 
 const STEPS: usize = 500;
-/// Steps on a GPU that software may play: past the split.
+/// Steps on a GPU, which may be emulated in software: past the decomposition.
 #[cfg(feature = "wgpu")]
 const WGPU_STEPS: usize = 200;
 /// Steps that reset opacities of the static and of the dynamic set, as [`config`] has them.
@@ -80,7 +80,7 @@ fn run(threads: usize, seed: u64, steps: usize, dataset: &Arc<Dataset>, device: 
             let sets = [Some(&trainer.scene().static_set), dynamic];
             for (set, reset) in sets.into_iter().zip(RESETS) {
                 if report.step == reset {
-                    assert_transparent(set.expect("split by now"), reset);
+                    assert_transparent(set.expect("decomposed by now"), reset);
                 }
             }
         }
@@ -105,13 +105,13 @@ fn assert_transparent(set: &Gaussians, step: usize) {
 
 /// Fails unless the counts show density control of all, of the static and of the dynamic set.
 fn assert_eventful(name: &str, counts: &[(usize, usize)]) {
-    let split = counts.iter().position(|&(_, dynamic)| dynamic > 0);
-    let split = split.unwrap_or_else(|| panic!("{name}: nothing was found to move"));
-    let (before, after) = counts.split_at(split);
+    let decomposed = counts.iter().position(|&(_, dynamic)| dynamic > 0);
+    let decomposed = decomposed.unwrap_or_else(|| panic!("{name}: nothing was found to move"));
+    let (before, after) = counts.split_at(decomposed);
     let unzipped =
         |counts: &[(usize, usize)]| -> (Vec<usize>, Vec<usize>) { counts.iter().copied().unzip() };
-    let ((all, _), (fixed, moving)) = (unzipped(before), unzipped(after));
-    for (set, counts) in [("all", all), ("static", fixed), ("dynamic", moving)] {
+    let ((all, _), (static_set, dynamic)) = (unzipped(before), unzipped(after));
+    for (set, counts) in [("all", all), ("static", static_set), ("dynamic", dynamic)] {
         let rounds = |changed: fn(usize, usize) -> bool| {
             let pairs = counts.windows(2);
             pairs.filter(|pair| changed(pair[0], pair[1])).count()
@@ -165,8 +165,7 @@ fn flex_trains_to_the_same_bits_on_1_2_and_8_threads() {
     assert_same_for_any_thread_count("flex", &Device::flex());
 }
 
-/// On a GPU the same bits come when they are asked for; through the split, so that the 4D field's
-/// tables are among them.
+/// A GPU gives the same bits when asked to, also after the decomposition, which adds the 4D field's tables.
 #[test]
 #[cfg(feature = "wgpu")]
 fn wgpu_trains_to_the_same_bits_when_asked_to() {
@@ -176,17 +175,16 @@ fn wgpu_trains_to_the_same_bits_when_asked_to() {
     let device = Device::wgpu(burn::tensor::DeviceKind::DefaultDevice);
     let [a, b] = [0, 1].map(|_| run(2, 0, WGPU_STEPS, &dataset, &device));
     let n_dynamic = a.counts.last().expect("trained").1;
-    assert!(n_dynamic > 0, "the run ends before the split");
+    assert!(n_dynamic > 0, "the run ends before the decomposition");
     assert_eq!(a.counts, b.counts);
     assert!(a.files == b.files, "two runs with the same seed differ");
 }
 
-/// Images that are decoded when they are needed, from files and from videos, are those that memory
-/// holds where there is room for all.
+/// Frames decoded on demand, from files and from videos, equal those held in memory.
 #[test]
 #[cfg(feature = "flex")]
 fn frames_on_demand_train_to_the_same_bits() {
-    /// Past the split.
+    /// Past the decomposition.
     const STEPS: usize = 200;
     for video in [false, true] {
         let folder = tempfile::tempdir().expect("a scratch folder");
@@ -221,7 +219,7 @@ fn frames_on_demand_train_to_the_same_bits() {
     }
 }
 
-/// The files tell runs apart that are as alike as two seeds.
+/// The negative control: files of two seeds differ.
 #[test]
 fn another_seed_gives_other_bits() {
     let folder = tempfile::tempdir().expect("a scratch folder");

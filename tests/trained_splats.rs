@@ -1,9 +1,11 @@
-//! Whole pictures of the CPU kernels in single precision against the plain double-precision
-//! references: a trained 3DGS scene, where its file lies beside the repository, and a random one
-//! that is always there. Both pass through the PLY reader.
+//! Whole pictures of the kernels in single precision against the double-precision references: of a trained
+//! 3DGS scene from the test data, and of a random scene. Both pass through the PLY reader.
 
-use std::path::{Path, PathBuf};
+mod common;
 
+use std::path::PathBuf;
+
+use common::test_data;
 use dash_kernels::project::{self, ProjectOptions, View};
 use dash_kernels::rasterize::{self, N_CHANNELS};
 use dash_kernels::splats::NEAR_PLANE;
@@ -147,12 +149,9 @@ fn assert_close_to_the_reference(name: &str, rows: &GaussianRows, camera: &Camer
 
 #[test]
 fn a_trained_scene() {
-    let path =
-        Path::new(env!("CARGO_MANIFEST_DIR")).join("../shared/data/splat_ply/trained_9080.ply");
-    if !path.is_file() {
-        eprintln!("{} is not there: not tried", path.display());
+    let Some(path) = test_data("splat_ply/trained_9080.ply") else {
         return;
-    }
+    };
     let (rows, _) = read_splat_ply(&path).expect("a sound file");
     assert_eq!((rows.len(), rows.sh_rest_width), (9080, 45));
     // A room in the axes of COLMAP, y downwards, seen from within along z.

@@ -1,26 +1,27 @@
-//! Cameras to render from: the `cameras.json` of 3DGS, `transforms*.json`, and a path through given
-//! cameras.
+//! Cameras to render from: the `cameras.json` of 3DGS, `transforms*.json`, and a path among given cameras.
 //!
 //! # Map
-//! - this file: reading and writing `cameras.json`, and telling both kinds of files apart.
+//! - this file: reads and writes `cameras.json`, and recognises both kinds of files.
 //! - `transforms`: the cameras of a `transforms*.json`.
-//! - `spiral`: a smooth path in the middle of given cameras.
+//! - `focus`: the point that cameras look at; `spiral`: a smooth path among given cameras.
 
+mod focus;
 mod spiral;
 mod transforms;
 
-pub use spiral::{focus_point, spiral};
+pub use focus::focus_point;
+pub use spiral::spiral;
 pub use transforms::DatasetTerms;
 
 use std::io::Write;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 use dash_kernels::Camera;
 use glam::DMat3;
 use serde::{Deserialize, Serialize, Serializer};
 use serde_json::Value;
 
-use crate::dataset::DatasetError;
+use crate::Error;
 use crate::dataset::first_bytes::parse_json;
 use transforms::TransformsFile;
 
@@ -29,6 +30,8 @@ pub const MAX_CAMERA_SIDE: usize = 16_384;
 /// The largest deviation of `R R^T` from the identity; files round to a few digits. Axes as far from
 /// perpendicular as those of datasets may be (a cosine of 1e-3) deviate by less.
 const ROTATION_TOLERANCE: f64 = 2.5e-3;
+/// What failed, for an [`Error::Io`].
+const WRITE: &str = "write it";
 
 /// One camera of a file.
 #[derive(Debug, Clone, PartialEq)]
@@ -41,47 +44,6 @@ pub struct CameraEntry {
     pub camera: Camera,
     /// Time in [0, 1], when the file gives it.
     pub time: Option<f64>,
-}
-
-/// Why a file of cameras could not be read or written.
-#[derive(Debug, thiserror::Error)]
-pub enum CameraFileError {
-    /// The operating system refused the file.
-    #[error("{}: cannot {action}: {source}; check that it exists and is accessible", .path.display())]
-    Io {
-        /// The file.
-        path: PathBuf,
-        /// What was tried.
-        action: &'static str,
-        /// The system's reason.
-        source: std::io::Error,
-    },
-    /// The file is neither a JSON list with at least one camera nor a `transforms*.json`.
-    #[error(
-        "{}: expected a JSON list of cameras (the `cameras.json` of 3DGS) or an object with `frames` (a \
-         `transforms.json` of NeRF, D-NeRF, Blender or nerfstudio), found {found}", .path.display()
-    )]
-    NoCameras {
-        /// The file.
-        path: PathBuf,
-        /// What is there.
-        found: String,
-    },
-    /// One of the cameras can't be used.
-    #[error("{}: camera {index}{name}: {what}", .path.display())]
-    Entry {
-        /// The file.
-        path: PathBuf,
-        /// The entry's place in the list, from 0.
-        index: usize,
-        /// Its image's name in parentheses, where it has one.
-        name: String,
-        /// What was expected and what was found.
-        what: String,
-    },
-    /// A `transforms*.json` can't be used.
-    #[error(transparent)]
-    Transforms(#[from] DatasetError),
 }
 
 /// A file of cameras of either kind.
@@ -131,13 +93,9 @@ impl CameraFile {
     /// # Errors
     /// When the file can't be read, is of neither kind, is empty, or an entry of a list lacks a field,
     /// is not finite, has a rotation that is none, or values out of range; the message names the entry.
-    pub fn read(path: &Path) -> Result<Self, CameraFileError> {
-        let text = std::fs::read(path).map_err(|source| CameraFileError::Io {
-            path: path.to_path_buf(),
-            action: "read it",
-            source,
-        })?;
-        let no_cameras = |found: String| CameraFileError::NoCameras {
+    pub fn read(path: &Path) -> Result<Self, Error> {
+        let text = std::fs::read(path).map_err(|source| Error::io(path, "read it", source))?;
+        let no_cameras = |found: String| Error::NoCameras {
             path: path.to_path_buf(),
             found,
         };
@@ -164,10 +122,7 @@ impl CameraFile {
     ///
     /// # Errors
     /// When a frame of a `transforms*.json` lacks something or is out of range; the message names it.
-    pub fn cameras(
-        self,
-        dataset: Option<&DatasetTerms>,
-    ) -> Result<Vec<CameraEntry>, CameraFileError> {
+    pub fn cameras(self, dataset: Option<&DatasetTerms>) -> Result<Vec<CameraEntry>, Error> {
         match self.0 {
             Kind::List(cameras) => Ok(cameras),
             Kind::Transforms(file) => file.cameras(dataset),
@@ -179,12 +134,12 @@ impl CameraFile {
 ///
 /// # Errors
 /// Those of [`CameraFile::read`] and [`CameraFile::cameras`].
-pub fn read_cameras(path: &Path) -> Result<Vec<CameraEntry>, CameraFileError> {
+pub fn read_cameras(path: &Path) -> Result<Vec<CameraEntry>, Error> {
     CameraFile::read(path)?.cameras(None)
 }
 
 /// The entries of a `cameras.json`.
-fn listed(path: &Path, entries: Vec<Value>) -> Result<Vec<CameraEntry>, CameraFileError> {
+fn listed(path: &Path, entries: Vec<Value>) -> Result<Vec<CameraEntry>, Error> {
     entries
         .into_iter()
         .enumerate()
@@ -196,7 +151,7 @@ fn listed(path: &Path, entries: Vec<Value>) -> Result<Vec<CameraEntry>, CameraFi
             serde_json::from_value(entry)
                 .map_err(|error| error.to_string())
                 .and_then(|entry| checked(index, entry))
-                .map_err(|what| CameraFileError::Entry {
+                .map_err(|what| Error::Camera {
                     path: path.to_path_buf(),
                     index,
                     name,
@@ -210,22 +165,19 @@ fn listed(path: &Path, entries: Vec<Value>) -> Result<Vec<CameraEntry>, CameraFi
 ///
 /// # Errors
 /// When a camera would be refused by [`read_cameras`], or the file can't be written.
-pub fn write_cameras(path: &Path, cameras: &[CameraEntry]) -> Result<(), CameraFileError> {
+pub fn write_cameras(path: &Path, cameras: &[CameraEntry]) -> Result<(), Error> {
     let text = cameras_text(path, cameras)?;
     crate::video::write_whole(path, |file| file.write_all(&text))
-        .map_err(|source| not_written(path, source))
+        .map_err(|source| Error::io(path, WRITE, source))
 }
 
 /// What [`write_cameras`] writes to `path`.
-pub(crate) fn cameras_text(
-    path: &Path,
-    cameras: &[CameraEntry],
-) -> Result<Vec<u8>, CameraFileError> {
+pub(crate) fn cameras_text(path: &Path, cameras: &[CameraEntry]) -> Result<Vec<u8>, Error> {
     let entries = cameras
         .iter()
         .enumerate()
         .map(|(index, entry)| {
-            let refused = |what| CameraFileError::Entry {
+            let refused = |what| Error::Camera {
                 path: path.to_path_buf(),
                 index,
                 name: format!(" ({})", entry.img_name),
@@ -234,18 +186,11 @@ pub(crate) fn cameras_text(
             checked(index, json_camera(entry)).map_err(refused)?;
             Ok(json_camera(entry))
         })
-        .collect::<Result<Vec<_>, CameraFileError>>()?;
-    let mut text = serde_json::to_vec_pretty(&entries).map_err(|e| not_written(path, e.into()))?;
+        .collect::<Result<Vec<_>, Error>>()?;
+    let mut text =
+        serde_json::to_vec_pretty(&entries).map_err(|e| Error::io(path, WRITE, e.into()))?;
     text.push(b'\n');
     Ok(text)
-}
-
-fn not_written(path: &Path, source: std::io::Error) -> CameraFileError {
-    CameraFileError::Io {
-        path: path.to_path_buf(),
-        action: "write it",
-        source,
-    }
 }
 
 fn json_camera(entry: &CameraEntry) -> JsonCamera {

@@ -6,26 +6,26 @@ use std::sync::OnceLock;
 
 use burn::tensor::{Device, Tensor};
 
-use crate::TrainError;
+use crate::Error;
 
 /// A device as the user names it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum DeviceChoice {
-    /// A GPU that computes where there is one, else the CPU; never a GPU that software plays.
+    /// A real GPU where there is one, else the CPU; never a GPU emulated in software.
     #[default]
     Auto,
     /// The CPU through `burn-ndarray`.
     NdArray,
     /// The CPU through `burn-flex`.
     Flex,
-    /// A GPU through wgpu, or where there is none what plays one in software.
+    /// A GPU through wgpu, emulated in software where there is none.
     Wgpu,
     /// The NVIDIA GPU with this index.
     Cuda(usize),
 }
 
 impl DeviceChoice {
-    /// The choice with [`DeviceChoice::Auto`] replaced by what it stands for on this machine.
+    /// The choice, with [`DeviceChoice::Auto`] replaced by this machine's device.
     pub fn resolved(self) -> Self {
         static AUTO: OnceLock<DeviceChoice> = OnceLock::new();
         match self {
@@ -47,9 +47,9 @@ impl DeviceChoice {
     /// The device itself.
     ///
     /// # Errors
-    /// [`TrainError::Device`] when this build has no backend for it, or this machine no such
+    /// [`Error::Device`] when this build has no backend for it, or this machine no such
     /// device.
-    pub fn device(self) -> Result<Device, TrainError> {
+    pub fn device(self) -> Result<Device, Error> {
         let found = match self.resolved() {
             #[cfg(feature = "flex")]
             Self::Flex => return Ok(Device::flex()),
@@ -74,7 +74,7 @@ impl DeviceChoice {
             }
             missing => format!("a build without the feature `{}`", missing.feature()),
         };
-        Err(TrainError::Device {
+        Err(Error::Device {
             device: self,
             found,
         })

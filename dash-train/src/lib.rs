@@ -1,16 +1,16 @@
 //! Datasets, losses, training, evaluation, and the `dash` command line.
 //!
 //! # Map
-//! - `dataset`, `ply`: readers for camera rigs' folders; `cameras`: camera files and paths.
+//! - `dataset`, `ply`: readers for datasets; `cameras`: camera files and paths.
 //! - `prepare`: datasets from recordings of a rig.
-//! - `synth`: ray-traced scenes with exact truth.
+//! - `synth`: ray-traced datasets with exact poses and motion masks.
 //! - `train`: configuration, stages, losses, density control, checkpoints, runs on disk.
 //! - `reconstruct`: a whole run in one call; `quickstart`: one on a synthetic scene.
-//! - `stress`: extreme inputs for all of it.
+//! - `stress`: extreme inputs for every operation and for training.
 //! - `doctor`: what is wrong with a dataset, and how to mend it.
-//! - `compare`: other methods on the same data, at the same cost.
-//! - `process`: what a program sets up first; `device`: devices by name; `evaluate`: `results.json`; `render`: pictures of a scene.
-//! - `bench`: errors and times of kernels; `report`: what was measured, as a page, CSV and PNG.
+//! - `compare`: methods on the same data at the same cost.
+//! - `process`: set-up and memory of the process; `device`: devices by name; `evaluate`: scores of a scene; `results`: scores of a run, its `results.json`; `render`: pictures of a scene.
+//! - `bench`: errors and times of kernels; `report`: measurements as a page, CSV and PNG.
 //! - `metrics`: picture quality; `video`: pictures and videos on disk.
 //!
 //! # Features
@@ -34,6 +34,7 @@ pub mod evaluate;
 #[doc(hidden)]
 pub mod fuzzing;
 pub mod metrics;
+mod numbers;
 pub mod ply;
 pub mod prepare;
 pub mod process;
@@ -41,12 +42,13 @@ pub mod quickstart;
 pub mod reconstruct;
 pub mod render;
 pub mod report;
+pub mod results;
 pub mod stress;
 pub mod synth;
 pub mod train;
 pub mod video;
 
-pub use error::TrainError;
+pub use error::Error;
 
 #[cfg(doctest)]
 #[doc = include_str!("../README.md")]

@@ -1,12 +1,13 @@
-//! What a program that trains or renders sets up first.
+//! The process: what a program sets up before it trains or renders, and the memory it has taken.
 
-/// Prepares the process for training and rendering: call it first in `main`. The allocator keeps what is freed: a
-/// training step takes and gives back gradients as large as the hash tables, and clearing their pages anew each time
-/// can cost more than the step. And where Linux runs without a session, Mesa's layer for choosing among GPUs is left
-/// out, which writes an error about that to stderr whenever GPUs are looked for.
+/// Prepares the process for training and rendering: call it first in `main`.
 ///
-/// Both change what all threads share, so where there is a second thread nothing is done; nor on other systems than Linux, and
-/// to the allocator only where it is glibc's.
+/// The allocator keeps what is freed. A training step takes and returns gradients as large as the hash tables, and
+/// clearing their pages anew each time can cost more than the step. Where Linux runs without a session, Mesa's
+/// layer for choosing among GPUs is left out: it writes an error about that to stderr whenever GPUs are looked for.
+///
+/// Both change what all threads share, so nothing happens once there is a second thread, nor on other systems
+/// than Linux; the allocator changes only where it is glibc's.
 pub fn prepare() {
     #[cfg(target_os = "linux")]
     if is_alone() {
@@ -45,6 +46,22 @@ fn quieten_vulkan() {
         // SAFETY: there is no second thread that could read the environment.
         unsafe { std::env::set_var("NODEVICE_SELECT", "1") };
     }
+}
+
+/// Has [`peak_memory_bytes`] begin anew, as far as the system lets it.
+pub fn reset_peak_memory() {
+    // Where there is no such file, the peak is not known either.
+    let _ = std::fs::write("/proc/self/clear_refs", "5");
+}
+
+/// The most resident memory that this process has had; `None` where the system does not say.
+pub fn peak_memory_bytes() -> Option<u64> {
+    let status = std::fs::read_to_string("/proc/self/status").ok()?;
+    let line = status
+        .lines()
+        .find_map(|line| line.strip_prefix("VmHWM:"))?;
+    let kibibytes: u64 = line.trim().strip_suffix("kB")?.trim().parse().ok()?;
+    Some(kibibytes * 1024)
 }
 
 #[cfg(test)]

@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use crate::TrainError;
+use crate::Error;
 use crate::dataset::Split;
 use crate::device::DeviceChoice;
 use crate::reconstruct::{ReconstructConfig, Reconstruction, reconstruct};
@@ -49,7 +49,7 @@ pub fn quickstart(
     out: &Path,
     config: &QuickstartConfig,
     on_step: &mut dyn FnMut(&StepReport, f64),
-) -> Result<Reconstruction, TrainError> {
+) -> Result<Reconstruction, Error> {
     let data = out.join("data");
     let clip = SynthConfig {
         scene: config.scene,
@@ -68,7 +68,7 @@ pub fn quickstart(
 }
 
 /// Pictures of the test views by layer, an overview and a video.
-fn show(done: &Reconstruction) -> Result<(), TrainError> {
+fn show(done: &Reconstruction) -> Result<(), Error> {
     let (scene, root) = (&done.scene, done.run.root());
     let layers = [
         PictureLayer::Full,

@@ -5,10 +5,11 @@ use std::sync::Arc;
 
 use dash_model::DynamicScene;
 
-use crate::TrainError;
+use crate::Error;
 use crate::dataset::{self, Dataset, Layout, Split};
 use crate::device::DeviceChoice;
-use crate::evaluate::{Evaluation, Process, Results, evaluate_run};
+use crate::evaluate::Evaluation;
+use crate::results::{Process, Results, evaluate_run};
 use crate::train::{
     DataConfig, Preset, RunConfig, RunFolder, StepReport, TrainConfig, TrainOptions, train,
 };
@@ -73,10 +74,10 @@ pub fn reconstruct(
     run: &Path,
     config: &ReconstructConfig,
     on_step: &mut dyn FnMut(&StepReport, f64),
-) -> Result<Reconstruction, TrainError> {
+) -> Result<Reconstruction, Error> {
     let choice = config.device.resolved();
     let (device, name) = (choice.device()?, choice.to_string());
-    let folder = std::path::absolute(dataset).map_err(|e| TrainError::io(dataset, "find", e))?;
+    let folder = std::path::absolute(dataset).map_err(|e| Error::io(dataset, "find", e))?;
     let data = DataConfig {
         dataset: folder,
         layout: config.layout,

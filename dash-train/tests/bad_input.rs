@@ -2,7 +2,7 @@
 
 mod common;
 
-use common::{Bench, TINY, text};
+use common::{Scratch, TINY, text};
 
 /// `dash train` on `room`, which must fail before `run` is made; short, should it not.
 const TRAIN: [&str; 6] = ["train", "room", "--out", "run", "--iterations", "1"];
@@ -19,13 +19,13 @@ fn npy(shape: &str, values: &[f64]) -> Vec<u8> {
 
 #[test]
 fn missing_files() {
-    let bench = Bench::new();
-    bench.fails(&["train", "nowhere", "--out", "run"], "nowhere");
-    bench.fails(&["info", "nowhere"], "nowhere");
-    bench.fails(&["info", "nowhere.ply"], "nowhere.ply");
-    bench.fails(&["eval", "nowhere"], "nowhere");
-    bench.fails(&["render", "nowhere", "--out", "out"], "nowhere");
-    bench.fails(
+    let scratch = Scratch::new();
+    scratch.fails(&["train", "nowhere", "--out", "run"], "nowhere");
+    scratch.fails(&["info", "nowhere"], "nowhere");
+    scratch.fails(&["info", "nowhere.ply"], "nowhere.ply");
+    scratch.fails(&["eval", "nowhere"], "nowhere");
+    scratch.fails(&["render", "nowhere", "--out", "out"], "nowhere");
+    scratch.fails(
         &[
             "render",
             "nowhere.ply",
@@ -36,39 +36,39 @@ fn missing_files() {
         ],
         "nowhere.ply",
     );
-    bench.fails(
+    scratch.fails(
         &["export", "nowhere", "--time", "0", "--out", "a.ply"],
         "nowhere",
     );
-    bench.fails(&["train", "nowhere", "--out", "run", "--resume"], "run");
-    bench.fails(
+    scratch.fails(&["train", "nowhere", "--out", "run", "--resume"], "run");
+    scratch.fails(
         &["train", "nowhere", "--out", "run", "--config", "c.toml"],
         "c.toml",
     );
-    bench.write("empty/readme.txt", "nothing here");
-    bench.fails(&["train", "empty", "--out", "run"], "empty");
+    scratch.write("empty/readme.txt", "nothing here");
+    scratch.fails(&["train", "empty", "--out", "run"], "empty");
 }
 
 #[test]
 fn damaged_poses_of_n3dv() {
-    let bench = Bench::with_room("n3dv");
-    let whole = bench.read("room/poses_bounds.npy");
+    let scratch = Scratch::with_room("n3dv");
+    let whole = scratch.read("room/poses_bounds.npy");
     for share in [0.0, 0.02, 0.3, 0.9] {
-        bench.truncate("room/poses_bounds.npy", share);
-        bench.fails(&TRAIN, "poses_bounds.npy");
-        bench.write("room/poses_bounds.npy", &whole);
+        scratch.truncate("room/poses_bounds.npy", share);
+        scratch.fails(&TRAIN, "poses_bounds.npy");
+        scratch.write("room/poses_bounds.npy", &whole);
     }
     let poses: Vec<f64> = whole[whole.len() - 4 * 17 * 8..]
         .chunks_exact(8)
         .map(|bytes| f64::from_le_bytes(bytes.try_into().expect("8 bytes")))
         .collect();
-    bench.write("room/poses_bounds.npy", npy("(4, 17)", &poses));
-    bench.ok(&["info", "room"]);
+    scratch.write("room/poses_bounds.npy", npy("(4, 17)", &poses));
+    scratch.ok(&["info", "room"]);
     for bad in [f64::NAN, f64::INFINITY] {
         let mut broken = poses.clone();
         broken[5] = bad;
-        bench.write("room/poses_bounds.npy", npy("(4, 17)", &broken));
-        bench.fails(&TRAIN, "poses_bounds.npy");
+        scratch.write("room/poses_bounds.npy", npy("(4, 17)", &broken));
+        scratch.fails(&TRAIN, "poses_bounds.npy");
     }
     for (shape, n) in [
         ("(4, 16)", 64),
@@ -76,74 +76,74 @@ fn damaged_poses_of_n3dv() {
         ("(3, 17)", 51),
         ("(0, 17)", 0),
     ] {
-        bench.write("room/poses_bounds.npy", npy(shape, &poses[..n]));
-        bench.fails(&TRAIN, "room");
+        scratch.write("room/poses_bounds.npy", npy(shape, &poses[..n]));
+        scratch.fails(&TRAIN, "room");
     }
-    bench.write("room/poses_bounds.npy", npy("(99999999999, 17)", &poses));
-    bench.fails(&TRAIN, "poses_bounds.npy");
+    scratch.write("room/poses_bounds.npy", npy("(99999999999, 17)", &poses));
+    scratch.fails(&TRAIN, "poses_bounds.npy");
 }
 
 #[test]
 fn damaged_pictures_and_points() {
-    let bench = Bench::with_room("n3dv");
+    let scratch = Scratch::with_room("n3dv");
     let picture = "room/cam01/images/0001.png";
-    let whole = bench.read(picture);
-    bench.truncate(picture, 0.5);
-    bench.fails(&TRAIN, "0001.png");
-    bench.write(picture, "not a picture");
-    bench.fails(&TRAIN, "0001.png");
+    let whole = scratch.read(picture);
+    scratch.truncate(picture, 0.5);
+    scratch.fails(&TRAIN, "0001.png");
+    scratch.write(picture, "not a picture");
+    scratch.fails(&TRAIN, "0001.png");
     image::RgbImage::new(31, 24)
-        .save(bench.path(picture))
+        .save(scratch.path(picture))
         .expect("saved");
-    bench.fails(&TRAIN, "0001.png");
-    bench.write(picture, whole);
-    bench.ok(&["info", "room"]);
+    scratch.fails(&TRAIN, "0001.png");
+    scratch.write(picture, whole);
+    scratch.ok(&["info", "room"]);
     for share in [0.0, 0.01, 0.6] {
-        let points = bench.read("room/points3D_downsample2.ply");
-        bench.truncate("room/points3D_downsample2.ply", share);
-        bench.fails(&TRAIN, "points3D_downsample2.ply");
-        bench.fails(
+        let points = scratch.read("room/points3D_downsample2.ply");
+        scratch.truncate("room/points3D_downsample2.ply", share);
+        scratch.fails(&TRAIN, "points3D_downsample2.ply");
+        scratch.fails(
             &["info", "room/points3D_downsample2.ply"],
             "points3D_downsample2.ply",
         );
-        bench.write("room/points3D_downsample2.ply", points);
+        scratch.write("room/points3D_downsample2.ply", points);
     }
 }
 
 #[test]
 fn zero_frames_and_one_camera() {
-    let bench = Bench::with_room("n3dv");
+    let scratch = Scratch::with_room("n3dv");
     for camera in 0..4 {
         for frame in 0..3 {
-            let path = bench.path(&format!("room/cam{camera:02}/images/{frame:04}.png"));
+            let path = scratch.path(&format!("room/cam{camera:02}/images/{frame:04}.png"));
             std::fs::remove_file(path).expect("removed");
         }
     }
-    bench.fails(&TRAIN, "cam00");
+    scratch.fails(&TRAIN, "cam00");
 
-    let bench = Bench::with_room("n3dv");
+    let scratch = Scratch::with_room("n3dv");
     for camera in 1..4 {
-        std::fs::remove_dir_all(bench.path(&format!("room/cam{camera:02}"))).expect("removed");
+        std::fs::remove_dir_all(scratch.path(&format!("room/cam{camera:02}"))).expect("removed");
     }
-    bench.fails(&TRAIN, "room");
-    let whole = bench.read("room/poses_bounds.npy");
+    scratch.fails(&TRAIN, "room");
+    let whole = scratch.read("room/poses_bounds.npy");
     let first: Vec<f64> = whole[whole.len() - 4 * 17 * 8..][..17 * 8]
         .chunks_exact(8)
         .map(|bytes| f64::from_le_bytes(bytes.try_into().expect("8 bytes")))
         .collect();
-    bench.write("room/poses_bounds.npy", npy("(1, 17)", &first));
-    bench.fails(&[&TRAIN[..], &["--test-cameras", "0"]].concat(), "camera");
+    scratch.write("room/poses_bounds.npy", npy("(1, 17)", &first));
+    scratch.fails(&[&TRAIN[..], &["--test-cameras", "0"]].concat(), "camera");
 }
 
 #[test]
 fn damaged_transforms() {
-    let bench = Bench::with_room("blender");
+    let scratch = Scratch::with_room("blender");
     let path = "room/transforms_train.json";
-    let whole = common::text(&bench.read(path));
+    let whole = common::text(&scratch.read(path));
     for share in [0.0, 0.5, 0.99] {
-        bench.truncate(path, share);
-        bench.fails(&TRAIN, "transforms_train.json");
-        bench.write(path, &whole);
+        scratch.truncate(path, share);
+        scratch.fails(&TRAIN, "transforms_train.json");
+        scratch.write(path, &whole);
     }
     for (from, to) in [
         ("transform_matrix", "matrix"),
@@ -152,19 +152,19 @@ fn damaged_transforms() {
         ("r_0001", "r_9999"),
     ] {
         assert!(whole.contains(from), "{from} in {whole}");
-        bench.write(path, whole.replace(from, to));
-        bench.fails(&TRAIN, "room");
+        scratch.write(path, whole.replace(from, to));
+        scratch.fails(&TRAIN, "room");
     }
-    bench.write(path, r#"{"camera_angle_x": 0.8, "frames": []}"#);
-    bench.fails(&TRAIN, "transforms_train.json");
+    scratch.write(path, r#"{"camera_angle_x": 0.8, "frames": []}"#);
+    scratch.fails(&TRAIN, "transforms_train.json");
 }
 
 #[test]
 fn damaged_colmap_models() {
-    let bench = Bench::new();
+    let scratch = Scratch::new();
     let files = colmap_model();
     for image in 0..3 {
-        let path = bench.path(&format!("room/images/{image}.png"));
+        let path = scratch.path(&format!("room/images/{image}.png"));
         std::fs::create_dir_all(path.parent().expect("a parent")).expect("made");
         image::RgbImage::from_fn(16, 12, |x, y| image::Rgb([x as u8 * 9, y as u8 * 9, 50]))
             .save(path)
@@ -172,15 +172,15 @@ fn damaged_colmap_models() {
     }
     let restore = || {
         for (name, bytes) in &files {
-            bench.write(&format!("room/sparse/0/{name}"), bytes);
+            scratch.write(&format!("room/sparse/0/{name}"), bytes);
         }
     };
     restore();
-    bench.ok(&["info", "room"]);
+    scratch.ok(&["info", "room"]);
     for (name, _) in &files {
         for share in [0.0, 0.2, 0.7, 0.97] {
-            bench.truncate(&format!("room/sparse/0/{name}"), share);
-            bench.fails(&TRAIN, name);
+            scratch.truncate(&format!("room/sparse/0/{name}"), share);
+            scratch.fails(&TRAIN, name);
             restore();
         }
     }
@@ -188,14 +188,14 @@ fn damaged_colmap_models() {
     for (name, bytes) in &files {
         let mut huge = bytes.clone();
         huge[..8].copy_from_slice(&(u64::MAX / 2).to_le_bytes());
-        bench.write(&format!("room/sparse/0/{name}"), huge);
-        bench.fails(&TRAIN, name);
+        scratch.write(&format!("room/sparse/0/{name}"), huge);
+        scratch.fails(&TRAIN, name);
         restore();
     }
     let mut broken = files[1].1.clone();
     broken[12..20].copy_from_slice(&f64::NAN.to_le_bytes());
-    bench.write("room/sparse/0/images.bin", broken);
-    bench.fails(&TRAIN, "images.bin");
+    scratch.write("room/sparse/0/images.bin", broken);
+    scratch.fails(&TRAIN, "images.bin");
 }
 
 /// Three images of one pinhole camera, and two points.
@@ -239,14 +239,14 @@ fn colmap_model() -> [(&'static str, Vec<u8>); 3] {
 
 #[test]
 fn folders_that_cannot_be_written() {
-    let bench = Bench::with_room("n3dv");
-    bench.train("done");
-    bench.write("file", "not a folder");
+    let scratch = Scratch::with_room("n3dv");
+    scratch.train("done");
+    scratch.write("file", "not a folder");
     for (folder, place) in [("file", "file/run"), ("/proc", "/proc/run")] {
-        bench.fails(&["synth", place], folder);
-        bench.fails(&["train", "room", "--out", place], place);
-        bench.fails(&["render", "done", "--out", place], place);
-        bench.fails(
+        scratch.fails(&["synth", place], folder);
+        scratch.fails(&["train", "room", "--out", place], place);
+        scratch.fails(&["render", "done", "--out", place], place);
+        scratch.fails(
             &[
                 "render",
                 "done",
@@ -257,7 +257,7 @@ fn folders_that_cannot_be_written() {
             ],
             place,
         );
-        bench.fails(
+        scratch.fails(
             &[
                 "export",
                 "done",
@@ -269,12 +269,12 @@ fn folders_that_cannot_be_written() {
             place,
         );
     }
-    bench.fails(&["train", "room", "--out", "done"], "done");
-    bench.fails(&["train", "room", "--out", "file"], "file");
-    bench.write("out/full/mine.txt", "kept");
-    bench.fails(&["render", "done", "--out", "out"], "out/full");
-    bench.write("mine/cameras.json", "kept");
-    bench.fails(
+    scratch.fails(&["train", "room", "--out", "done"], "done");
+    scratch.fails(&["train", "room", "--out", "file"], "file");
+    scratch.write("out/full/mine.txt", "kept");
+    scratch.fails(&["render", "done", "--out", "out"], "out/full");
+    scratch.write("mine/cameras.json", "kept");
+    scratch.fails(
         &["render", "done", "--out", "mine"],
         "mine/cameras.json: expected no such file",
     );
@@ -282,10 +282,10 @@ fn folders_that_cannot_be_written() {
 
 #[test]
 fn datasets_that_change_under_a_run() {
-    let bench = Bench::with_room("n3dv");
-    bench.train("run");
+    let scratch = Scratch::with_room("n3dv");
+    scratch.train("run");
     let frame = |camera: usize, frame: usize| {
-        bench.path(&format!("room/cam{camera:02}/images/{frame:04}.png"))
+        scratch.path(&format!("room/cam{camera:02}/images/{frame:04}.png"))
     };
     let resume = ["train", "room", "--out", "run", "--resume"];
     for camera in 0..4 {
@@ -293,11 +293,11 @@ fn datasets_that_change_under_a_run() {
             std::fs::rename(frame(camera, place), frame(camera, place + 1)).expect("renamed");
         }
     }
-    bench.fails(&resume, "found 12 of which some have another name");
+    scratch.fails(&resume, "found 12 of which some have another name");
     for camera in 0..4 {
         std::fs::remove_file(frame(camera, 3)).expect("removed");
     }
-    bench.fails(
+    scratch.fails(
         &resume,
         "room: expected the 12 views that the run was begun with, found 8; the dataset was changed",
     );
@@ -305,8 +305,8 @@ fn datasets_that_change_under_a_run() {
 
 #[test]
 fn damaged_runs() {
-    let bench = Bench::with_room("n3dv");
-    bench.train("run");
+    let scratch = Scratch::with_room("n3dv");
+    scratch.train("run");
     let commands: [&[&str]; 4] = [
         &["eval", "run"],
         &["render", "run", "--out", "out"],
@@ -318,19 +318,19 @@ fn damaged_runs() {
         ("scene/scene.safetensors", [0.01, 0.9]),
     ] {
         let path = format!("run/{file}");
-        let whole = bench.read(&path);
+        let whole = scratch.read(&path);
         for share in shares {
-            bench.truncate(&path, share);
+            scratch.truncate(&path, share);
             for command in commands {
-                bench.fails(command, file);
+                scratch.fails(command, file);
             }
         }
-        bench.write(&path, whole);
+        scratch.write(&path, whole);
     }
-    let whole = bench.read("run/config.toml");
-    bench.truncate("run/config.toml", 0.5);
-    bench.fails(&["eval", "run"], "config.toml");
-    bench.fails(
+    let whole = scratch.read("run/config.toml");
+    scratch.truncate("run/config.toml", 0.5);
+    scratch.fails(&["eval", "run"], "config.toml");
+    scratch.fails(
         &["train", "room", "--out", "run", "--resume"],
         "config.toml",
     );
@@ -342,32 +342,32 @@ fn damaged_runs() {
             .into_iter()
             .flatten()
         {
-            bench.write("run/config.toml", &whole[..end]);
-            bench.fails(&["info", "run"], "config.toml");
+            scratch.write("run/config.toml", &whole[..end]);
+            scratch.fails(&["info", "run"], "config.toml");
         }
     }
     for gone in 1..4 {
-        bench.write("run/config.toml", &whole[..whole.len() - gone]);
-        bench.fails(&["info", "run"], "config.toml");
+        scratch.write("run/config.toml", &whole[..whole.len() - gone]);
+        scratch.fails(&["info", "run"], "config.toml");
     }
-    bench.write("run/config.toml", whole);
+    scratch.write("run/config.toml", whole);
 
     let resume = ["train", "room", "--out", "run", "--resume"];
-    bench.truncate("run/checkpoints/000030/optimizer.safetensors", 0.5);
+    scratch.truncate("run/checkpoints/000030/optimizer.safetensors", 0.5);
     for part in [
         "run/checkpoints/000030: expected a complete checkpoint, found optimizer.safetensors: ",
         "; remove its folder to go back to the one before",
     ] {
-        bench.fails(&resume, part);
+        scratch.fails(&resume, part);
     }
-    std::fs::remove_file(bench.path("run/checkpoints/000030/scene/scene.json")).expect("removed");
-    bench.fails(
+    std::fs::remove_file(scratch.path("run/checkpoints/000030/scene/scene.json")).expect("removed");
+    scratch.fails(
         &resume,
         "000030: expected a complete checkpoint, found scene/scene.json: no such file",
     );
-    std::fs::remove_dir_all(bench.path("run/checkpoints/000030")).expect("removed");
+    std::fs::remove_dir_all(scratch.path("run/checkpoints/000030")).expect("removed");
     let path = "run/checkpoints/000020/state.json";
-    let whole = bench.read(path);
+    let whole = scratch.read(path);
     for (list, claim, complaint) in [
         ("\"left\":[", "4000000000", "view 4000000000"),
         ("\"held_still\":[", "true", "marks of static Gaussians"),
@@ -375,30 +375,30 @@ fn damaged_runs() {
         let state = text(&whole);
         let start = state.find(list).expect("a list") + list.len();
         let end = start + state[start..].find(']').expect("its end");
-        bench.write(path, format!("{}{claim}{}", &state[..start], &state[end..]));
-        bench.fails(&["train", "room", "--out", "run", "--resume"], complaint);
+        scratch.write(path, format!("{}{claim}{}", &state[..start], &state[end..]));
+        scratch.fails(&["train", "room", "--out", "run", "--resume"], complaint);
     }
-    bench.write(path, whole);
-    bench.truncate("run/checkpoints/000020/optimizer.safetensors", 0.5);
-    bench.fails(&resume, "optimizer.safetensors");
-    bench.fails(&resume, "remove its folder to begin the run again");
-    bench.truncate("run/checkpoints/000020/state.json", 0.5);
-    bench.fails(&["train", "room", "--out", "run", "--resume"], "state.json");
+    scratch.write(path, whole);
+    scratch.truncate("run/checkpoints/000020/optimizer.safetensors", 0.5);
+    scratch.fails(&resume, "optimizer.safetensors");
+    scratch.fails(&resume, "remove its folder to begin the run again");
+    scratch.truncate("run/checkpoints/000020/state.json", 0.5);
+    scratch.fails(&["train", "room", "--out", "run", "--resume"], "state.json");
 
-    std::fs::remove_file(bench.path("run/scene/scene.json")).expect("removed");
-    bench.fails(&["eval", "run"], "run");
-    std::fs::remove_dir_all(bench.path("room")).expect("removed");
-    bench.fails(&["train", "room", "--out", "run", "--resume"], "room");
+    std::fs::remove_file(scratch.path("run/scene/scene.json")).expect("removed");
+    scratch.fails(&["eval", "run"], "run");
+    std::fs::remove_dir_all(scratch.path("room")).expect("removed");
+    scratch.fails(&["train", "room", "--out", "run", "--resume"], "room");
 }
 
 #[test]
 fn damaged_camera_files_and_exported_scenes() {
-    let bench = Bench::with_room("n3dv");
-    bench.train("run");
-    bench.ok(&["export", "run", "--time", "0", "--out", "a.ply"]);
+    let scratch = Scratch::with_room("n3dv");
+    scratch.train("run");
+    scratch.ok(&["export", "run", "--time", "0", "--out", "a.ply"]);
     let good = r#"[{"id": 0, "img_name": "a", "width": 16, "height": 12, "position": [0, 1, 4],
         "rotation": [[1, 0, 0], [0, -1, 0], [0, 0, -1]], "fx": 20, "fy": 20}]"#;
-    bench.write("c.json", good);
+    scratch.write("c.json", good);
     let render = ["render", "a.ply", "--cameras", "c.json", "--out", "out"];
     for (from, to) in [
         ("20}]", "20"),
@@ -415,60 +415,60 @@ fn damaged_camera_files_and_exported_scenes() {
     ] {
         let bad = good.replace(from, to);
         assert_ne!(bad, good, "{from}");
-        bench.write("c.json", bad);
-        bench.fails(&render, "c.json");
+        scratch.write("c.json", bad);
+        scratch.fails(&render, "c.json");
     }
-    bench.write("c.json", good);
-    let whole = bench.read("a.ply");
+    scratch.write("c.json", good);
+    let whole = scratch.read("a.ply");
     for share in [0.0, 0.01, 0.5, 0.999] {
-        bench.truncate("a.ply", share);
-        bench.fails(&render, "a.ply");
-        bench.fails(&["info", "a.ply"], "a.ply");
-        bench.write("a.ply", &whole);
+        scratch.truncate("a.ply", share);
+        scratch.fails(&render, "a.ply");
+        scratch.fails(&["info", "a.ply"], "a.ply");
+        scratch.write("a.ply", &whole);
     }
-    bench.ok(&render);
+    scratch.ok(&render);
 }
 
 #[test]
 fn ffmpeg_is_missing() {
-    let bench = Bench::with_room("n3dv");
-    bench.train("run");
+    let scratch = Scratch::with_room("n3dv");
+    scratch.train("run");
     let without = |args: &[&str]| {
-        let mut command = bench.command(args);
+        let mut command = scratch.command(args);
         command.env("PATH", "");
         command
     };
-    bench.fails_as(without(&["synth", "clip", "--video"]), "ffmpeg");
-    bench.fails_as(
+    scratch.fails_as(without(&["synth", "clip", "--video"]), "ffmpeg");
+    scratch.fails_as(
         without(&["render", "run", "--frames", "2", "--out", "clip.mp4"]),
         "ffmpeg",
     );
     for camera in 0..4 {
-        std::fs::remove_dir_all(bench.path(&format!("room/cam{camera:02}"))).expect("removed");
-        bench.write(&format!("room/cam{camera:02}.mp4"), "no video either");
+        std::fs::remove_dir_all(scratch.path(&format!("room/cam{camera:02}"))).expect("removed");
+        scratch.write(&format!("room/cam{camera:02}.mp4"), "no video either");
     }
-    bench.fails_as(without(&["train", "room", "--out", "again"]), "ffmpeg");
+    scratch.fails_as(without(&["train", "room", "--out", "again"]), "ffmpeg");
 }
 
 #[test]
 fn options_that_do_not_fit_the_data() {
-    let bench = Bench::with_room("n3dv");
-    bench.fails(
+    let scratch = Scratch::with_room("n3dv");
+    scratch.fails(
         &[&TRAIN[..], &["--test-cameras", "9"]].concat(),
         "--test-cameras",
     );
-    bench.fails(
+    scratch.fails(
         &[&TRAIN[..], &["--test-cameras", "0,1,2,3"]].concat(),
         "room",
     );
-    bench.fails(&[&TRAIN[..], &["--memory", "1kB"]].concat(), "--memory");
-    bench.fails(&[&TRAIN[..], &["--frames", "7-9"]].concat(), "--frames");
-    bench.fails(&[&TRAIN[..], &["--layout", "colmap"]].concat(), "room");
-    bench.fails(&[&TRAIN[..], &["--device", "cuda:99"]].concat(), "cuda:99");
-    bench.write("c.toml", "[loss]\ndsim = 1\n");
-    bench.fails(&[&TRAIN[..], &["--config", "c.toml"]].concat(), "c.toml");
-    bench.write("c.toml", "[loss\n");
-    bench.fails(&[&TRAIN[..], &["--config", "c.toml"]].concat(), "c.toml");
+    scratch.fails(&[&TRAIN[..], &["--memory", "1kB"]].concat(), "--memory");
+    scratch.fails(&[&TRAIN[..], &["--frames", "7-9"]].concat(), "--frames");
+    scratch.fails(&[&TRAIN[..], &["--layout", "colmap"]].concat(), "room");
+    scratch.fails(&[&TRAIN[..], &["--device", "cuda:99"]].concat(), "cuda:99");
+    scratch.write("c.toml", "[loss]\ndsim = 1\n");
+    scratch.fails(&[&TRAIN[..], &["--config", "c.toml"]].concat(), "c.toml");
+    scratch.write("c.toml", "[loss\n");
+    scratch.fails(&[&TRAIN[..], &["--config", "c.toml"]].concat(), "c.toml");
     let args = [
         "train",
         "room",
@@ -479,18 +479,18 @@ fn options_that_do_not_fit_the_data() {
         "--iterations",
         "5",
     ];
-    bench.ok(&[&args[..], &TINY[..]].concat());
-    bench.fails(&["eval", "run"], "test");
-    bench.fails(&["render", "run", "--out", "out"], "test views");
+    scratch.ok(&[&args[..], &TINY[..]].concat());
+    scratch.fails(&["eval", "run"], "test");
+    scratch.fails(&["render", "run", "--out", "out"], "test views");
 }
 
 #[test]
 fn broken_images_are_left_out_where_asked() {
-    let bench = Bench::with_room("technicolor");
+    let scratch = Scratch::with_room("technicolor");
     let name = "Synth_undist_00001_02.png";
-    bench.write(&format!("room/{name}"), "damaged");
-    bench.fails(&TRAIN, name);
-    bench.ok(&[&TRAIN[..], &TINY, &["--skip-broken"]].concat());
-    let config = String::from_utf8_lossy(&bench.read("run/config.toml")).into_owned();
+    scratch.write(&format!("room/{name}"), "damaged");
+    scratch.fails(&TRAIN, name);
+    scratch.ok(&[&TRAIN[..], &TINY, &["--skip-broken"]].concat());
+    let config = String::from_utf8_lossy(&scratch.read("run/config.toml")).into_owned();
     assert!(config.contains("skip_broken = true"), "{config}");
 }

@@ -2,7 +2,7 @@
 
 mod common;
 
-use common::{Bench, TINY, text};
+use common::{Scratch, TINY, text};
 use serde_json::Value;
 
 const KEYS: [&str; 22] = [
@@ -30,28 +30,28 @@ const KEYS: [&str; 22] = [
     "split",
 ];
 
-fn results(bench: &Bench, run: &str) -> Value {
-    serde_json::from_slice(&bench.read(&format!("{run}/results.json"))).expect("JSON")
+fn results(scratch: &Scratch, run: &str) -> Value {
+    serde_json::from_slice(&scratch.read(&format!("{run}/results.json"))).expect("JSON")
 }
 
 #[test]
 fn a_run_holds_what_the_design_says_and_eval_finds_it_again() {
-    let bench = Bench::with_room("n3dv");
-    let about = bench.ok(&["info", "room"]);
+    let scratch = Scratch::with_room("n3dv");
+    let about = scratch.ok(&["info", "room"]);
     for part in ["n3dv", "32x24", "9 to train on, 3 to test", "cam00"] {
         assert!(about.contains(part), "{part} in {about}");
     }
-    bench.train("run");
+    scratch.train("run");
     for file in [
         "config.toml",
         "log.jsonl",
         "scene/scene.json",
         "scene/scene.safetensors",
     ] {
-        assert!(bench.path("run").join(file).is_file(), "{file}");
+        assert!(scratch.path("run").join(file).is_file(), "{file}");
     }
-    assert!(bench.path("run/checkpoints/000030/state.json").is_file());
-    let trained = results(&bench, "run");
+    assert!(scratch.path("run/checkpoints/000030/state.json").is_file());
+    let trained = results(&scratch, "run");
     for key in KEYS {
         assert!(trained.get(key).is_some(), "{key} in {trained}");
     }
@@ -73,8 +73,8 @@ fn a_run_holds_what_the_design_says_and_eval_finds_it_again() {
     );
     assert!(trained["decomposition"]["recall"].as_f64().is_some());
 
-    bench.ok(&["eval", "run"]);
-    let evaluated = results(&bench, "run");
+    scratch.ok(&["eval", "run"]);
+    let evaluated = results(&scratch, "run");
     for key in [
         "psnr",
         "psnr_dynamic",
@@ -85,14 +85,18 @@ fn a_run_holds_what_the_design_says_and_eval_finds_it_again() {
     ] {
         assert_eq!(evaluated[key], trained[key], "{key}");
     }
-    let said = bench.ok(&["eval", "run", "--split", "train"]);
+    let said = scratch.ok(&["eval", "run", "--split", "train"]);
     assert!(said.contains("results_train.json"), "{said}");
     let of_training: Value =
-        serde_json::from_slice(&bench.read("run/results_train.json")).expect("JSON");
+        serde_json::from_slice(&scratch.read("run/results_train.json")).expect("JSON");
     assert_eq!(of_training["split"], "train");
     assert_eq!(of_training["per_view"].as_array().map(Vec::len), Some(9));
-    assert_eq!(results(&bench, "run"), evaluated, "the test views' scores");
-    let about = bench.ok(&["info", "run"]);
+    assert_eq!(
+        results(&scratch, "run"),
+        evaluated,
+        "the test views' scores"
+    );
+    let about = scratch.ok(&["info", "run"]);
     for part in ["quick", "30 of 30 steps", "warm-up to step 3", "PSNR"] {
         assert!(about.contains(part), "{part} in {about}");
     }
@@ -100,9 +104,9 @@ fn a_run_holds_what_the_design_says_and_eval_finds_it_again() {
 
 #[test]
 fn every_layer_is_rendered_and_an_exported_instant_looks_the_same() {
-    let bench = Bench::with_room("n3dv");
-    bench.train("run");
-    bench.ok(&[
+    let scratch = Scratch::with_room("n3dv");
+    scratch.train("run");
+    scratch.ok(&[
         "render",
         "run",
         "--cameras",
@@ -114,12 +118,12 @@ fn every_layer_is_rendered_and_an_exported_instant_looks_the_same() {
     ]);
     for layer in ["full", "static", "dynamic", "depth", "alpha"] {
         for frame in 0..3 {
-            let path = bench.path(&format!("out/{layer}/{frame:04}_cam00.png"));
+            let path = scratch.path(&format!("out/{layer}/{frame:04}_cam00.png"));
             let size = image::image_dimensions(&path).expect("a picture");
             assert_eq!(size, (32, 24), "{}", path.display());
         }
     }
-    bench.ok(&[
+    scratch.ok(&[
         "render",
         "run",
         "--format",
@@ -129,19 +133,19 @@ fn every_layer_is_rendered_and_an_exported_instant_looks_the_same() {
         "--out",
         "exr",
     ]);
-    let depth = image::open(bench.path("exr/depth/0000_cam00.exr"))
+    let depth = image::open(scratch.path("exr/depth/0000_cam00.exr"))
         .expect("a picture")
         .to_rgb32f();
     assert!(depth.pixels().any(|p| p[0] > 1.0), "metres, not shares");
-    bench.ok(&["render", "run", "--cameras", "spiral", "--frames", "2"]);
+    scratch.ok(&["render", "run", "--cameras", "spiral", "--frames", "2"]);
     assert_eq!(
-        std::fs::read_dir(bench.path("run/renders/full"))
+        std::fs::read_dir(scratch.path("run/renders/full"))
             .expect("listed")
             .count(),
         2
     );
 
-    bench.write("cameras.json", cameras_json());
+    scratch.write("cameras.json", cameras_json());
     let shot = [
         "--cameras",
         "cameras.json",
@@ -150,10 +154,14 @@ fn every_layer_is_rendered_and_an_exported_instant_looks_the_same() {
         "--background",
         "0.2,0.4,0.6",
     ];
-    bench.ok(&[&["render", "run", "--out", "from_run"], &shot[..]].concat());
-    bench.ok(&["export", "run", "--time", "0.5", "--out", "half.ply"]);
-    bench.ok(&[&["render", "half.ply", "--out", "from_ply"], &shot[..]].concat());
-    let open = |path: &str| image::open(bench.path(path)).expect("a picture").to_rgb8();
+    scratch.ok(&[&["render", "run", "--out", "from_run"], &shot[..]].concat());
+    scratch.ok(&["export", "run", "--time", "0.5", "--out", "half.ply"]);
+    scratch.ok(&[&["render", "half.ply", "--out", "from_ply"], &shot[..]].concat());
+    let open = |path: &str| {
+        image::open(scratch.path(path))
+            .expect("a picture")
+            .to_rgb8()
+    };
     let (run, ply) = (
         open("from_run/full/0000_front.png"),
         open("from_ply/full/0000_front.png"),
@@ -169,18 +177,18 @@ fn every_layer_is_rendered_and_an_exported_instant_looks_the_same() {
         run.pixels().any(|p| p[0].abs_diff(51) > 20),
         "more than background"
     );
-    let about = bench.ok(&["info", "half.ply"]);
+    let about = scratch.ok(&["info", "half.ply"]);
     assert!(about.contains("Gaussians"), "{about}");
-    bench.ok(&["export", "run", "--time", "0.5", "--out", "CAPITALS.PLY"]);
-    assert!(bench.read("CAPITALS.PLY") == bench.read("half.ply"));
-    bench.ok(&[
+    scratch.ok(&["export", "run", "--time", "0.5", "--out", "CAPITALS.PLY"]);
+    assert!(scratch.read("CAPITALS.PLY") == scratch.read("half.ply"));
+    scratch.ok(&[
         &["render", "CAPITALS.PLY", "--out", "from_capitals"],
         &shot[..],
     ]
     .concat());
     assert_eq!(open("from_capitals/full/0000_front.png"), ply);
     assert_eq!(
-        bench.ok(&["info", "CAPITALS.PLY"]),
+        scratch.ok(&["info", "CAPITALS.PLY"]),
         about.replace("half.ply", "CAPITALS.PLY")
     );
 
@@ -193,16 +201,16 @@ fn every_layer_is_rendered_and_an_exported_instant_looks_the_same() {
         "wide.ply",
         "--sh-degree",
     ];
-    bench.ok(&[&export[..], &["3"]].concat());
-    bench.ok(&[&["render", "wide.ply", "--out", "from_wide"], &shot[..]].concat());
+    scratch.ok(&[&export[..], &["3"]].concat());
+    scratch.ok(&[&["render", "wide.ply", "--out", "from_wide"], &shot[..]].concat());
     assert_eq!(open("from_wide/full/0000_front.png"), ply);
     let header = |path: &str| {
-        let bytes = std::fs::read(bench.path(path)).expect("a file");
+        let bytes = std::fs::read(scratch.path(path)).expect("a file");
         String::from_utf8_lossy(&bytes[..4_000.min(bytes.len())]).into_owned()
     };
     let is_wide = |path: &str| header(path).contains("f_rest_44");
     assert!(is_wide("wide.ply") && !is_wide("half.ply"));
-    let said = bench.is_wrong_usage(&[&export[..], &["0"]].concat());
+    let said = scratch.is_wrong_usage(&[&export[..], &["0"]].concat());
     assert!(said.contains("expected 1 to 3"), "{said}");
 }
 
@@ -214,9 +222,9 @@ fn cameras_json() -> String {
 }
 
 /// Of an output folder, the pictures with these names, and the list of their cameras.
-fn pictures(bench: &Bench, out: &str, names: &[&str]) -> (Vec<Vec<u8>>, Value) {
-    let picture = |name: &&str| bench.read(&format!("{out}/full/{name}.png"));
-    let listed = serde_json::from_slice(&bench.read(&format!("{out}/cameras.json")));
+fn pictures(scratch: &Scratch, out: &str, names: &[&str]) -> (Vec<Vec<u8>>, Value) {
+    let picture = |name: &&str| scratch.read(&format!("{out}/full/{name}.png"));
+    let listed = serde_json::from_slice(&scratch.read(&format!("{out}/cameras.json")));
     (
         names.iter().map(picture).collect(),
         listed.expect("JSON of the pictures' cameras"),
@@ -226,13 +234,13 @@ fn pictures(bench: &Bench, out: &str, names: &[&str]) -> (Vec<Vec<u8>>, Value) {
 #[test]
 fn cameras_of_a_transforms_file_show_what_the_datasets_own_show() {
     const NAMES: [&str; 3] = ["0000_test_r_0000", "0001_test_r_0001", "0002_test_r_0002"];
-    let bench = Bench::with_room("blender");
+    let scratch = Scratch::with_room("blender");
     let file = ["--cameras", "room/transforms_test.json"];
-    bench.train("run");
-    bench.ok(&["render", "run", "--out", "own"]);
-    bench.ok(&[&["render", "run", "--out", "listed"], &file[..]].concat());
-    let own = pictures(&bench, "own", &NAMES);
-    assert!(own == pictures(&bench, "listed", &NAMES));
+    scratch.train("run");
+    scratch.ok(&["render", "run", "--out", "own"]);
+    scratch.ok(&[&["render", "run", "--out", "listed"], &file[..]].concat());
+    let own = pictures(&scratch, "own", &NAMES);
+    assert!(own == pictures(&scratch, "listed", &NAMES));
     for (index, time) in [0.0, 0.5, 1.0].into_iter().enumerate() {
         let entry = &own.1[index];
         assert_eq!(entry["img_name"], NAMES[index]);
@@ -241,30 +249,30 @@ fn cameras_of_a_transforms_file_show_what_the_datasets_own_show() {
     }
     assert_eq!(own.1.as_array().map(Vec::len), Some(3));
     // One camera at one instant is one picture.
-    bench.ok(&[
+    scratch.ok(&[
         &["render", "run", "--time", "0.5", "--out", "half"],
         &file[..],
     ]
     .concat());
-    let half = std::fs::read_dir(bench.path("half/full")).expect("listed");
+    let half = std::fs::read_dir(scratch.path("half/full")).expect("listed");
     assert_eq!(half.count(), 1);
 
-    bench.ok(&["export", "run", "--time", "1", "--out", "end.ply"]);
-    bench.ok(&[&["render", "end.ply", "--out", "ply"], &file[..]].concat());
-    pictures(&bench, "ply", &NAMES);
+    scratch.ok(&["export", "run", "--time", "1", "--out", "end.ply"]);
+    scratch.ok(&[&["render", "end.ply", "--out", "ply"], &file[..]].concat());
+    pictures(&scratch, "ply", &NAMES);
 
     // Times in seconds, and pictures that were loaded smaller.
     for name in ["train", "test"] {
         let path = format!("room/transforms_{name}.json");
-        let text = text(&bench.read(&path)).replace("\"time\": 0.5", "\"time\": 15.0");
+        let text = text(&scratch.read(&path)).replace("\"time\": 0.5", "\"time\": 15.0");
         let text = text.replace("\"time\": 0.0", "\"time\": 10.0");
-        bench.write(&path, text.replace("\"time\": 1.0", "\"time\": 20.0"));
+        scratch.write(&path, text.replace("\"time\": 1.0", "\"time\": 20.0"));
     }
-    bench.train_with("small", &["--downscale", "2"]);
-    bench.ok(&["render", "small", "--out", "small_own"]);
-    bench.ok(&[&["render", "small", "--out", "small_listed"], &file[..]].concat());
-    let (_, own) = pictures(&bench, "small_own", &NAMES);
-    let (_, listed) = pictures(&bench, "small_listed", &NAMES);
+    scratch.train_with("small", &["--downscale", "2"]);
+    scratch.ok(&["render", "small", "--out", "small_own"]);
+    scratch.ok(&[&["render", "small", "--out", "small_listed"], &file[..]].concat());
+    let (_, own) = pictures(&scratch, "small_own", &NAMES);
+    let (_, listed) = pictures(&scratch, "small_listed", &NAMES);
     for index in 0..3 {
         assert_eq!(own[index]["width"], 16, "as loaded");
         assert_eq!(listed[index]["width"], 32, "as the file states");
@@ -273,7 +281,7 @@ fn cameras_of_a_transforms_file_show_what_the_datasets_own_show() {
         }
     }
     // The dataset's own units mean nothing to a PLY file.
-    bench.fails(
+    scratch.fails(
         &[&["render", "end.ply", "--out", "again"], &file[..]].concat(),
         "from 0 to 1",
     );
@@ -281,32 +289,32 @@ fn cameras_of_a_transforms_file_show_what_the_datasets_own_show() {
 
 #[test]
 fn a_dataset_that_was_moved_is_found_where_it_is_named() {
-    let bench = Bench::with_room("n3dv");
-    bench.train("run");
-    let scene = bench.read("run/scene/scene.safetensors");
-    let scored = results(&bench, "run");
+    let scratch = Scratch::with_room("n3dv");
+    scratch.train("run");
+    let scene = scratch.read("run/scene/scene.safetensors");
+    let scored = results(&scratch, "run");
     let rename = |from: &str, to: &str| {
-        std::fs::rename(bench.path(from), bench.path(to)).expect("renamed");
+        std::fs::rename(scratch.path(from), scratch.path(to)).expect("renamed");
     };
     rename("room", "moved");
-    bench.fails(&["eval", "run"], "--dataset DIR");
-    bench.fails(&["render", "run", "--out", "out"], "--dataset DIR");
-    bench.ok(&["render", "run", "--dataset", "moved", "--out", "out"]);
-    bench.ok(&["eval", "run", "--dataset", "moved"]);
-    assert_eq!(results(&bench, "run")["per_view"], scored["per_view"]);
+    scratch.fails(&["eval", "run"], "--dataset DIR");
+    scratch.fails(&["render", "run", "--out", "out"], "--dataset DIR");
+    scratch.ok(&["render", "run", "--dataset", "moved", "--out", "out"]);
+    scratch.ok(&["eval", "run", "--dataset", "moved"]);
+    assert_eq!(results(&scratch, "run")["per_view"], scored["per_view"]);
 
     // The last third again, with the dataset there.
     let unfinish = || {
         for folder in ["run/checkpoints/000030", "run/scene"] {
-            std::fs::remove_dir_all(bench.path(folder)).expect("removed");
+            std::fs::remove_dir_all(scratch.path(folder)).expect("removed");
         }
     };
     let finish = |dataset: &str| {
-        bench.ok(&["train", dataset, "--out", "run", "--resume"]);
-        assert!(bench.read("run/scene/scene.safetensors") == scene);
-        let config = text(&bench.read("run/config.toml"));
+        scratch.ok(&["train", dataset, "--out", "run", "--resume"]);
+        assert!(scratch.read("run/scene/scene.safetensors") == scene);
+        let config = text(&scratch.read("run/config.toml"));
         assert!(config.contains(&format!("/{dataset}\"")), "{config}");
-        bench.ok(&["eval", "run"]);
+        scratch.ok(&["eval", "run"]);
     };
     unfinish();
     finish("moved");
@@ -315,13 +323,13 @@ fn a_dataset_that_was_moved_is_found_where_it_is_named() {
     rename("moved", "last");
     unfinish();
     let path = "run/checkpoints/000020/state.json";
-    let state = text(&bench.read(path));
+    let state = text(&scratch.read(path));
     let start = state.find("\"dataset\":{").expect("what it was trained on");
     let end = start + state[start..].find("},").expect("its end") + 2;
-    bench.write(path, format!("{}{}", &state[..start], &state[end..]));
+    scratch.write(path, format!("{}{}", &state[..start], &state[end..]));
     finish("last");
 
-    bench.ok(&[
+    scratch.ok(&[
         "synth",
         "other",
         "--cameras",
@@ -336,7 +344,7 @@ fn a_dataset_that_was_moved_is_found_where_it_is_named() {
         "other: expected the 12 views that the run was begun with, found 8",
         "/last or where that was moved",
     ] {
-        bench.fails(&other, part);
+        scratch.fails(&other, part);
     }
 }
 
@@ -349,9 +357,9 @@ fn videos_are_written_where_ffmpeg_is_there() {
     {
         return;
     }
-    let bench = Bench::with_room("blender");
-    bench.train("run");
-    bench.ok(&[
+    let scratch = Scratch::with_room("blender");
+    scratch.train("run");
+    scratch.ok(&[
         "render",
         "run",
         "--cameras",
@@ -361,18 +369,18 @@ fn videos_are_written_where_ffmpeg_is_there() {
         "--out",
         "clip.mp4",
     ]);
-    assert!(bench.read("clip.mp4").len() > 500);
+    assert!(scratch.read("clip.mp4").len() > 500);
     let spiral = ["render", "run", "--cameras", "spiral", "--frames", "2"];
-    bench.ok(&[&spiral[..], &["--out", "CLIP.MP4"]].concat());
-    assert!(bench.path("CLIP.MP4").is_file());
+    scratch.ok(&[&spiral[..], &["--out", "CLIP.MP4"]].concat());
+    assert!(scratch.path("CLIP.MP4").is_file());
 }
 
 #[test]
 fn the_same_configuration_gives_the_same_scene_and_so_does_a_resumed_run() {
-    let bench = Bench::with_room("n3dv");
-    bench.train("run");
-    let scene = bench.read("run/scene/scene.safetensors");
-    bench.ok(&[
+    let scratch = Scratch::with_room("n3dv");
+    scratch.train("run");
+    let scene = scratch.read("run/scene/scene.safetensors");
+    scratch.ok(&[
         "train",
         "room",
         "--out",
@@ -381,14 +389,14 @@ fn the_same_configuration_gives_the_same_scene_and_so_does_a_resumed_run() {
         "run/config.toml",
     ]);
     assert!(
-        bench.read("again/scene/scene.safetensors") == scene,
+        scratch.read("again/scene/scene.safetensors") == scene,
         "the same configuration"
     );
 
-    let run = bench.path("again");
+    let run = scratch.path("again");
     std::fs::remove_dir_all(run.join("checkpoints/000030")).expect("removed");
     std::fs::remove_dir_all(run.join("scene")).expect("removed");
-    bench.ok(&[
+    scratch.ok(&[
         "train",
         "room",
         "--out",
@@ -398,7 +406,7 @@ fn the_same_configuration_gives_the_same_scene_and_so_does_a_resumed_run() {
         "30",
     ]);
     assert!(
-        bench.read("again/scene/scene.safetensors") == scene,
+        scratch.read("again/scene/scene.safetensors") == scene,
         "resumed from step 20"
     );
 
@@ -409,14 +417,14 @@ fn the_same_configuration_gives_the_same_scene_and_so_does_a_resumed_run() {
         ["--preset", "paper"],
         ["--downscale", "2"],
     ] {
-        let said = bench.is_wrong_usage(&[&wrong[..], &other[..]].concat());
+        let said = scratch.is_wrong_usage(&[&wrong[..], &other[..]].concat());
         assert!(said.contains("--resume"), "{said}");
     }
 }
 
 #[test]
 fn progress_is_a_few_plain_lines_and_quiet_says_none() {
-    let bench = Bench::with_room("n3dv");
+    let scratch = Scratch::with_room("n3dv");
     let train = |out: &str, extra: &[&str]| {
         let args = [
             "train",
@@ -428,7 +436,7 @@ fn progress_is_a_few_plain_lines_and_quiet_says_none() {
             "--preset",
             "quick",
         ];
-        let output = bench
+        let output = scratch
             .command(&[&args[..], &TINY[..], extra].concat())
             .output()
             .expect("starts");
@@ -450,14 +458,14 @@ fn progress_is_a_few_plain_lines_and_quiet_says_none() {
     assert_eq!(silence, "");
     let scene = "scene/scene.safetensors";
     assert!(
-        bench.read(&format!("loud/{scene}")) == bench.read(&format!("silent/{scene}")),
+        scratch.read(&format!("loud/{scene}")) == scratch.read(&format!("silent/{scene}")),
         "the number of threads changes nothing"
     );
 }
 
 #[test]
 fn both_cpu_backends_train() {
-    let bench = Bench::with_room("blender");
+    let scratch = Scratch::with_room("blender");
     for device in ["ndarray", "flex", "wgpu"] {
         let args = [
             "train",
@@ -469,24 +477,24 @@ fn both_cpu_backends_train() {
             "--device",
             device,
         ];
-        bench.ok(&[&args[..], &TINY[..]].concat());
-        assert_eq!(results(&bench, device)["device"], device);
+        scratch.ok(&[&args[..], &TINY[..]].concat());
+        assert_eq!(results(&scratch, device)["device"], device);
     }
 }
 
 #[test]
 fn help_shows_examples_and_wrong_usage_exits_with_two() {
-    let bench = Bench::new();
+    let scratch = Scratch::new();
     for command in [
         "synth", "prepare", "train", "eval", "render", "export", "info",
     ] {
-        let help = bench.ok(&[command, "--help"]);
+        let help = scratch.ok(&[command, "--help"]);
         assert!(
             help.contains("Example") && help.contains(&format!("dash {command} ")),
             "{help}"
         );
     }
-    assert!(bench.ok(&["--version"]).contains("dash 0."));
+    assert!(scratch.ok(&["--version"]).contains("dash 0."));
     for wrong in [
         &["fly"][..],
         &["train", "room"],
@@ -515,7 +523,7 @@ fn help_shows_examples_and_wrong_usage_exits_with_two() {
         &["info", "room", "--device", "abacus"],
         &["info", "room", "--threads", "0"],
     ] {
-        let said = bench.is_wrong_usage(wrong);
+        let said = scratch.is_wrong_usage(wrong);
         assert!(said.starts_with("error: "), "{said}");
     }
 }

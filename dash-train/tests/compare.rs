@@ -2,7 +2,7 @@
 
 mod common;
 
-use common::{Bench, TINY};
+use common::{Scratch, TINY};
 
 const METHODS: &str = "dash,hexplane,embedding,static";
 
@@ -25,9 +25,9 @@ fn arguments<'a>(methods: &'a str, budget: &'a str) -> Vec<&'a str> {
 
 #[test]
 fn methods_are_trained_once_and_told_in_one_table() {
-    let bench = Bench::with_room("n3dv");
+    let scratch = Scratch::with_room("n3dv");
     // Short enough that the first trial is the last.
-    let told = bench.ok(&arguments(METHODS, "0.3"));
+    let told = scratch.ok(&arguments(METHODS, "0.3"));
     for method in METHODS.split(',') {
         let line = told.lines().find(|line| line.starts_with(method));
         let line = line.unwrap_or_else(|| panic!("no line for {method}:\n{told}"));
@@ -36,41 +36,41 @@ fn methods_are_trained_once_and_told_in_one_table() {
         let psnr: f64 = columns[4].parse().unwrap_or_else(|e| panic!("{line}: {e}"));
         assert!(psnr > 3.0, "{line}");
         let run = format!("all/{method}/seed-0");
-        let curve = String::from_utf8(bench.read(&format!("{run}/curve.jsonl"))).expect("UTF-8");
+        let curve = String::from_utf8(scratch.read(&format!("{run}/curve.jsonl"))).expect("UTF-8");
         assert_eq!(curve.lines().count(), 2, "{method}");
-        assert!(bench.path(&format!("{run}/scene/scene.json")).is_file());
+        assert!(scratch.path(&format!("{run}/scene/scene.json")).is_file());
     }
     let scene = "all/dash/seed-0/results.json";
-    let before = bench.read(scene);
-    let again = bench.ok(&arguments(METHODS, "0.3"));
+    let before = scratch.read(scene);
+    let again = scratch.ok(&arguments(METHODS, "0.3"));
     assert_eq!(again, told);
-    assert_eq!(bench.read(scene), before);
+    assert_eq!(scratch.read(scene), before);
     // A run that was interrupted is trained again.
-    std::fs::remove_file(bench.path(scene)).expect("removed");
-    bench.ok(&arguments("dash", "0.3"));
-    assert!(bench.path(scene).is_file());
-    bench.fails(&arguments("dash", "0.4"), "compare.toml differs");
+    std::fs::remove_file(scratch.path(scene)).expect("removed");
+    scratch.ok(&arguments("dash", "0.3"));
+    assert!(scratch.path(scene).is_file());
+    scratch.fails(&arguments("dash", "0.4"), "compare.toml differs");
     // How fast the machine was is kept with what it measured.
-    let speed = String::from_utf8(bench.read("all/speed.toml")).expect("UTF-8");
+    let speed = String::from_utf8(scratch.read("all/speed.toml")).expect("UTF-8");
     assert!(speed.starts_with("reference_step_secs = "), "{speed}");
-    std::fs::remove_file(bench.path(scene)).expect("removed");
+    std::fs::remove_file(scratch.path(scene)).expect("removed");
     for bad in ["reference_step_secs = -1.0\n", "reference_step_secs\n"] {
-        bench.write("all/speed.toml", bad);
-        bench.fails(&arguments("dash", "0.3"), "speed.toml");
+        scratch.write("all/speed.toml", bad);
+        scratch.fails(&arguments("dash", "0.3"), "speed.toml");
     }
-    bench.write("all/speed.toml", &speed);
-    bench.ok(&arguments("dash", "0.3"));
-    assert_eq!(bench.read("all/speed.toml"), speed.as_bytes());
+    scratch.write("all/speed.toml", &speed);
+    scratch.ok(&arguments("dash", "0.3"));
+    assert_eq!(scratch.read("all/speed.toml"), speed.as_bytes());
 }
 
 #[test]
 fn what_cannot_be_compared_is_refused() {
-    let bench = Bench::with_room("n3dv");
+    let scratch = Scratch::with_room("n3dv");
     let none = [&arguments("dash", "1")[..], &["--test-cameras", "none"]].concat();
-    bench.fails(&none, "--test-cameras");
-    bench.write("all/notes.txt", "mine");
-    bench.fails(&arguments("dash", "1"), "new or empty folder");
+    scratch.fails(&none, "--test-cameras");
+    scratch.write("all/notes.txt", "mine");
+    scratch.fails(&arguments("dash", "1"), "new or empty folder");
     for (methods, budget) in [("dash,hexplan", "1"), ("dash", "0"), ("dash", "soon")] {
-        bench.is_wrong_usage(&arguments(methods, budget));
+        scratch.is_wrong_usage(&arguments(methods, budget));
     }
 }

@@ -2,13 +2,13 @@
 
 mod common;
 
-use common::{Bench, text};
+use common::{Scratch, text};
 use serde_json::Value;
 
 #[test]
 fn a_clean_dataset_is_one_line_per_finding_and_exit_0() {
-    let bench = Bench::with_room("n3dv");
-    let lines = bench.ok(&["doctor", "room"]);
+    let scratch = Scratch::with_room("n3dv");
+    let lines = scratch.ok(&["doctor", "room"]);
     for line in lines.lines() {
         let severity = line.split_whitespace().next();
         assert!(severity == Some("ok") || severity == Some("note"), "{line}");
@@ -17,23 +17,23 @@ fn a_clean_dataset_is_one_line_per_finding_and_exit_0() {
     for part in ["--preset quick", "--preset default", "timed steps"] {
         assert!(lines.contains(part), "{part} in {lines}");
     }
-    assert!(!bench.path("doctor.png").exists(), "only when asked");
+    assert!(!scratch.path("doctor.png").exists(), "only when asked");
 
-    let untimed = bench.ok(&["doctor", "room", "--picture", "--no-timing"]);
+    let untimed = scratch.ok(&["doctor", "room", "--picture", "--no-timing"]);
     assert!(!untimed.contains("--preset"), "{untimed}");
     assert_eq!(
-        image::image_dimensions(bench.path("doctor.png")).expect("a picture"),
+        image::image_dimensions(scratch.path("doctor.png")).expect("a picture"),
         (1600, 800)
     );
-    bench.ok(&["doctor", "room", "--picture", "room.png"]);
-    assert_eq!(bench.read("doctor.png"), bench.read("room.png"));
+    scratch.ok(&["doctor", "room", "--picture", "room.png"]);
+    assert_eq!(scratch.read("doctor.png"), scratch.read("room.png"));
 }
 
 #[test]
 fn an_error_among_the_findings_is_exit_1_with_the_findings_on_stdout() {
-    let bench = Bench::with_room("n3dv");
-    bench.truncate("room/cam01/images/0001.png", 0.5);
-    let output = bench
+    let scratch = Scratch::with_room("n3dv");
+    scratch.truncate("room/cam01/images/0001.png", 0.5);
+    let output = scratch
         .command(&["doctor", "room", "--json"])
         .output()
         .expect("starts");
@@ -58,8 +58,8 @@ fn an_error_among_the_findings_is_exit_1_with_the_findings_on_stdout() {
 
 #[test]
 fn options_are_those_of_training() {
-    let bench = Bench::with_room("n3dv");
-    let lines = bench.ok(&[
+    let scratch = Scratch::with_room("n3dv");
+    let lines = scratch.ok(&[
         "doctor",
         "room",
         "--downscale",
@@ -77,9 +77,9 @@ fn options_are_those_of_training() {
     ] {
         assert!(lines.contains(part), "{part} in {lines}");
     }
-    bench.is_wrong_usage(&["doctor"]);
-    bench.is_wrong_usage(&["doctor", "room", "--downscale", "0"]);
-    let output = bench
+    scratch.is_wrong_usage(&["doctor"]);
+    scratch.is_wrong_usage(&["doctor", "room", "--downscale", "0"]);
+    let output = scratch
         .command(&["doctor", "room", "--layout", "colmap"])
         .output()
         .expect("starts");

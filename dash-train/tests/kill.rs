@@ -7,28 +7,23 @@ use std::fs;
 use std::path::Path;
 use std::process::{Child, ExitStatus, Stdio};
 use std::sync::Arc;
-use std::thread::sleep;
-use std::time::{Duration, Instant};
+use std::thread::yield_now;
 
 use burn::tensor::Device;
-use common::{Bench, TINY, text};
+use common::{Scratch, TINY, text};
 use dash_train::dataset::{Dataset, LoadOptions, load};
 use dash_train::train::{RunFolder, latest_checkpoint, load_checkpoint};
 use rand::{Rng, SeedableRng};
 use rand_pcg::Pcg64;
 
-const STEPS: usize = 300;
-const CHECKPOINT_INTERVAL: usize = 3;
-
-/// Where the last kill comes at the latest, so that it does not come after the end if the machine
-/// is slow to notice.
+/// The step of the last kill at the latest, of 300: the end must not come before it.
 const LAST_KILL: usize = 270;
 
 /// Every other one is meant for the writing of a checkpoint.
 const KILLS: usize = 20;
 
-/// How often the run's folder is looked at: well under the time that a checkpoint takes.
-const GLANCE: Duration = Duration::from_micros(50);
+/// How often the run's folder is looked at, at most, before a kill between two checkpoints.
+const MOST_LOOKS: usize = 1000;
 
 /// [`TINY`], with density control and opacity resets of both sets, and the mean of the last quarter.
 fn arguments(run: &str) -> Vec<&str> {
@@ -67,7 +62,7 @@ fn is_writing(run: &RunFolder) -> bool {
 
 /// Looks at the run's folder until `arrived`, and fails if the process ends before.
 #[track_caller]
-fn watch(child: &mut Child, arrived: impl Fn() -> bool) {
+fn watch(child: &mut Child, mut arrived: impl FnMut() -> bool) {
     while !arrived() {
         if let Some(status) = child.try_wait().expect("our own child") {
             let mut stderr = Vec::new();
@@ -75,7 +70,7 @@ fn watch(child: &mut Child, arrived: impl Fn() -> bool) {
             std::io::Read::read_to_end(pipe, &mut stderr).expect("read");
             panic!("ended by itself, {status}: {}", text(&stderr));
         }
-        sleep(GLANCE);
+        yield_now();
     }
 }
 
@@ -103,12 +98,9 @@ fn scene(run: &Path) -> [Vec<u8>; 2] {
 
 #[test]
 fn a_run_killed_at_random_moments_loses_no_checkpoint_and_ends_with_the_same_bits() {
-    let bench = Bench::with_room("n3dv");
-    let dataset = Arc::new(load(&bench.path("room"), &LoadOptions::default()).expect("sound"));
-    let start = Instant::now();
-    bench.ok(&arguments("whole"));
-    let n_checkpoints = (STEPS / CHECKPOINT_INTERVAL) as u32;
-    let between_checkpoints = start.elapsed() / n_checkpoints;
+    let scratch = Scratch::with_room("n3dv");
+    let dataset = Arc::new(load(&scratch.path("room"), &LoadOptions::default()).expect("sound"));
+    scratch.ok(&arguments("whole"));
 
     let mut rng = Pcg64::seed_from_u64(11);
     let mut while_writing = 0;
@@ -117,11 +109,11 @@ fn a_run_killed_at_random_moments_loses_no_checkpoint_and_ends_with_the_same_bit
         if kill == 0 {
             args = arguments("killed");
         }
-        let mut command = bench.command(&args);
+        let mut command = scratch.command(&args);
         command.stdout(Stdio::null()).stderr(Stdio::piped());
         let mut child = command.spawn().expect("the binary starts");
-        watch(&mut child, || bench.path("killed/config.toml").is_file());
-        let run = RunFolder::open(&bench.path("killed")).expect("just seen");
+        watch(&mut child, || scratch.path("killed/config.toml").is_file());
+        let run = RunFolder::open(&scratch.path("killed")).expect("just seen");
 
         // The first before there is a checkpoint, the others spread over the whole run.
         if kill > 0 {
@@ -132,7 +124,12 @@ fn a_run_killed_at_random_moments_loses_no_checkpoint_and_ends_with_the_same_bit
         if kill % 2 == 1 {
             watch(&mut child, || is_writing(&run));
         } else if kill > 0 {
-            sleep(between_checkpoints.mul_f64(rng.random_range(0.0..1.0)));
+            let step = newest(&run);
+            let mut looks = rng.random_range(0..MOST_LOOKS);
+            watch(&mut child, || {
+                looks = looks.saturating_sub(1);
+                looks == 0 || newest(&run) > step
+            });
         }
         let before = newest(&run);
         let status = killed(child);
@@ -151,8 +148,8 @@ fn a_run_killed_at_random_moments_loses_no_checkpoint_and_ends_with_the_same_bit
         "no kill fell into the writing of a checkpoint"
     );
 
-    bench.ok(&["train", "room", "--out", "killed", "--resume"]);
-    let (whole, resumed) = (bench.path("whole"), bench.path("killed"));
+    scratch.ok(&["train", "room", "--out", "killed", "--resume"]);
+    let (whole, resumed) = (scratch.path("whole"), scratch.path("killed"));
     let same = scene(&whole) == scene(&resumed);
     assert!(same, "the resumed run's scene has other bits");
     let left = RunFolder::open(&resumed).expect("a run");

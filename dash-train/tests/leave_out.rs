@@ -2,13 +2,13 @@
 
 mod common;
 
-use common::{Bench, TINY};
+use common::{Scratch, TINY};
 
 /// Trains on 4 cameras and 6 frames of a scene.
-fn trained(scene: &str, more: &[&str]) -> Bench {
-    let bench = Bench::new();
+fn trained(scene: &str, more: &[&str]) -> Scratch {
+    let scratch = Scratch::new();
     let size = ["--cameras", "4", "--frames", "6", "--size", "48x36"];
-    bench.ok(&[&["synth", "clip", "--scene", scene][..], &size].concat());
+    scratch.ok(&[&["synth", "clip", "--scene", scene][..], &size].concat());
     let train = [
         "train",
         "clip",
@@ -19,12 +19,12 @@ fn trained(scene: &str, more: &[&str]) -> Bench {
         "--preset",
         "quick",
     ];
-    bench.ok(&[&train[..], &TINY, more].concat());
-    bench
+    scratch.ok(&[&train[..], &TINY, more].concat());
+    scratch
 }
 
-fn holds(bench: &Bench, path: &str, text: &str) -> bool {
-    let bytes = bench.read(path);
+fn holds(scratch: &Scratch, path: &str, text: &str) -> bool {
+    let bytes = scratch.read(path);
     bytes
         .windows(text.len())
         .any(|part| part == text.as_bytes())
@@ -32,25 +32,25 @@ fn holds(bench: &Bench, path: &str, text: &str) -> bool {
 
 #[test]
 fn where_nothing_moves_there_is_no_byte_of_a_4d_field() {
-    let bench = trained("static", &[]);
-    assert!(!holds(&bench, "run/scene/scene.safetensors", "dynamic."));
+    let scratch = trained("static", &[]);
+    assert!(!holds(&scratch, "run/scene/scene.safetensors", "dynamic."));
     // Nor while training: nothing that the motion stages or Adam would keep.
     let checkpoint = "run/checkpoints/000040";
     assert!(
-        !bench
+        !scratch
             .path(&format!("{checkpoint}/motion.safetensors"))
             .exists()
     );
     for part in ["motion.", "dynamic."] {
         let path = format!("{checkpoint}/optimizer.safetensors");
-        assert!(!holds(&bench, &path, part), "moments of {part}");
+        assert!(!holds(&scratch, &path, part), "moments of {part}");
     }
-    let told = bench.ok(&["info", "run"]);
+    let told = scratch.ok(&["info", "run"]);
     let line = told.lines().find(|line| line.contains("4D field"));
     let line = line.unwrap_or_else(|| panic!("no line on the field:\n{told}"));
     assert!(line.starts_with("left out"), "{line}");
     // What another run does is its own decision.
-    bench.ok(&[
+    scratch.ok(&[
         "train",
         "clip",
         "--out",
@@ -60,8 +60,8 @@ fn where_nothing_moves_there_is_no_byte_of_a_4d_field() {
     ]);
     let scene = "scene/scene.safetensors";
     assert_eq!(
-        bench.read(&format!("again/{scene}")),
-        bench.read(&format!("run/{scene}"))
+        scratch.read(&format!("again/{scene}")),
+        scratch.read(&format!("run/{scene}"))
     );
 }
 
@@ -70,9 +70,9 @@ fn what_moves_keeps_its_field_and_the_run_says_why() {
     // Levels that all have more entries than so few Gaussians read.
     let tables = "method.field.log2_hashmap_size=14";
     let levels = "method.field.resolution=[16,16]";
-    let bench = trained("bounce", &["--set", tables, "--set", levels]);
-    assert!(holds(&bench, "run/scene/scene.safetensors", "dynamic."));
-    let told = bench.ok(&["info", "run"]);
+    let scratch = trained("bounce", &["--set", tables, "--set", levels]);
+    assert!(holds(&scratch, "run/scene/scene.safetensors", "dynamic."));
+    let told = scratch.ok(&["info", "run"]);
     let line = told.lines().find(|line| line.contains("4D field"));
     let line = line.unwrap_or_else(|| panic!("no line on the field:\n{told}"));
     assert!(line.starts_with("kept"), "{line}");
@@ -86,9 +86,9 @@ fn what_moves_keeps_its_field_and_the_run_says_why() {
     let line = line.unwrap_or_else(|| panic!("no line on entries:\n{told}"));
     assert!(line.starts_with("left out"), "{line}");
     let marks = "dynamic.field.encoder.table.marks";
-    assert!(holds(&bench, "run/scene/scene.safetensors", marks));
+    assert!(holds(&scratch, "run/scene/scene.safetensors", marks));
     assert!(!holds(
-        &bench,
+        &scratch,
         "run/checkpoints/000040/scene/scene.safetensors",
         marks
     ));
@@ -96,7 +96,7 @@ fn what_moves_keeps_its_field_and_the_run_says_why() {
 
 #[test]
 fn with_keep_all_nothing_is_decided() {
-    let bench = trained("static", &["--keep", "all"]);
-    assert!(!holds(&bench, "run/config.toml", "decisions"));
-    assert!(!bench.ok(&["info", "run"]).contains("left out"));
+    let scratch = trained("static", &["--keep", "all"]);
+    assert!(!holds(&scratch, "run/config.toml", "decisions"));
+    assert!(!scratch.ok(&["info", "run"]).contains("left out"));
 }

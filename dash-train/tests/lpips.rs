@@ -4,7 +4,7 @@ mod common;
 
 use std::collections::BTreeMap;
 
-use common::{Bench, TINY};
+use common::{Scratch, TINY};
 use dash_model::parameters::HostTensor;
 use dash_model::scene_file::write_tensors;
 use dash_train::metrics::lpips::Network;
@@ -34,22 +34,22 @@ fn weights() -> BTreeMap<String, HostTensor> {
         .collect()
 }
 
-fn results(bench: &Bench) -> Value {
-    serde_json::from_slice(&bench.read("run/results.json")).expect("JSON")
+fn results(scratch: &Scratch) -> Value {
+    serde_json::from_slice(&scratch.read("run/results.json")).expect("JSON")
 }
 
 #[test]
 fn scores_have_lpips_where_weights_are_named_and_pictures_large_enough() {
-    let bench = Bench::new();
+    let scratch = Scratch::new();
     let all = weights();
     let (linear, features): (BTreeMap<_, _>, BTreeMap<_, _>) = all
         .into_iter()
         .partition(|(name, _)| name.starts_with("lin"));
-    write_tensors(&bench.path("features.safetensors"), &features).expect("written");
-    write_tensors(&bench.path("linear.safetensors"), &linear).expect("written");
+    write_tensors(&scratch.path("features.safetensors"), &features).expect("written");
+    write_tensors(&scratch.path("linear.safetensors"), &linear).expect("written");
     let both = ["--lpips-alex", "features.safetensors", "linear.safetensors"];
 
-    bench.ok(&[
+    scratch.ok(&[
         "synth",
         "room",
         "--cameras",
@@ -65,15 +65,15 @@ fn scores_have_lpips_where_weights_are_named_and_pictures_large_enough() {
     // Missed before the training: nothing is left behind.
     let mut half = train.clone();
     half.extend(&both[..2]);
-    bench.fails(&half, "lin0.model.1.weight");
+    scratch.fails(&half, "lin0.model.1.weight");
     let mut absent = train.clone();
     absent.extend(["--lpips-vgg", "vgg.pth"]);
-    bench.fails(&absent, "vgg.pth");
+    scratch.fails(&absent, "vgg.pth");
 
     train.extend(both);
-    let told = bench.ok(&train);
+    let told = scratch.ok(&train);
     assert!(told.contains("LPIPS, AlexNet"), "{told}");
-    let trained = results(&bench);
+    let trained = results(&scratch);
     let score = trained["lpips_alex"].as_f64().expect("measured");
     assert!(score > 0.0, "{score}");
     assert_eq!(trained["lpips_vgg"], Value::Null);
@@ -90,8 +90,8 @@ fn scores_have_lpips_where_weights_are_named_and_pictures_large_enough() {
         "{rule}"
     );
 
-    bench.ok(&["eval", "run"]);
-    let without = results(&bench);
+    scratch.ok(&["eval", "run"]);
+    let without = results(&scratch);
     assert_eq!(without["lpips_alex"], Value::Null);
     assert_eq!(without["psnr"], trained["psnr"]);
     assert_eq!(
@@ -101,14 +101,14 @@ fn scores_have_lpips_where_weights_are_named_and_pictures_large_enough() {
 
     let mut again = vec!["eval", "run"];
     again.extend(both);
-    bench.ok(&again);
-    assert_eq!(results(&bench)["lpips_alex"], trained["lpips_alex"]);
+    scratch.ok(&again);
+    assert_eq!(results(&scratch)["lpips_alex"], trained["lpips_alex"]);
 
     let mut train = vec!["train", "room", "--out", "half", "--iterations", "1"];
     train.extend(["--preset", "quick", "--downscale", "2"]);
     train.extend(TINY);
-    bench.ok(&train);
-    let told = bench.ok(&["eval", "half", both[0], both[1], both[2]]);
+    scratch.ok(&train);
+    let told = scratch.ok(&["eval", "half", both[0], both[1], both[2]]);
     assert!(
         told.contains("needs 31x31 pixels; the views have 18x16"),
         "{told}"

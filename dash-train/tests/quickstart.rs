@@ -2,13 +2,13 @@
 
 mod common;
 
-use common::Bench;
+use common::Scratch;
 use serde_json::Value;
 
 #[test]
 fn the_quick_start_ends_in_a_scored_model_and_pictures() {
-    let bench = Bench::new();
-    let told = bench.ok(&[
+    let scratch = Scratch::new();
+    let told = scratch.ok(&[
         "quickstart",
         "--iterations",
         "40",
@@ -28,10 +28,10 @@ fn the_quick_start_ends_in_a_scored_model_and_pictures() {
         "run/renders/full/0000_cam00.png",
         "run/renders/depth/0023_cam00.png",
     ] {
-        assert!(bench.path("first").join(file).is_file(), "{file}");
+        assert!(scratch.path("first").join(file).is_file(), "{file}");
     }
     let results: Value =
-        serde_json::from_slice(&bench.read("first/run/results.json")).expect("JSON");
+        serde_json::from_slice(&scratch.read("first/run/results.json")).expect("JSON");
     assert_eq!(results["iterations"], 40);
-    bench.fails(&["quickstart", "--out", "first"], "first/data");
+    scratch.fails(&["quickstart", "--out", "first"], "first/data");
 }

@@ -2,11 +2,11 @@
 
 mod common;
 
-use common::{Bench, TINY, text};
+use common::{Scratch, TINY, text};
 
 #[test]
 fn a_run_and_a_benchmark_become_one_page() {
-    let bench = Bench::with_room("n3dv");
+    let scratch = Scratch::with_room("n3dv");
     let mut args = vec![
         "train",
         "room",
@@ -20,8 +20,8 @@ fn a_run_and_a_benchmark_become_one_page() {
         "3",
     ];
     args.extend(TINY);
-    bench.ok(&args);
-    bench.ok(&[
+    scratch.ok(&args);
+    scratch.ok(&[
         "bench",
         "--out",
         "kernels.json",
@@ -33,9 +33,9 @@ fn a_run_and_a_benchmark_become_one_page() {
         "flex",
         "--no-stiffness",
     ]);
-    let said = bench.ok(&["report", "run", "kernels.json", "--out", "out"]);
+    let said = scratch.ok(&["report", "run", "kernels.json", "--out", "out"]);
     assert!(said.contains("report.html"), "{said}");
-    let page = text(&bench.read("out/report.html"));
+    let page = text(&scratch.read("out/report.html"));
     for part in [
         "Training on room",
         "Kernels: kernels",
@@ -45,10 +45,10 @@ fn a_run_and_a_benchmark_become_one_page() {
         assert!(page.contains(part), "{part}");
     }
     for file in ["quality-seconds.png", "summary.csv", "kernels-forward.png"] {
-        assert!(bench.path("out").join(file).is_file(), "{file}");
+        assert!(scratch.path("out").join(file).is_file(), "{file}");
     }
     let results: serde_json::Value =
-        serde_json::from_slice(&bench.read("run/results.json")).expect("JSON");
+        serde_json::from_slice(&scratch.read("run/results.json")).expect("JSON");
     let psnr = results["psnr"].as_f64().expect("a number");
     assert!(
         page.contains(&format!(">{psnr:.2}<")),
@@ -58,17 +58,17 @@ fn a_run_and_a_benchmark_become_one_page() {
 
 #[test]
 fn what_cannot_be_reported_is_one_error() {
-    let bench = Bench::new();
-    std::fs::create_dir(bench.path("empty")).expect("made");
-    bench.fails(
+    let scratch = Scratch::new();
+    std::fs::create_dir(scratch.path("empty")).expect("made");
+    scratch.fails(
         &["report", "empty", "--out", "out"],
         "expected a run's folder",
     );
-    bench.fails(&["report", "nothing", "--out", "out"], "nothing");
-    bench.write("foreign.json", "[1, 2]");
-    bench.fails(&["report", "foreign.json", "--out", "out"], "dash bench");
-    bench.is_wrong_usage(&["report", "--out", "out"]);
-    bench.fails(&["bench", "--out", "no/where.json"], "a folder that exists");
-    bench.is_wrong_usage(&["bench", "--out", "k.json", "--sizes", "0"]);
-    bench.is_wrong_usage(&["bench", "--out", "k.json", "--ops", "sorting"]);
+    scratch.fails(&["report", "nothing", "--out", "out"], "nothing");
+    scratch.write("foreign.json", "[1, 2]");
+    scratch.fails(&["report", "foreign.json", "--out", "out"], "dash bench");
+    scratch.is_wrong_usage(&["report", "--out", "out"]);
+    scratch.fails(&["bench", "--out", "no/where.json"], "a folder that exists");
+    scratch.is_wrong_usage(&["bench", "--out", "k.json", "--sizes", "0"]);
+    scratch.is_wrong_usage(&["bench", "--out", "k.json", "--ops", "sorting"]);
 }

@@ -7,11 +7,11 @@ use dash_kernels::adam::{AdamStep, adam_step, reference};
 use super::{
     Bench, Errors, Measurement, Op, Pass, Target, generator, time, to_f64, uniform, values,
 };
-use crate::TrainError;
+use crate::Error;
 
 const NOTE: &str = "parameter and both moments after one step from moments that are not zero";
 
-pub(super) fn measure(bench: &mut Bench, target: Target, n: usize) -> Result<(), TrainError> {
+pub(super) fn measure(bench: &mut Bench, target: Target, n: usize) -> Result<(), Error> {
     let mut rng = generator(8);
     let param = uniform(&mut rng, n, -1.0, 1.0);
     let grad = uniform(&mut rng, n, -1e-2, 1e-2);

@@ -9,8 +9,9 @@ use num_traits::Float;
 use rand::Rng;
 use rand_pcg::Pcg64;
 
-use super::{Bench, Errors, HOST, Measurement, Pass, generator, normal, time};
+use super::{Bench, Errors, HOST, Measurement, Pass, generator, time};
 use super::{ErrorStats, StiffnessPoint};
+use crate::numbers::standard_normal;
 
 const OP: &str = "determinant";
 /// Names of the two forms.
@@ -54,8 +55,8 @@ fn needles(rng: &mut Pcg64, n: usize, length_px: f32, across_px: f32) -> Vec<Row
             let length = length_px * rng.random_range(0.7f32..1.0);
             let mut m = [[length * cos, 0.0, 0.0], [length * sin, 0.0, 0.0]];
             for row in &mut m {
-                row[1] = across_px * normal(rng);
-                row[2] = across_px * normal(rng);
+                row[1] = across_px * standard_normal::<f32>(rng);
+                row[2] = across_px * standard_normal::<f32>(rng);
             }
             m
         })

@@ -7,7 +7,7 @@ use serde::{Deserialize, Serialize};
 
 use super::error::ErrorStats;
 use super::timing::Timing;
-use crate::TrainError;
+use crate::Error;
 
 /// What a file says that it is.
 pub const FORMAT: &str = "dash-kernel-bench-1";
@@ -102,10 +102,10 @@ impl KernelBench {
 ///
 /// # Errors
 /// When it can't be read or is none.
-pub fn read_bench(path: &Path) -> Result<KernelBench, TrainError> {
-    let bytes = fs::read(path).map_err(|e| TrainError::io(path, "read", e))?;
+pub fn read_bench(path: &Path) -> Result<KernelBench, Error> {
+    let bytes = fs::read(path).map_err(|e| Error::io(path, "read", e))?;
     let refuse = |found: String| {
-        TrainError::run(
+        Error::run(
             path,
             format!(
                 "expected measurements of kernels, found {found}; make them with `dash bench --out FILE.json`"

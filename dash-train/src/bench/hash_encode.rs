@@ -10,7 +10,7 @@ use super::{
     Bench, Errors, Measurement, Op, Pass, Target, generator, gradient, time, to_f64, uniform,
     values,
 };
-use crate::TrainError;
+use crate::Error;
 
 const WEIGHTS: [(&str, Interpolation); 2] = [
     ("linear", Interpolation::Linear),
@@ -22,7 +22,7 @@ const HALF_NOTE: &str = "the error is that of storing the table in f16; the look
                          and so does its time";
 
 /// A 4D grid of eight levels, from 8 to 1,024 cells a side, of at most 2^16 entries.
-fn layout(interpolation: Interpolation) -> Result<HashGridLayout, TrainError> {
+fn layout(interpolation: Interpolation) -> Result<HashGridLayout, Error> {
     Ok(HashGridLayout::new(&HashGridConfig {
         n_levels: 8,
         n_features_per_level: 2,
@@ -39,7 +39,7 @@ pub(super) fn through_half(table: &[f32]) -> Vec<f32> {
     table.iter().map(|&v| f16::from_f32(v).to_f32()).collect()
 }
 
-pub(super) fn measure(bench: &mut Bench, target: Target, n: usize) -> Result<(), TrainError> {
+pub(super) fn measure(bench: &mut Bench, target: Target, n: usize) -> Result<(), Error> {
     for (name, interpolation) in WEIGHTS {
         let layout = layout(interpolation)?;
         let mut rng = generator(1);
@@ -55,7 +55,7 @@ pub(super) fn measure(bench: &mut Bench, target: Target, n: usize) -> Result<(),
                 drop(hash_encode(positions.clone(), table.clone(), &layout)?);
                 Ok(())
             })?;
-            Ok::<_, TrainError>((Errors::of(&got, &expected), Some(timing)))
+            Ok::<_, Error>((Errors::of(&got, &expected), Some(timing)))
         };
         let (error, time) = forward(&table)?;
         bench.add(Measurement {
@@ -84,7 +84,7 @@ fn measure_gradient(
     positions: &[f32],
     table: &[f32],
     layout: &HashGridLayout,
-) -> Result<(), TrainError> {
+) -> Result<(), Error> {
     let n = positions.len() / layout.dims();
     let width = layout.n_features();
     let cotangent = uniform(&mut generator(2), n * width, -1.0, 1.0);
@@ -99,7 +99,7 @@ fn measure_gradient(
     let table = target.leaf(table, [layout.n_entries(), 2]);
     let both = || {
         let out = hash_encode(positions.clone(), table.clone(), layout)?;
-        Ok::<_, TrainError>((out * cotangent.clone()).sum().backward())
+        Ok::<_, Error>((out * cotangent.clone()).sum().backward())
     };
     for (way, deterministic) in target.gradient_variants() {
         set_deterministic(deterministic);

@@ -3,22 +3,23 @@
 use dash_kernels::mlp::{MlpLayout, mlp, reference};
 
 use super::{
-    Bench, Errors, Measurement, Op, Pass, Target, generator, gradient, normal, time, to_f64,
-    uniform, values,
+    Bench, Errors, Measurement, Op, Pass, Target, generator, gradient, time, to_f64, uniform,
+    values,
 };
-use crate::TrainError;
+use crate::Error;
+use crate::numbers::standard_normal;
 
 /// The decoder of the 4D field with its heads, as `quick` has it.
 const WIDTHS: [usize; 4] = [16, 64, 64, 10];
 
-pub(super) fn measure(bench: &mut Bench, target: Target, n: usize) -> Result<(), TrainError> {
+pub(super) fn measure(bench: &mut Bench, target: Target, n: usize) -> Result<(), Error> {
     let layout = MlpLayout::new(&WIDTHS)?;
     let mut rng = generator(13);
     let input: Vec<f32> = (0..n * layout.n_inputs())
-        .map(|_| normal(&mut rng))
+        .map(|_| standard_normal::<f32>(&mut rng))
         .collect();
     let parameters: Vec<f32> = (0..layout.n_parameters())
-        .map(|_| 0.2 * normal(&mut rng))
+        .map(|_| 0.2 * standard_normal::<f32>(&mut rng))
         .collect();
     let cotangent = uniform(&mut rng, n * layout.n_outputs(), -1.0, 1.0);
     let wide = [&input, &parameters, &cotangent].map(|values| to_f64(values));
@@ -44,7 +45,7 @@ pub(super) fn measure(bench: &mut Bench, target: Target, n: usize) -> Result<(),
     let weights = target.leaf(&parameters, [parameters.len()]);
     let both = || {
         let out = mlp(rows.clone(), weights.clone(), &layout)?;
-        Ok::<_, TrainError>((out * cotangent.clone()).sum().backward())
+        Ok::<_, Error>((out * cotangent.clone()).sum().backward())
     };
     let gradients = both()?;
     let mut errors = Errors::default();

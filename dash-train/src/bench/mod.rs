@@ -1,14 +1,14 @@
-//! Kernels against their f64 references: how wrong and how fast every variant is on every backend.
+//! Errors of every kernel variant against its f64 reference, and times, on every backend.
 //!
-//! [`run`] measures; `dash report` draws what it writes. Inputs are random f32 values of a fixed
-//! seed, which the reference takes as the exact f64 values that they are, so that an error is the
-//! kernel's own.
+//! [`run`] measures, and `dash report` draws its results. Inputs are random f32 values with a fixed seed. The
+//! reference takes them as exact f64 values, so that an error is the kernel's own.
 //!
 //! # Map
-//! - this file: what is asked for and the loop over it; `file`: what is written.
+//! - this file: the request and the loop over it; `file`: the JSON file.
 //! - `error`: errors of many values; `timing`: medians and quartiles.
-//! - `hash_encode`, `mlp`, `project`, `rasterize`, `ssim`, `photometric`, `adam`: one operation each;
-//!   `trajectories`: `displacement`, `squared_extent`, `take_rows`, `join_rows`, `space_time`; `scene`: all of them at once; `determinant`: two forms of one formula, on the host; `stiffness`: inputs made harder and harder.
+//! - `hash_encode`, `mlp`, `project`, `rasterize`, `ssim`, `photometric`, `adam`: one operation each.
+//! - `trajectories`: `displacement`, `squared_extent`, `take_rows`, `join_rows`, `space_time`.
+//! - `scene`: a whole scene; `determinant`: two forms of one formula, on the host; `stiffness`: ever harder inputs.
 
 mod adam;
 mod determinant;
@@ -34,7 +34,7 @@ use dash_kernels::{KernelError, is_deterministic, limits, set_deterministic};
 use rand::{Rng, SeedableRng};
 use rand_pcg::Pcg64;
 
-use crate::TrainError;
+use crate::Error;
 use error::Errors;
 pub use error::{ErrorStats, Norms};
 pub use file::{FORMAT, KernelBench, Measurement, Pass, StiffnessPoint, read_bench};
@@ -138,10 +138,7 @@ pub struct BenchOptions {
 ///
 /// # Errors
 /// When a kernel refuses its input for another reason, or a device breaks down.
-pub fn run(
-    options: &BenchOptions,
-    on_part: &mut dyn FnMut(&str),
-) -> Result<KernelBench, TrainError> {
+pub fn run(options: &BenchOptions, on_part: &mut dyn FnMut(&str)) -> Result<KernelBench, Error> {
     let deterministic = is_deterministic();
     let mut bench = Bench {
         on_part,
@@ -159,7 +156,7 @@ struct Bench<'a> {
 }
 
 impl Bench<'_> {
-    fn run(&mut self, options: &BenchOptions) -> Result<(), TrainError> {
+    fn run(&mut self, options: &BenchOptions) -> Result<(), Error> {
         for (name, device) in &options.devices {
             let target = Target { name, device };
             for &op in &options.ops {
@@ -198,13 +195,9 @@ impl Bench<'_> {
     }
 
     /// Notes what a device has no room for and goes on.
-    fn unless_too_large(
-        &mut self,
-        measured: Result<(), TrainError>,
-        what: &str,
-    ) -> Result<(), TrainError> {
+    fn unless_too_large(&mut self, measured: Result<(), Error>, what: &str) -> Result<(), Error> {
         match measured {
-            Err(TrainError::Kernel(error @ KernelError::Limit { .. })) => {
+            Err(Error::Kernel(error @ KernelError::Limit { .. })) => {
                 self.found.left_out.push(format!("{what}: {error}"));
                 Ok(())
             }
@@ -273,27 +266,22 @@ fn uniform(rng: &mut Pcg64, n: usize, low: f32, high: f32) -> Vec<f32> {
     (0..n).map(|_| rng.random_range(low..high)).collect()
 }
 
-/// Close enough to a normal distribution here: the sum of twelve uniform values.
-fn normal(rng: &mut Pcg64) -> f32 {
-    (0..12).map(|_| rng.random::<f32>()).sum::<f32>() - 6.0
-}
-
 fn to_f64(values: &[f32]) -> Vec<f64> {
     values.iter().map(|&v| f64::from(v)).collect()
 }
 
-fn values<const R: usize>(tensor: Tensor<R>) -> Result<Vec<f32>, TrainError> {
+fn values<const R: usize>(tensor: Tensor<R>) -> Result<Vec<f32>, Error> {
     tensor
         .into_data()
         .try_into_vec::<f32>()
-        .map_err(|error| TrainError::DeviceFault(format!("{error:?}")))
+        .map_err(|error| Error::DeviceFault(format!("{error:?}")))
 }
 
 /// A leaf's gradient; zeros where nothing came back.
 fn gradient<const R: usize>(
     leaf: &Tensor<R>,
     gradients: &burn::tensor::Gradients,
-) -> Result<Vec<f32>, TrainError> {
+) -> Result<Vec<f32>, Error> {
     match leaf.grad(gradients) {
         Some(gradient) => values(gradient),
         None => Ok(vec![0.0; leaf.dims().iter().product()]),

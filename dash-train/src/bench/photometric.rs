@@ -9,7 +9,7 @@ use super::{
     Bench, Errors, Measurement, Op, Pass, Target, generator, gradient, time, to_f64, uniform,
     values,
 };
-use crate::TrainError;
+use crate::Error;
 
 const CHANNELS: usize = 3;
 /// That of 3D Gaussian Splatting.
@@ -28,7 +28,7 @@ fn of_its_parts(x: Tensor<3>, y: Tensor<3>) -> Result<Tensor<1>, KernelError> {
     Ok(l1 * (1.0 - DSSIM) + dissimilarity * DSSIM)
 }
 
-pub(super) fn measure(bench: &mut Bench, target: Target, n: usize) -> Result<(), TrainError> {
+pub(super) fn measure(bench: &mut Bench, target: Target, n: usize) -> Result<(), Error> {
     let side = (n as f64).sqrt().round().max(1.0) as usize;
     let shape = [side, side, CHANNELS];
     let len = side * side * CHANNELS;
@@ -50,7 +50,7 @@ pub(super) fn measure(bench: &mut Bench, target: Target, n: usize) -> Result<(),
             ..target.measurement(Op::Photometric, variant, Pass::Forward, side * side)
         });
         let (leaf, y) = (target.leaf(&x, shape), target.constant(&y, shape));
-        let both = || Ok::<_, TrainError>(of(leaf.clone(), y.clone())?.backward());
+        let both = || Ok::<_, Error>(of(leaf.clone(), y.clone())?.backward());
         let got = gradient(&leaf, &both()?)?;
         let timing = time(Some(target.device), || both().map(drop))?;
         bench.add(Measurement {

@@ -9,10 +9,11 @@ use dash_kernels::splats::{N_COLUMNS, N_DIFFERENTIABLE};
 use rand::Rng;
 
 use super::{
-    Bench, Errors, Measurement, Op, Pass, Target, generator, gradient, normal, time, to_f64,
-    uniform, values,
+    Bench, Errors, Measurement, Op, Pass, Target, generator, gradient, time, to_f64, uniform,
+    values,
 };
-use crate::TrainError;
+use crate::Error;
+use crate::numbers::standard_normal;
 
 const WIDTH: usize = 320;
 const HEIGHT: usize = 240;
@@ -72,14 +73,16 @@ impl Cloud {
             }
             cloud.means.push(z);
             let size = SIGMA_PX * z / focal;
-            let scales = (0..3).map(|_| size * (0.6 * normal(&mut rng)).exp());
+            let scales = (0..3).map(|_| size * (0.6 * standard_normal::<f32>(&mut rng)).exp());
             cloud.scales.extend(scales);
-            cloud.quats.extend((0..4).map(|_| normal(&mut rng)));
+            cloud
+                .quats
+                .extend((0..4).map(|_| standard_normal::<f32>(&mut rng)));
             cloud.opacities.push(rng.random_range(0.05..0.95));
             cloud
                 .sh_coeffs
-                .extend((0..3).map(|_| 0.8 * normal(&mut rng)));
-            let rest = (3..3 * N_COEFFS).map(|_| 0.05 * normal(&mut rng));
+                .extend((0..3).map(|_| 0.8 * standard_normal::<f32>(&mut rng)));
+            let rest = (3..3 * N_COEFFS).map(|_| 0.05 * standard_normal::<f32>(&mut rng));
             cloud.sh_coeffs.extend(rest);
         }
         cloud
@@ -114,7 +117,7 @@ impl Cloud {
     }
 
     /// Packed splats `[N, C]` from a device's kernel.
-    pub(super) fn projected(&self, target: Target, sight: &Sight) -> Result<Vec<f32>, TrainError> {
+    pub(super) fn projected(&self, target: Target, sight: &Sight) -> Result<Vec<f32>, Error> {
         values(self.on(target, false).project(sight)?)
     }
 
@@ -146,7 +149,7 @@ struct OnDevice {
 }
 
 impl OnDevice {
-    fn project(&self, sight: &Sight) -> Result<Tensor<2>, TrainError> {
+    fn project(&self, sight: &Sight) -> Result<Tensor<2>, Error> {
         let n = self.means.dims()[0];
         Ok(project(
             self.means.clone(),
@@ -164,7 +167,7 @@ fn view(sight: &Sight) -> View<f64> {
     View::new(&sight.camera, &sight.options, SH_DEGREE)
 }
 
-pub(super) fn measure(bench: &mut Bench, target: Target, n: usize) -> Result<(), TrainError> {
+pub(super) fn measure(bench: &mut Bench, target: Target, n: usize) -> Result<(), Error> {
     let sight = sight(Activation::Linear);
     let cloud = Cloud::random(n, 3);
     let got = cloud.projected(target, &sight)?;
@@ -188,7 +191,7 @@ pub(super) fn measure(bench: &mut Bench, target: Target, n: usize) -> Result<(),
     let leaves = cloud.on(target, true);
     let both = || {
         let splats = leaves.project(&sight)?;
-        Ok::<_, TrainError>((splats * cotangent.clone()).sum().backward())
+        Ok::<_, Error>((splats * cotangent.clone()).sum().backward())
     };
     let gradients = both()?;
     let mut errors = Errors::default();

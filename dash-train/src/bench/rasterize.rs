@@ -1,5 +1,5 @@
-//! Rasterization of a whole picture, judged in parts of it: the reference looks at every splat from
-//! every pixel.
+//! Rasterization of a whole picture. Errors are measured on parts of it, because the reference blends every splat
+//! into every pixel.
 
 use burn::tensor::Tensor;
 use dash_kernels::project::Activation;
@@ -12,7 +12,7 @@ use super::{
     Bench, ErrorStats, Errors, Measurement, Op, Pass, Target, generator, gradient, time, uniform,
     values,
 };
-use crate::TrainError;
+use crate::Error;
 
 const BACKGROUND: [f32; 3] = [0.25, 0.5, 0.125];
 /// Left upper corners of the judged parts, pixels.
@@ -88,8 +88,7 @@ impl Judged {
         errors.stats()
     }
 
-    /// A gradient of the picture that is zero outside of the parts, and the gradient of the splats that
-    /// it gives.
+    /// A gradient of the picture, zero outside of the measured parts, and the splats' gradient that follows.
     fn cotangent(&self) -> (Vec<f32>, Vec<f64>) {
         let n = self.size[0] * self.size[1] * N_CHANNELS;
         let random = uniform(&mut generator(9), n, -1.0, 1.0);
@@ -120,12 +119,8 @@ impl Judged {
     pub(super) fn gradients(
         &self,
         target: Target,
-        mut found: impl FnMut(
-            &str,
-            ErrorStats,
-            &dyn Fn() -> Result<(), TrainError>,
-        ) -> Result<(), TrainError>,
-    ) -> Result<(), TrainError> {
+        mut found: impl FnMut(&str, ErrorStats, &dyn Fn() -> Result<(), Error>) -> Result<(), Error>,
+    ) -> Result<(), Error> {
         let shape = [self.size[1], self.size[0], N_CHANNELS];
         let (cotangent, expected) = self.cotangent();
         let cotangent = target.constant(&cotangent, shape);
@@ -138,7 +133,7 @@ impl Judged {
         let options = self.options();
         let both = |cotangent: &Tensor<3>| {
             let image = rasterize(leaf.clone(), &options)?;
-            Ok::<_, TrainError>((image * cotangent.clone()).sum().backward())
+            Ok::<_, Error>((image * cotangent.clone()).sum().backward())
         };
         for (way, deterministic) in target.gradient_variants() {
             set_deterministic(deterministic);
@@ -155,7 +150,7 @@ impl Judged {
     }
 }
 
-pub(super) fn measure(bench: &mut Bench, target: Target, n: usize) -> Result<(), TrainError> {
+pub(super) fn measure(bench: &mut Bench, target: Target, n: usize) -> Result<(), Error> {
     let sight = sight(Activation::Linear);
     let splats = Cloud::random(n, 11).expected(&sight);
     let judged = Judged {

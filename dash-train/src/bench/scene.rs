@@ -1,7 +1,7 @@
-//! A whole scene of the size of a trained one: pictures of it, and steps of training it further.
+//! Times of a whole scene as large as a trained one: rendering it, and training it further.
 //!
-//! Gaussians of about three pixels fill a ball that cameras on a circle look at; a fifth of them moves. There is
-//! no error to measure: a picture is what its operations make of it, and these have references.
+//! Gaussians of about three pixels fill a ball, seen by cameras on a circle; a fifth of them is dynamic. No error is
+//! measured, because every operation of the picture has a reference of its own.
 
 use std::sync::Arc;
 
@@ -14,9 +14,10 @@ use dash_model::{
 use rand::Rng;
 use rand_pcg::Pcg64;
 
-use super::{Bench, Measurement, Op, Pass, Target, generator, normal, time};
-use crate::TrainError;
+use super::{Bench, Measurement, Op, Pass, Target, generator, time};
+use crate::Error;
 use crate::dataset::{Dataset, Layout, View};
+use crate::numbers::standard_normal;
 use crate::train::paper::Trajectories;
 use crate::train::{Keep, Preset, TrainConfig, Trainer};
 
@@ -53,7 +54,7 @@ const PRESETS: [(Preset, &str); 3] = [
     (Preset::Paper, "field of paper"),
 ];
 
-pub(super) fn measure(bench: &mut Bench, target: Target, n: usize) -> Result<(), TrainError> {
+pub(super) fn measure(bench: &mut Bench, target: Target, n: usize) -> Result<(), Error> {
     for (preset, variant) in PRESETS {
         let mut config = TrainConfig::preset(preset);
         (config.sh_degree, config.sh_interval) = (3, 0.0);
@@ -77,7 +78,7 @@ pub(super) fn measure(bench: &mut Bench, target: Target, n: usize) -> Result<(),
         trainer.run.continue_with(learning, dataset);
         let steps = time(Some(target.device), || match trainer.step()?.skipped {
             false => Ok(()),
-            true => Err(TrainError::DeviceFault(
+            true => Err(Error::DeviceFault(
                 "a step of training a sound scene was not finite".into(),
             )),
         })?;
@@ -129,7 +130,7 @@ fn clip(size: [usize; 2]) -> Dataset {
 }
 
 /// A scene of `n` Gaussians with the settings of a run that has not begun.
-fn scene(trainer: &Trainer, n: usize, device: &Device) -> Result<DynamicScene, TrainError> {
+fn scene(trainer: &Trainer, n: usize, device: &Device) -> Result<DynamicScene, Error> {
     let mut rng = generator(11);
     let n_dynamic = n / ONE_IN;
     let config = trainer.config();
@@ -169,21 +170,22 @@ fn rows(n: usize, sh_degree: usize, rng: &mut Pcg64) -> GaussianRows {
         .collect();
     let mut rows = GaussianRows::from_points(&places, &colors, sh_degree, unit);
     for scales in &mut rows.log_scales {
-        *scales = std::array::from_fn(|_| unit.ln() + spread * normal(rng));
+        *scales = std::array::from_fn(|_| unit.ln() + spread * standard_normal::<f32>(rng));
     }
     for quat in &mut rows.quats {
-        *quat = std::array::from_fn(|_| normal(rng));
+        *quat = std::array::from_fn(|_| standard_normal::<f32>(rng));
     }
     for opacity in &mut rows.opacity_logits {
         *opacity = logit(rng.random_range(0.05..0.95));
     }
-    rows.sh_rest.fill_with(|| 0.05 * normal(rng));
+    rows.sh_rest
+        .fill_with(|| 0.05 * standard_normal::<f32>(rng));
     rows
 }
 
 fn trajectories(n: usize, basis: TrajectoryBasis, rng: &mut Pcg64) -> Vec<f32> {
     let step = MOTION / (basis.len() as f32).sqrt();
     (0..n * basis.len() * 3)
-        .map(|_| step * normal(rng))
+        .map(|_| step * standard_normal::<f32>(rng))
         .collect()
 }

@@ -6,11 +6,11 @@ use super::{
     Bench, Errors, Measurement, Op, Pass, Target, generator, gradient, time, to_f64, uniform,
     values,
 };
-use crate::TrainError;
+use crate::Error;
 
 const CHANNELS: usize = 3;
 
-pub(super) fn measure(bench: &mut Bench, target: Target, n: usize) -> Result<(), TrainError> {
+pub(super) fn measure(bench: &mut Bench, target: Target, n: usize) -> Result<(), Error> {
     let side = (n as f64).sqrt().round().max(1.0) as usize;
     let shape = [side, side, CHANNELS];
     let len = side * side * CHANNELS;
@@ -42,7 +42,7 @@ pub(super) fn measure(bench: &mut Bench, target: Target, n: usize) -> Result<(),
     let (leaf, y) = (target.leaf(&x, shape), target.constant(&y, shape));
     let both = || {
         let out = ssim(leaf.clone(), y.clone())?;
-        Ok::<_, TrainError>((out * cotangent.clone()).sum().backward())
+        Ok::<_, Error>((out * cotangent.clone()).sum().backward())
     };
     let got = gradient(&leaf, &both()?)?;
     let timing = time(Some(target.device), || both().map(drop))?;

@@ -1,5 +1,5 @@
-//! Errors of inputs that are made harder and harder: longer needles, larger and smaller scales, more
-//! splats on a pixel, smaller and larger tables.
+//! Errors on ever harder inputs: longer needles, larger and smaller scales, more splats on a pixel, smaller and
+//! larger tables.
 
 use dash_kernels::hash_encode::{
     HashGridConfig, HashGridLayout, Interpolation, LevelSizing, hash_encode, reference,
@@ -16,7 +16,7 @@ use super::{
     Bench, BenchOptions, ErrorStats, Errors, Op, StiffnessPoint, Target, determinant, generator,
     to_f64, uniform, values,
 };
-use crate::TrainError;
+use crate::Error;
 
 const NEEDLES: &str = "needle length (px)";
 const NEEDLES_PX: [f64; 9] = [10.0, 30.0, 100.0, 300.0, 1e3, 3e3, 1e4, 3e4, 65e3];
@@ -32,7 +32,7 @@ const NEEDLE_RATIO: f64 = 1e-8;
 /// Side of the picture under many splats, pixels.
 const SMALL_SIDE: usize = 16;
 
-pub(super) fn measure(bench: &mut Bench, options: &BenchOptions) -> Result<(), TrainError> {
+pub(super) fn measure(bench: &mut Bench, options: &BenchOptions) -> Result<(), Error> {
     let wants = |op| options.ops.contains(&op);
     if wants(Op::Project) {
         for length_px in NEEDLES_PX {
@@ -76,7 +76,7 @@ impl Target<'_> {
     }
 }
 
-fn needles(bench: &mut Bench, target: Target) -> Result<(), TrainError> {
+fn needles(bench: &mut Bench, target: Target) -> Result<(), Error> {
     let sight = sight(Activation::Linear);
     for length_px in NEEDLES_PX {
         let mut cloud = Cloud::random(N, 12);
@@ -99,7 +99,7 @@ fn needles(bench: &mut Bench, target: Target) -> Result<(), TrainError> {
     Ok(())
 }
 
-fn scales(bench: &mut Bench, target: Target) -> Result<(), TrainError> {
+fn scales(bench: &mut Bench, target: Target) -> Result<(), Error> {
     let sight = sight(Activation::Exp);
     for exponent in (-20..=20).step_by(2) {
         let mut cloud = Cloud::random(N, 13);
@@ -147,7 +147,7 @@ fn crowd(n: usize) -> Judged {
     }
 }
 
-fn crowds(bench: &mut Bench, target: Target) -> Result<(), TrainError> {
+fn crowds(bench: &mut Bench, target: Target) -> Result<(), Error> {
     for n in N_SPLATS {
         let judged = crowd(n);
         let image = values(rasterize(judged.tensor(target), &judged.options())?)?;
@@ -168,7 +168,7 @@ fn crowds(bench: &mut Bench, target: Target) -> Result<(), TrainError> {
     Ok(())
 }
 
-fn tables(bench: &mut Bench, target: Target) -> Result<(), TrainError> {
+fn tables(bench: &mut Bench, target: Target) -> Result<(), Error> {
     for log2 in LOG2_TABLES {
         let measured = table(bench, target, log2);
         bench.unless_too_large(measured, &format!("{}: a table of 2^{log2}", target.name))?;
@@ -177,7 +177,7 @@ fn tables(bench: &mut Bench, target: Target) -> Result<(), TrainError> {
 }
 
 /// One level, so that the table of 2^24 fits into the memory of most machines.
-fn table(bench: &mut Bench, target: Target, log2: u32) -> Result<(), TrainError> {
+fn table(bench: &mut Bench, target: Target, log2: u32) -> Result<(), Error> {
     for (variant, interpolation) in [
         ("linear", Interpolation::Linear),
         ("smoothstep", Interpolation::Smoothstep),
@@ -203,7 +203,7 @@ fn table(bench: &mut Bench, target: Target, log2: u32) -> Result<(), TrainError>
             let errors = Errors::of(&got, &expected);
             let point = target.stiffness((TABLES, false), value, op, errors);
             bench.found.stiffness.push(point);
-            Ok::<_, TrainError>(())
+            Ok::<_, Error>(())
         };
         add(&table, variant)?;
         if interpolation == Interpolation::Linear {

@@ -5,7 +5,8 @@ use std::time::{Duration, Instant};
 use burn::tensor::Device;
 use serde::{Deserialize, Serialize};
 
-use crate::TrainError;
+use crate::Error;
+use crate::numbers::quantile;
 
 /// How the times are taken, for the file.
 pub(super) const RULE: &str = "median and quartiles of up to 15 runs after at least two, and 0.1 s of them, that do not count, the device synchronised before the \
@@ -37,17 +38,17 @@ pub struct Timing {
 /// What `work` refuses, and when the device breaks down.
 pub(super) fn time(
     device: Option<&Device>,
-    mut work: impl FnMut() -> Result<(), TrainError>,
-) -> Result<Timing, TrainError> {
+    mut work: impl FnMut() -> Result<(), Error>,
+) -> Result<Timing, Error> {
     let mut once = || {
         let start = Instant::now();
         work()?;
         if let Some(device) = device {
             device
                 .sync()
-                .map_err(|e| TrainError::DeviceFault(e.to_string()))?;
+                .map_err(|e| Error::DeviceFault(e.to_string()))?;
         }
-        Ok::<f64, TrainError>(start.elapsed().as_secs_f64() * 1e3)
+        Ok::<f64, Error>(start.elapsed().as_secs_f64() * 1e3)
     };
     let start = Instant::now();
     let mut n_warm_ups = 0;
@@ -63,13 +64,8 @@ pub(super) fn time(
     Ok(quartiles(runs))
 }
 
-fn quartiles(mut runs: Vec<f64>) -> Timing {
-    runs.sort_by(f64::total_cmp);
-    let at = |share: f64| {
-        let place = share * (runs.len() - 1) as f64;
-        let (low, high) = (runs[place.floor() as usize], runs[place.ceil() as usize]);
-        low + (high - low) * place.fract()
-    };
+fn quartiles(runs: Vec<f64>) -> Timing {
+    let at = |share: f64| quantile(runs.iter().copied(), share);
     Timing {
         median_ms: at(0.5),
         first_quartile_ms: at(0.25),
@@ -99,7 +95,7 @@ mod tests {
 
     #[test]
     fn a_refusal_ends_it() {
-        let refused = time(None, || Err(TrainError::Config("no".into())));
+        let refused = time(None, || Err(Error::Config("no".into())));
         assert!(refused.is_err());
         let timing = time(None, || Ok(())).expect("nothing to refuse");
         assert_eq!(timing.n_runs, RUNS);

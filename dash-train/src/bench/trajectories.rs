@@ -1,5 +1,4 @@
-//! Trajectories of many spans: where they are at a time, how far they go, and some of them; positions as points of the
-//! unit cube.
+//! Trajectories of many spans: displacement at a time, extent, and gathered rows; positions in the unit cube.
 
 use burn::tensor::Tensor;
 use dash_kernels::KernelError;
@@ -9,10 +8,11 @@ use dash_kernels::space_time::{self, Bounds, space_time};
 use dash_kernels::trajectory::{self, Polyline, squared_extent};
 
 use super::{
-    Bench, Errors, Measurement, Op, Pass, Target, generator, gradient, normal, time, to_f64,
-    uniform, values,
+    Bench, Errors, Measurement, Op, Pass, Target, generator, gradient, time, to_f64, uniform,
+    values,
 };
-use crate::TrainError;
+use crate::Error;
+use crate::numbers::standard_normal;
 
 /// As many as a long clip has.
 const SPANS: usize = 48;
@@ -27,7 +27,7 @@ pub(super) fn measure_displacement(
     bench: &mut Bench,
     target: Target,
     n: usize,
-) -> Result<(), TrainError> {
+) -> Result<(), Error> {
     use displacement::reference;
     let basis = uniform(&mut generator(13), SPANS, -1.0, 1.0);
     let wide = to_f64(&basis);
@@ -45,7 +45,7 @@ pub(super) fn measure_squared_extent(
     bench: &mut Bench,
     target: Target,
     n: usize,
-) -> Result<(), TrainError> {
+) -> Result<(), Error> {
     use trajectory::reference;
     let (polyline, anchor) = (Polyline::new(SPANS, ANCHOR)?, f64::from(ANCHOR));
     let case = Case {
@@ -60,11 +60,7 @@ pub(super) fn measure_squared_extent(
     case.measure(bench, target, n, [n])
 }
 
-pub(super) fn measure_take_rows(
-    bench: &mut Bench,
-    target: Target,
-    n: usize,
-) -> Result<(), TrainError> {
+pub(super) fn measure_take_rows(bench: &mut Bench, target: Target, n: usize) -> Result<(), Error> {
     use rows::reference;
     let taken = n.div_ceil(STRIDE);
     let rows: Vec<u32> = (0..n as u32).step_by(STRIDE).collect();
@@ -78,11 +74,7 @@ pub(super) fn measure_take_rows(
     case.measure(bench, target, n, [taken, WIDTH])
 }
 
-pub(super) fn measure_join_rows(
-    bench: &mut Bench,
-    target: Target,
-    n: usize,
-) -> Result<(), TrainError> {
+pub(super) fn measure_join_rows(bench: &mut Bench, target: Target, n: usize) -> Result<(), Error> {
     use rows::reference;
     let case = Case {
         op: Op::JoinRows,
@@ -97,11 +89,7 @@ pub(super) fn measure_join_rows(
     case.measure(bench, target, n, [2 * n, WIDTH])
 }
 
-pub(super) fn measure_space_time(
-    bench: &mut Bench,
-    target: Target,
-    n: usize,
-) -> Result<(), TrainError> {
+pub(super) fn measure_space_time(bench: &mut Bench, target: Target, n: usize) -> Result<(), Error> {
     use space_time::reference;
     let bounds = Bounds {
         min: [-0.2, -0.1, -0.3],
@@ -142,14 +130,14 @@ where
         target: Target,
         n: usize,
         out_shape: [usize; R],
-    ) -> Result<(), TrainError>
+    ) -> Result<(), Error>
     where
         F: Fn(Tensor<2>) -> Result<Tensor<R>, KernelError>,
     {
         let shape = [n, self.width];
         let mut rng = generator(11);
         let coefficients: Vec<f32> = (0..n * self.width)
-            .map(|_| 0.1 * normal(&mut rng))
+            .map(|_| 0.1 * standard_normal::<f32>(&mut rng))
             .collect();
         let wide = to_f64(&coefficients);
         let tensor = target.tensor(&coefficients, shape);
@@ -170,7 +158,7 @@ where
         let leaf = target.leaf(&coefficients, shape);
         let both = || {
             let out = (self.run)(leaf.clone())?;
-            Ok::<_, TrainError>((out * cotangent.clone()).sum().backward())
+            Ok::<_, Error>((out * cotangent.clone()).sum().backward())
         };
         let got = gradient(&leaf, &both()?)?;
         let timing = time(Some(target.device), || both().map(drop))?;

@@ -3,7 +3,10 @@
 use std::f64::consts::TAU;
 
 use dash_kernels::Camera;
-use glam::{DMat3, DVec3};
+use glam::DVec3;
+
+use super::focus::{centre_and_spread, default_depth, meeting_point};
+use crate::numbers::quantile;
 
 /// Rounds of the path before a rig that looks one way (LLFF's number); one around a scene.
 const TURNS: f64 = 2.0;
@@ -11,14 +14,6 @@ const TURNS: f64 = 2.0;
 const SPREAD_PERCENTILE: f64 = 0.8;
 /// The path's radius before a single camera, by the distance looked at.
 const SINGLE_CAMERA_RADIUS: f64 = 0.03;
-/// Where nothing else tells the depth of the scene: this many times the spread of the cameras.
-const DEPTH_BY_SPREAD: f64 = 10.0;
-/// Pull of the meeting point towards the cameras' centre: it decides only for axes that are
-/// parallel to within half a degree, whose meeting point is noise.
-const PARALLEL_PULL: f64 = 1e-4;
-/// The axes meet before the cameras when at least three quarters of the cameras see the point
-/// further away than this many times their spread.
-const LEAST_DEPTH_BY_SPREAD: f64 = 0.25;
 
 /// A closed path of `n` cameras in the middle of `cameras`, all looking at the point where the given
 /// cameras' axes meet (least squares).
@@ -43,8 +38,7 @@ pub fn spiral(cameras: &[Camera], n: usize, focus_depth: Option<f64>) -> Vec<Cam
         return Vec::new();
     }
     let positions: Vec<DVec3> = cameras.iter().map(|c| c.position().into()).collect();
-    let centre = positions.iter().sum::<DVec3>() / positions.len() as f64;
-    let spread = percentile(positions.iter().map(|p| p.distance(centre)).collect(), 0.9);
+    let (centre, spread) = centre_and_spread(&positions);
     let nearest = positions
         .iter()
         .enumerate()
@@ -68,12 +62,8 @@ pub fn spiral(cameras: &[Camera], n: usize, focus_depth: Option<f64>) -> Vec<Cam
         }
         _ => {
             let forward = mean_axis(2);
-            let default_depth = if spread > 0.0 {
-                DEPTH_BY_SPREAD * spread
-            } else {
-                1.0
-            };
-            let target = met.unwrap_or(centre + forward * focus_depth.unwrap_or(default_depth));
+            let depth = focus_depth.unwrap_or(default_depth(spread));
+            let target = met.unwrap_or(centre + forward * depth);
             (before_the_scene(&positions, centre, target, up, n), target)
         }
     };
@@ -87,31 +77,6 @@ pub fn spiral(cameras: &[Camera], n: usize, focus_depth: Option<f64>) -> Vec<Cam
         .collect()
 }
 
-/// The point that the cameras look at: where their axes meet (least squares) if that is before them,
-/// else a point ahead of their centre at ten times their spread (1 for cameras at one place). The
-/// origin for no cameras.
-///
-/// # Units
-/// World units.
-pub fn focus_point(cameras: &[Camera]) -> [f64; 3] {
-    if cameras.is_empty() {
-        return [0.0; 3];
-    }
-    let positions: Vec<DVec3> = cameras.iter().map(|c| c.position().into()).collect();
-    let centre = positions.iter().sum::<DVec3>() / positions.len() as f64;
-    let spread = percentile(positions.iter().map(|p| p.distance(centre)).collect(), 0.9);
-    if let Some(target) = meeting_point(cameras, &positions, centre, spread) {
-        return target.into();
-    }
-    let forward: DVec3 = cameras.iter().map(|c| DVec3::from(c.forward())).sum();
-    let depth = if spread > 0.0 {
-        DEPTH_BY_SPREAD * spread
-    } else {
-        1.0
-    };
-    (centre + forward.normalize_or_zero() * depth).into()
-}
-
 /// `up`, or some other direction where one can't look along `forward` with it.
 fn up_beside(up: DVec3, forward: DVec3) -> DVec3 {
     if up.cross(forward).length() > 1e-6 * forward.length() {
@@ -119,33 +84,6 @@ fn up_beside(up: DVec3, forward: DVec3) -> DVec3 {
     } else {
         forward.any_orthogonal_vector()
     }
-}
-
-/// The point nearest to all viewing axes, if it lies before the cameras.
-fn meeting_point(
-    cameras: &[Camera],
-    positions: &[DVec3],
-    centre: DVec3,
-    spread: f64,
-) -> Option<DVec3> {
-    let n = cameras.len() as f64;
-    let mut normal = DMat3::from_diagonal(DVec3::splat(PARALLEL_PULL));
-    let mut right_side = centre * PARALLEL_PULL;
-    for (camera, position) in cameras.iter().zip(positions) {
-        let axis = DVec3::from(camera.forward());
-        let across =
-            DMat3::IDENTITY - DMat3::from_cols(axis * axis.x, axis * axis.y, axis * axis.z);
-        normal += across * (1.0 / n);
-        right_side += across * *position / n;
-    }
-    let point = normal.inverse() * right_side;
-    let depths = cameras
-        .iter()
-        .zip(positions)
-        .map(|(camera, position)| DVec3::from(camera.forward()).dot(point - *position))
-        .collect();
-    let least = percentile(depths, 0.25);
-    (spread > 0.0 && point.is_finite() && least > LEAST_DEPTH_BY_SPREAD * spread).then_some(point)
 }
 
 /// Whether no half of the horizon around `target` is without cameras.
@@ -168,7 +106,7 @@ fn surrounds(positions: &[DVec3], target: DVec3, up: DVec3) -> bool {
 /// Eyes on a circle around `target`.
 fn orbit(positions: &[DVec3], target: DVec3, up: DVec3, n: usize) -> Vec<DVec3> {
     let (east, north) = up.any_orthonormal_pair();
-    let distance = percentile(positions.iter().map(|p| p.distance(target)).collect(), 0.5);
+    let distance = quantile(positions.iter().map(|p| p.distance(target)), 0.5);
     let elevations: Vec<f64> = positions
         .iter()
         .map(|p| {
@@ -178,7 +116,7 @@ fn orbit(positions: &[DVec3], target: DVec3, up: DVec3, n: usize) -> Vec<DVec3> 
         })
         .collect();
     let middle = elevations.iter().sum::<f64>() / elevations.len() as f64;
-    let swing = percentile(elevations.iter().map(|e| (e - middle).abs()).collect(), 0.5);
+    let swing = quantile(elevations.iter().map(|e| (e - middle).abs()), 0.5);
     // Straight above, `up` says nothing about the image's orientation.
     let steepest = 80_f64.to_radians();
     angles(n, 1.0)
@@ -203,7 +141,7 @@ fn before_the_scene(
     let axes = [right, right.cross(forward), forward];
     let mut radii = axes.map(|axis| {
         let offsets = positions.iter().map(|p| axis.dot(*p - centre).abs());
-        percentile(offsets.collect(), SPREAD_PERCENTILE)
+        quantile(offsets, SPREAD_PERCENTILE)
     });
     let depth = centre.distance(target);
     if radii[0].max(radii[1]) < 1e-6 * depth {
@@ -228,19 +166,10 @@ fn angles(n: usize, turns: f64) -> impl Iterator<Item = f64> {
     (0..n).map(move |i| TAU * turns * i as f64 / n as f64)
 }
 
-/// The value that `share` of the values don't exceed, between neighbours by linear interpolation.
-fn percentile(mut values: Vec<f64>, share: f64) -> f64 {
-    values.sort_by(f64::total_cmp);
-    let place = share * (values.len() - 1) as f64;
-    let (below, above) = (
-        values[place.floor() as usize],
-        values[place.ceil() as usize],
-    );
-    below + (above - below) * place.fract()
-}
-
 #[cfg(test)]
 mod tests {
+    use glam::DMat3;
+
     use super::*;
 
     const UP: [f64; 3] = [0.0, 1.0, 0.0];

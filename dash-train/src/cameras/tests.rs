@@ -14,7 +14,7 @@ fn entry(id: u64) -> CameraEntry {
     }
 }
 
-fn read(text: &str) -> Result<Vec<CameraEntry>, CameraFileError> {
+fn read(text: &str) -> Result<Vec<CameraEntry>, Error> {
     let folder = tempfile::tempdir().expect("a scratch folder");
     let path = folder.path().join("cameras.json");
     std::fs::write(&path, text).expect("a scratch file");

@@ -4,7 +4,8 @@ use std::path::{Component, Path, PathBuf};
 
 use dash_kernels::Camera;
 
-use super::{CameraEntry, CameraFileError};
+use super::CameraEntry;
+use crate::Error;
 use crate::dataset::image_files::find_image;
 use crate::dataset::shrink::dimensions;
 use crate::dataset::transforms::{Frame, Transforms, parse};
@@ -19,7 +20,7 @@ const ROUNDING: f64 = 1e-6;
 pub struct DatasetTerms {
     /// Width and height of the pictures as loaded, where all have one size.
     pub size: Option<(usize, usize)>,
-    /// The factor by which they were made smaller for that.
+    /// The factor by which they were made smaller on loading.
     pub downscale: f64,
     /// The first and the last stated time, where times were stretched over [0, 1].
     pub stated_span: Option<[f64; 2]>,
@@ -76,7 +77,7 @@ pub(super) struct TransformsFile {
 }
 
 impl TransformsFile {
-    pub(super) fn read(path: &Path) -> Result<Self, CameraFileError> {
+    pub(super) fn read(path: &Path) -> Result<Self, Error> {
         Ok(Self {
             path: path.to_path_buf(),
             listed: parse(path)?,
@@ -87,7 +88,7 @@ impl TransformsFile {
     pub(super) fn cameras(
         &self,
         dataset: Option<&DatasetTerms>,
-    ) -> Result<Vec<CameraEntry>, CameraFileError> {
+    ) -> Result<Vec<CameraEntry>, Error> {
         let frames = &self.listed.frames;
         let has_number = |frame: &Frame| frame.time.is_none() && frame.timestep_index().is_some();
         let numbered = frames.iter().all(has_number);
@@ -100,7 +101,7 @@ impl TransformsFile {
                     false => frame.time,
                 };
                 let time = stated.map(|stated| DatasetTerms::unit_time(dataset, stated));
-                let refused = |what| CameraFileError::Entry {
+                let refused = |what| Error::Camera {
                     path: self.path.clone(),
                     index,
                     name: format!(" ({})", frame.file_path),
@@ -116,8 +117,8 @@ impl TransformsFile {
             .collect()
     }
 
-    /// The camera without its lens's distortion, at the size that the file states, else that of the
-    /// dataset's pictures as loaded, else that of the frame's own picture.
+    /// The camera without its lens's distortion. Its size is the file's, else that of the dataset's loaded pictures,
+    /// else that of the frame's own picture.
     fn camera(
         &self,
         frame: &Frame,

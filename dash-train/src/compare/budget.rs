@@ -6,16 +6,16 @@ use std::time::Instant;
 use burn::tensor::Device;
 
 use super::gauge::Gauge;
-use crate::TrainError;
+use crate::Error;
 use crate::dataset::Dataset;
 use crate::train::{StepReport, TrainConfig, Trainer};
 
 /// Steps of the first trial: enough for some rounds of density control.
 const FIRST_TRIAL: usize = 300;
-/// Steps of a trial that are not timed: they pay for what later ones find ready, such as kernels.
+/// Untimed steps of a trial: they compile kernels and fill caches.
 const COLD: usize = 10;
-/// Share of the budget that the last trial should take at least: longer runs have more Gaussians, and
-/// other shares of them that move.
+/// Least share of the budget for the last trial: longer runs have more Gaussians, and another share of
+/// dynamic ones.
 const TRIAL_SHARE: f64 = 0.35;
 /// Most trials.
 const MAX_TRIALS: usize = 2;
@@ -28,7 +28,7 @@ const TOLERANCE: f64 = 0.05;
 /// Most runs whose steps are corrected after them.
 const MAX_CORRECTIONS: usize = 3;
 
-/// Training seconds to be spent.
+/// Seconds to train for.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Budget {
     /// Evaluation and file writing excluded, at the speed that the machine had when the comparison began.
@@ -51,8 +51,7 @@ impl Budget {
         Some((extrapolate(&points, self.seconds) as usize).max(1))
     }
 
-    /// Steps of `config` that take about these seconds here: found by short runs, each of which goes
-    /// through all stages.
+    /// Steps of `config` that take about these seconds, estimated by short runs through all stages.
     pub(super) fn iterations(
         self,
         config: &TrainConfig,
@@ -60,7 +59,7 @@ impl Budget {
         device: &Device,
         gauge: &mut Gauge,
         on_step: OnStep<'_>,
-    ) -> Result<usize, TrainError> {
+    ) -> Result<usize, Error> {
         let mut iterations = FIRST_TRIAL;
         let mut points: Vec<(f64, f64)> = Vec::new();
         let mut at_the_end = 0.0;

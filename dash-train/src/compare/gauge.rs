@@ -1,5 +1,7 @@
-//! How fast the machine is, by steps of a reference run. Neighbours and the processor's clock change that by a
-//! factor of two within minutes, and methods that train one after the other should not differ by it.
+//! The machine's speed, by steps of a reference run.
+//!
+//! Other load and the processor's clock change it by a factor of two within minutes. Methods that train one after
+//! the other should not differ by that.
 
 use std::sync::Arc;
 use std::time::Instant;
@@ -8,22 +10,22 @@ use burn::tensor::Device;
 use dash_model::DynamicScene;
 
 use super::Method;
-use crate::TrainError;
+use crate::Error;
 use crate::dataset::Dataset;
 use crate::train::{TrainConfig, Trainer};
 
-/// Seconds of training between two looks.
+/// Seconds of training between two measurements.
 const INTERVAL: f64 = 2.0;
-/// Reference steps of a look.
+/// Reference steps of a measurement.
 const STEPS: usize = 4;
-/// Those of the first one.
+/// Reference steps of the first measurement.
 const FIRST_STEPS: usize = 32;
-/// Steps before it, which pay for what later ones find ready.
+/// Untimed steps before it: they compile kernels and fill caches.
 const COLD: usize = 10;
 /// More steps than any comparison takes.
 const ENDLESS: usize = 1 << 40;
 
-/// A run of 3DGS on the comparison's data whose steps all do the same.
+/// Repeats one training step of a static 3DGS scene on the comparison's data, and times it.
 pub(super) struct Gauge {
     reference: Trainer,
     scene: DynamicScene,
@@ -31,7 +33,7 @@ pub(super) struct Gauge {
     first: f64,
     /// How many times as long one takes now.
     slowness: f64,
-    /// Seconds since the last look.
+    /// Seconds since the last measurement.
     since: f64,
 }
 
@@ -42,7 +44,7 @@ impl Gauge {
         dataset: &Arc<Dataset>,
         device: &Device,
         first: Option<f64>,
-    ) -> Result<Self, TrainError> {
+    ) -> Result<Self, Error> {
         let mut config = Method::Static.of(preset);
         config.iterations = ENDLESS;
         config.densify.static_set.during = [0.0; 2];
@@ -69,8 +71,8 @@ impl Gauge {
         self.first
     }
 
-    /// What so many seconds of training would have been at the speed of the comparison's begin.
-    pub(super) fn paced(&mut self, seconds: f64) -> Result<f64, TrainError> {
+    /// Seconds of training, converted to the machine's speed when the comparison began.
+    pub(super) fn paced(&mut self, seconds: f64) -> Result<f64, Error> {
         self.since += seconds;
         if self.since >= INTERVAL {
             self.since = 0.0;
@@ -80,7 +82,7 @@ impl Gauge {
     }
 
     /// Mean seconds of a reference step now.
-    fn step_seconds(&mut self, steps: usize) -> Result<f64, TrainError> {
+    fn step_seconds(&mut self, steps: usize) -> Result<f64, Error> {
         let mut seconds = 0.0;
         for _ in 0..steps {
             self.reference.run.scene = self.scene.clone();

@@ -20,7 +20,7 @@ const NEVER: usize = 1 << 40;
     Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize, clap::ValueEnum,
 )]
 pub enum Method {
-    /// The preset as it is.
+    /// The unchanged preset.
     #[serde(rename = "dash")]
     #[value(name = "dash")]
     Dash,
@@ -181,8 +181,8 @@ fn everything_moves(config: &mut TrainConfig) {
     }
 }
 
-/// Grids of 3 dimensions instead of 4: what makes cells of all four share entries leaves each of these to
-/// itself, so that they are not made coarser where the 4D grid is for that.
+/// Grids of 3 dimensions instead of 4. They have fewer hash collisions than the 4D grid, so their resolution is
+/// not lowered for that.
 fn three_dimensional_grids(config: &mut TrainConfig) {
     let field = &mut config.method.field;
     field.representation = Representation::Grid4d;

@@ -1,14 +1,15 @@
-//! Points against pictures: whether they lie on pixels of their own colour.
+//! Whether points lie on pixels of their own colour.
 
 use dash_kernels::Camera;
 
 use super::cloud::Cloud;
-use super::finding::median;
 use crate::dataset::{Dataset, DatasetError, View};
+use crate::numbers::median;
 
-/// Mean difference of the channels up to which a pixel has a point's colour. Compression, shading that
-/// depends on the direction, and the average over the pictures that a point was made from stay below
-/// a tenth; different surfaces mostly do not, and how often they do by chance is measured beside it.
+/// Largest mean difference of the channels between a pixel and a point of the same colour.
+///
+/// Compression, view-dependent shading and averaging over pictures stay below a tenth. Different surfaces mostly
+/// don't; how often they agree by chance is measured, too.
 pub(super) const TOLERANCE: f32 = 0.1;
 /// Most pictures that are compared.
 const MAX_PICTURES: usize = 96;
@@ -189,7 +190,7 @@ pub(super) fn middle_score(
     moved: impl Fn([f64; 3]) -> [f64; 3],
 ) -> f64 {
     let score = |p: &Picture| Agreement::of(p, &camera(&p.camera), cloud, stride, &moved).score();
-    median(pictures.iter().map(score).collect()).unwrap_or(0.0)
+    median(pictures.iter().map(score)).unwrap_or(0.0)
 }
 
 /// Pearson's correlation over the three channels, each about its own mean; 0 where it is not defined.

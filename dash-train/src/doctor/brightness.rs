@@ -1,14 +1,15 @@
 //! Exposure: jumps between cameras and along time.
 
-use super::finding::{Finding, listed, median};
+use super::finding::{Finding, listed};
 use super::tracks::{Track, Tracks};
+use crate::numbers::median;
 
 /// A camera that is this much brighter or darker than the middle one, a third of a stop, is set
 /// differently.
 const CAMERA_JUMP: f64 = 1.26;
 /// A smaller difference that is worth knowing.
 const CAMERA_DIFFERENCE: f64 = 1.12;
-/// Whole pictures differ by what they show, too; a difference from which on it is worth knowing.
+/// The same for means of whole pictures, which also differ by their content.
 const WHOLE_DIFFERENCE: f64 = 1.5;
 /// A change of most of a picture by this factor from one frame to the next is a jump.
 const FRAME_JUMP: f64 = 1.08;
@@ -21,7 +22,7 @@ const MIN_STEPS: usize = 6;
 
 /// Exposures `gains` of cameras, measured on points, against each other.
 pub(super) fn between_cameras(gains: &[(String, f64)]) -> Option<Finding> {
-    let middle = median(gains.iter().map(|(_, gain)| *gain).collect())?;
+    let middle = median(gains.iter().map(|(_, gain)| *gain))?;
     let relative: Vec<(&str, f64)> = gains
         .iter()
         .map(|(name, gain)| (name.as_str(), gain / middle))
@@ -67,10 +68,10 @@ pub(super) fn of_whole_pictures(looked: &Tracks) -> Option<Finding> {
     }
     let usual = |track: &Track| {
         let means = track.looks.iter().map(|look| look.mean);
-        Some((track.name.clone(), median(means.collect())?))
+        Some((track.name.clone(), median(means)?))
     };
     let means: Vec<(String, f64)> = looked.tracks.iter().filter_map(usual).collect();
-    let middle = median(means.iter().map(|(_, mean)| *mean).collect())?;
+    let middle = median(means.iter().map(|(_, mean)| *mean))?;
     let off = |mean: f64| mean > WHOLE_DIFFERENCE * middle || WHOLE_DIFFERENCE * mean < middle;
     let named: Vec<String> = means
         .iter()
@@ -98,7 +99,7 @@ pub(super) fn along_time(looked: &Tracks) -> Option<Finding> {
             .filter_map(|s| log_gain(s.gain))
             .collect();
         told |= !gains.is_empty();
-        let usual = median(gains.iter().map(|g| g.abs()).collect()).unwrap_or(0.0);
+        let usual = median(gains.iter().map(|g| g.abs())).unwrap_or(0.0);
         let worst = track
             .steps
             .iter()

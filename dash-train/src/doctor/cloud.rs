@@ -1,5 +1,5 @@
-//! The initial points: how many, whether they were measured or drawn at random, and what of them the
-//! pictures and the training box hold.
+//! The initial points: how many, whether they were measured or drawn at random, and how many of them lie in the
+//! pictures and in the training box.
 
 use std::collections::HashSet;
 use std::num::NonZero;
@@ -19,14 +19,13 @@ use crate::train::core::initial::{Region, views_at_start};
 use crate::train::core::points::InitialPoints;
 use crate::train::core::sweep::Sweep;
 
-/// Points that checks look at: enough for a camera that sees a hundredth of a large scene.
+/// Points in a sample: enough for a camera that sees a hundredth of a large scene.
 const SAMPLES: usize = 50_000;
-/// Points whose neighbours are looked at.
+/// Points whose neighbours are compared.
 const NEIGHBOUR_SAMPLES: usize = 3_000;
 /// Mean difference between colours below which they are all alike.
 const MIN_CONTRAST: f32 = 0.02;
-/// Difference between neighbours' colours, as a share of that between strangers', from which on
-/// colours do not belong to surfaces.
+/// Colours belong to no surface when neighbours differ by this share of the difference between random points.
 const MAX_INCOHERENCE: f32 = 0.9;
 /// Greatest distance between the distribution of coordinates and an even one, on every axis, of points
 /// drawn evenly in a box. Those of a surface are farther off on one of them.

@@ -24,9 +24,9 @@ const MARKS: [(Layout, &str); 13] = [
 ];
 /// A step in time that is this many times the usual one is a gap.
 const GAP: f64 = 3.5;
-/// The same where cameras take turns: their times are irregular to begin with.
-const GAP_IN_TURNS: f64 = 10.0;
-/// Share of its frames that a camera may lack before that is worth a warning.
+/// The same with one camera per timestep, whose times are irregular to begin with.
+const GAP_MONOCULAR: f64 = 10.0;
+/// Largest share of missing frames of a camera without a warning.
 const FEW_LACKING: f64 = 0.02;
 
 /// Which layout, and by which file.
@@ -132,7 +132,7 @@ fn times(dataset: &Dataset) -> Option<Finding> {
     times.dedup();
     let (first, last) = (*times.first()?, *times.last()?);
     let steps: Vec<f64> = times.windows(2).map(|pair| pair[1] - pair[0]).collect();
-    let usual = super::finding::median(steps.clone())?;
+    let usual = crate::numbers::median(steps.iter().copied())?;
     let (at, widest) = steps
         .iter()
         .enumerate()
@@ -140,7 +140,7 @@ fn times(dataset: &Dataset) -> Option<Finding> {
     let gap = if is_rig(&dataset.views, dataset.n_frames) {
         GAP
     } else {
-        GAP_IN_TURNS
+        GAP_MONOCULAR
     };
     let stated = dataset
         .stated_span
@@ -162,7 +162,7 @@ fn times(dataset: &Dataset) -> Option<Finding> {
     Some(Finding::ok("times", range))
 }
 
-/// Numbers that are left out in the names of frames, whose times are as far apart as these.
+/// Missing frame numbers, where the times have the same gaps.
 fn numbers(dataset: &Dataset) -> Option<Finding> {
     if dataset.layout == Layout::Blender || dataset.is_static() {
         return None;

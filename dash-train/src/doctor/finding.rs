@@ -137,9 +137,3 @@ pub(super) fn percent(part: usize, whole: usize) -> String {
         share => format!("{share:.0} %"),
     }
 }
-
-/// The middle one of some numbers; `None` for none.
-pub(super) fn median(mut values: Vec<f64>) -> Option<f64> {
-    values.sort_by(f64::total_cmp);
-    values.get(values.len() / 2).copied()
-}

@@ -1,4 +1,4 @@
-//! Points that are nowhere on pixels of their colours: which mistake would explain it.
+//! The mistake that explains why no points lie on pixels of their colours.
 
 use dash_kernels::Camera;
 use glam::{DMat3, DVec3};
@@ -10,24 +10,45 @@ use super::finding::Finding;
 
 /// Points that are compared under each of many hypotheses.
 const POINTS: usize = 400;
-/// Pictures that are compared under each of them.
+/// Pictures that are compared under each hypothesis.
 const PICTURES: usize = 12;
-/// A hypothesis explains what is seen from this score on, and if it is better than the data as they are
-/// by half as much.
+/// A hypothesis explains the pictures from this score on, if it also beats the unchanged data by half as much.
 const EXPLAINS: f64 = 0.3;
-/// Cameras whose order is looked into; every picture is tried with every pose.
+/// Most cameras whose order is checked: every picture is tried with every pose.
 const MAX_REORDERED: usize = 48;
 /// Score from which on a picture fits another's pose.
 const ORDER_FITS: f64 = 0.45;
-/// Score from which on points without an explanation fit loosely, not at all below.
+/// Least score of points that fit loosely without an explanation.
 const LOOSE: f64 = 0.25;
-/// Share of strangers' colours that agree from which on colours say little.
+/// Share of unrelated points with the same colour, above which colours are not telling.
 const ALIKE: f64 = 0.6;
-/// Factors of the points' coordinates that are tried, and from one to the next.
+/// Least and largest factor of the points' coordinates that is tried.
 const SCALES: [f64; 2] = [1e-3, 1e3];
-/// Factors of the focal length that are tried.
+/// Least and largest factor of the focal length that is tried.
 const FOCALS: [f64; 2] = [0.25, 4.0];
+/// From one factor to the next.
 const SCALE_STEP: f64 = 1.01;
+
+/// A mistake that would explain the pictures.
+struct Explanation {
+    /// The score without the mistake.
+    score: f64,
+    /// The correction, in words that follow the score.
+    words: String,
+    /// What the user can do.
+    mend: &'static str,
+}
+
+/// Tries one correction after the other and keeps the best.
+struct Search<'a> {
+    cloud: &'a Cloud,
+    pictures: Vec<Picture>,
+    /// Every so many points are compared.
+    stride: usize,
+    /// Score from which on a correction explains the pictures.
+    explains: f64,
+    best: Option<Explanation>,
+}
 
 /// The best explanation, or that there is none.
 pub(super) fn explain(
@@ -36,64 +57,9 @@ pub(super) fn explain(
     (score, chance): (f64, f64),
     text: &str,
 ) -> Finding {
-    let stride = cloud.positions.len().div_ceil(POINTS);
-    let kept = pictures.len().min(PICTURES);
-    let some: Vec<Picture> = (0..kept)
-        .map(|k| pictures[k * pictures.len() / kept].clone())
-        .collect();
-    let same = |camera: &Camera| camera.clone();
-    let mut best: Option<(f64, String, &str)> = None;
-    let mut consider = |found: f64, words: String, mend: &'static str| {
-        let better = best.as_ref().is_none_or(|best| found > best.0);
-        if better && found >= EXPLAINS.max(score + EXPLAINS / 2.0) {
-            best = Some((found, words, mend));
-        }
-    };
-    for convention in CONVENTIONS {
-        let found = middle_score(&some, cloud, stride, |c| convention.apply(c), |x| x);
-        consider(
-            found,
-            format!("with {}", convention.words),
-            "convert the poses that way",
-        );
-    }
-    for (turn, words) in quarter_turns() {
-        let found = middle_score(&some, cloud, stride, same, |x| {
-            (turn * DVec3::from(x)).to_array()
-        });
-        consider(
-            found,
-            format!("with the points' (x, y, z) taken as {words}"),
-            "turn the points that way",
-        );
-    }
-    let zooms = ((FOCALS[1] / FOCALS[0]).ln() / SCALE_STEP.ln()) as i32;
-    for k in 0..=zooms {
-        let zoom = FOCALS[0] * SCALE_STEP.powi(k);
-        let zoomed = |c: &Camera| Camera {
-            fx: zoom * c.fx,
-            fy: zoom * c.fy,
-            ..c.clone()
-        };
-        let found = middle_score(&some, cloud, stride, zoomed, |x| x);
-        consider(
-            found,
-            format!("with focal lengths times {zoom:.2}"),
-            "scale the focal lengths: they may be for pictures of another size",
-        );
-    }
-    let steps = ((SCALES[1] / SCALES[0]).ln() / SCALE_STEP.ln()) as i32;
-    for k in 0..=steps {
-        let scale = SCALES[0] * SCALE_STEP.powi(k);
-        let found = middle_score(&some, cloud, stride, same, |x| x.map(|v| scale * v));
-        consider(
-            found,
-            format!("with the points' coordinates times {scale:.3}"),
-            "scale the points, or the cameras' positions, to one unit",
-        );
-    }
-    let displaced = displaced(cloud, pictures, stride);
-    if 2 * displaced >= pictures.len() && best.as_ref().is_none_or(|best| best.0 < ORDER_FITS) {
+    let best = Search::new(cloud, pictures, score).best();
+    let displaced = displaced(cloud, pictures, stride(cloud));
+    if 2 * displaced >= pictures.len() && best.as_ref().is_none_or(|best| best.score < ORDER_FITS) {
         return Finding::error(
             "poses",
             format!(
@@ -104,9 +70,9 @@ pub(super) fn explain(
         );
     }
     match best {
-        Some((found, words, mend)) => Finding::error(
+        Some(Explanation { score, words, mend }) => Finding::error(
             "poses",
-            format!("{text}; it would be {found:.2} {words}"),
+            format!("{text}; it would be {score:.2} {words}"),
             mend,
         ),
         None if score > LOOSE => Finding::note(
@@ -127,7 +93,96 @@ pub(super) fn explain(
     }
 }
 
-/// Pictures that show what another camera's pose sees.
+fn stride(cloud: &Cloud) -> usize {
+    cloud.positions.len().div_ceil(POINTS)
+}
+
+impl<'a> Search<'a> {
+    fn new(cloud: &'a Cloud, pictures: &[Picture], score: f64) -> Self {
+        let kept = pictures.len().min(PICTURES);
+        let some = (0..kept).map(|k| pictures[k * pictures.len() / kept].clone());
+        Self {
+            cloud,
+            pictures: some.collect(),
+            stride: stride(cloud),
+            explains: EXPLAINS.max(score + EXPLAINS / 2.0),
+            best: None,
+        }
+    }
+
+    fn best(mut self) -> Option<Explanation> {
+        self.conventions();
+        self.turns();
+        self.zooms();
+        self.scales();
+        self.best
+    }
+
+    fn consider(
+        &mut self,
+        mend: &'static str,
+        words: String,
+        camera: impl Fn(&Camera) -> Camera,
+        point: impl Fn([f64; 3]) -> [f64; 3],
+    ) {
+        let score = middle_score(&self.pictures, self.cloud, self.stride, camera, point);
+        let better = self.best.as_ref().is_none_or(|best| score > best.score);
+        if better && score >= self.explains {
+            self.best = Some(Explanation { score, words, mend });
+        }
+    }
+
+    fn conventions(&mut self) {
+        for convention in CONVENTIONS {
+            let words = format!("with {}", convention.words);
+            let apply = |camera: &Camera| convention.apply(camera);
+            self.consider("convert the poses that way", words, apply, |x| x);
+        }
+    }
+
+    fn turns(&mut self) {
+        for (turn, words) in quarter_turns() {
+            let words = format!("with the points' (x, y, z) taken as {words}");
+            let turned = |x: [f64; 3]| (turn * DVec3::from(x)).to_array();
+            self.consider("turn the points that way", words, Camera::clone, turned);
+        }
+    }
+
+    fn zooms(&mut self) {
+        for zoom in factors(FOCALS) {
+            let zoomed = |c: &Camera| Camera {
+                fx: zoom * c.fx,
+                fy: zoom * c.fy,
+                ..c.clone()
+            };
+            self.consider(
+                "scale the focal lengths: they may be for pictures of another size",
+                format!("with focal lengths times {zoom:.2}"),
+                zoomed,
+                |x| x,
+            );
+        }
+    }
+
+    fn scales(&mut self) {
+        for scale in factors(SCALES) {
+            self.consider(
+                "scale the points, or the cameras' positions, to one unit",
+                format!("with the points' coordinates times {scale:.3}"),
+                Camera::clone,
+                |x| x.map(|v| scale * v),
+            );
+        }
+    }
+}
+
+/// Factors from the least to the most, [`SCALE_STEP`] from one to the next.
+fn factors([least, most]: [f64; 2]) -> impl Iterator<Item = f64> {
+    let steps = ((most / least).ln() / SCALE_STEP.ln()) as i32;
+    (0..=steps).map(move |k| least * SCALE_STEP.powi(k))
+}
+
+/// How many pictures fit another camera's pose, and not their own.
 fn displaced(cloud: &Cloud, pictures: &[Picture], stride: usize) -> usize {
     if pictures.len() > MAX_REORDERED {
         return 0;
@@ -143,7 +198,7 @@ fn displaced(cloud: &Cloud, pictures: &[Picture], stride: usize) -> usize {
     (0..pictures.len()).filter(shows_another).count()
 }
 
-/// The turns that interchange axes, and what they make of (x, y, z).
+/// The rotations that interchange axes, and what becomes of (x, y, z).
 fn quarter_turns() -> Vec<(DMat3, String)> {
     let mut turns = Vec::new();
     for order in [

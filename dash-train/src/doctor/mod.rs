@@ -1,7 +1,7 @@
 //! What is wrong with a dataset, and how to mend it.
 //!
-//! [`examine`] loads a dataset as training would and looks at it from every side; each check is a file
-//! and gives [`Finding`]s. All checks are deterministic, and look at samples where there is much.
+//! [`examine`] loads a dataset as training would. Each check is a file and gives [`Finding`]s. All checks are
+//! deterministic and take samples of large datasets.
 //!
 //! # Map
 //! - `finding`: a finding; `contents`: layout, counts, sizes, times; `masks`, `memory`, `timing`.
@@ -155,6 +155,26 @@ fn all_checks(
     findings: &mut Vec<Finding>,
 ) -> Sketch {
     let looked = tracks::look(dataset);
+    check_frames(dataset, broken, &looked, findings);
+    let (sketch, gains) = check_geometry(dataset, findings);
+    findings.extend(match gains.as_slice() {
+        [] => brightness::of_whole_pictures(&looked),
+        gains => brightness::between_cameras(gains),
+    });
+    findings.extend(brightness::along_time(&looked));
+    findings.extend(sync::check(&looked));
+    findings.extend(motion::check(&looked));
+    findings.push(memory::check(dataset, memory));
+    sketch
+}
+
+/// What can be decoded, and what the dataset contains.
+fn check_frames(
+    dataset: &Dataset,
+    broken: &[DatasetError],
+    looked: &tracks::Tracks,
+    findings: &mut Vec<Finding>,
+) {
     for error in broken.iter().chain(&looked.broken) {
         let finding = Finding::refused("frames", error);
         // Frames of one group of pictures fail for one reason.
@@ -164,7 +184,7 @@ fn all_checks(
     }
     let whole = broken.is_empty() && looked.broken.is_empty();
     findings.extend(contents::contents(dataset, whole));
-    findings.extend(masks::check(dataset, &looked));
+    findings.extend(masks::check(dataset, looked));
     if looked.left_out > 0 {
         let text = format!(
             "the last {} frames of each camera were not looked at",
@@ -172,6 +192,10 @@ fn all_checks(
         );
         findings.push(Finding::note("frames", text));
     }
+}
+
+/// Poses, points and the training box; the exposure of every picture whose pose is sound.
+fn check_geometry(dataset: &Dataset, findings: &mut Vec<Finding>) -> (Sketch, Vec<(String, f64)>) {
     let mut cameras: BTreeMap<usize, &View> = BTreeMap::new();
     for view in &dataset.views {
         cameras.entry(view.camera_index).or_insert(view);
@@ -209,26 +233,19 @@ fn all_checks(
         // A picture that can't be read is among the findings already.
         Err(_) => None,
     };
-    findings.extend(match verdict.gains.as_slice() {
-        [] => brightness::of_whole_pictures(&looked),
-        gains => brightness::between_cameras(gains),
-    });
-    findings.extend(brightness::along_time(&looked));
-    findings.extend(sync::check(&looked));
-    findings.extend(motion::check(&looked));
-    findings.push(memory::check(dataset, memory));
     let drawn = cameras.iter().map(|(index, view)| DrawnCamera {
         camera: view.camera.clone(),
         held_out: view.split == Split::Test,
         doubtful: verdict.doubtful.contains(index),
     });
-    Sketch {
+    let (positions, colors) =
+        cloud.map_or_else(Default::default, |cloud| (cloud.positions, cloud.colors));
+    let sketch = Sketch {
         cameras: drawn.collect(),
         focus: conventions::Meeting::of(&poses).map(|meeting| meeting.point),
-        positions: cloud
-            .as_ref()
-            .map_or_else(Vec::new, |c| c.positions.clone()),
-        colors: cloud.map_or_else(Vec::new, |c| c.colors),
+        positions,
+        colors,
         space,
-    }
+    };
+    (sketch, verdict.gains)
 }

@@ -1,23 +1,24 @@
-//! What moves: repeated and frozen pictures, black ones, scenes in which hardly anything moves.
+//! Motion: repeated, frozen and black pictures, and scenes at rest.
 
-use super::finding::{Finding, listed, median, percent};
+use super::finding::{Finding, listed, percent};
 use super::tracks::{Track, Tracks};
+use crate::numbers::median;
 
 /// Brightest pixel of a picture that is black.
 const BLACK: f32 = 0.04;
 /// Brightness of a camera's other pictures from which on a black one is not its usual look.
 const NOT_DARK: f64 = 0.02;
-/// Share of the pixels that are exactly the same in two pictures which are the same.
+/// Share of exactly equal pixels in two equal pictures.
 const REPEATED: f64 = 0.9999;
-/// Share of unchanged pixels above which pictures have no noise, as rendered ones do not: then two that
-/// are the same only show that nothing moved in sight.
+/// Share of unchanged pixels above which pictures have no sensor noise, as rendered ones. Two equal ones then only
+/// show that nothing moved in view.
 const NOISELESS: f64 = 0.6;
 /// Change of a frozen camera, as a share of the other cameras'.
 const FROZEN: f64 = 0.02;
-/// Part of the picture that moves, in the camera that sees most, below which the scene is at rest.
+/// The scene is at rest when less than this share of pixels moves in every camera.
 const AT_REST: f64 = 0.0005;
 
-/// All that pictures say of motion.
+/// Findings about motion.
 pub(super) fn check(looked: &Tracks) -> Vec<Finding> {
     let mut findings = Vec::new();
     findings.extend(black(looked));
@@ -49,7 +50,7 @@ pub(super) fn check(looked: &Tracks) -> Vec<Finding> {
 fn black(looked: &Tracks) -> Option<Finding> {
     let mut named = Vec::new();
     for track in &looked.tracks {
-        let usual = median(track.looks.iter().map(|look| look.mean).collect()).unwrap_or(0.0);
+        let usual = median(track.looks.iter().map(|look| look.mean)).unwrap_or(0.0);
         let frames: Vec<usize> = track
             .looks
             .iter()
@@ -83,12 +84,12 @@ fn repeated(looked: &Tracks) -> Option<Finding> {
         .iter()
         .filter(|track| !track.steps.is_empty())
         .collect();
-    let usual = median(moving.iter().map(|track| track.usual_energy()).collect())?;
+    let usual = median(moving.iter().map(|track| track.usual_energy()))?;
     let (mut frozen, mut twice) = (Vec::new(), Vec::new());
     for track in moving {
         let same: Vec<bool> = track.steps.iter().map(|s| s.same >= REPEATED).collect();
         let all_same = same.iter().all(|&same| same);
-        let noise = median(track.steps.iter().map(|s| s.same).collect()).unwrap_or(1.0);
+        let noise = median(track.steps.iter().map(|s| s.same)).unwrap_or(1.0);
         if looked.rig && all_same && track.usual_energy() < FROZEN * usual {
             frozen.push(track.name.clone());
             continue;

@@ -5,8 +5,9 @@ use dash_kernels::Camera;
 use super::agreement::{Agreement, Picture, TOLERANCE};
 use super::cloud::{Cloud, Kind};
 use super::conventions::{CONVENTIONS, Meeting, meeting_in_front};
-use super::finding::{Finding, Severity, listed, median};
+use super::finding::{Finding, Severity, listed};
 use super::misplaced;
+use crate::numbers::median;
 
 /// Fewer points than this tell nothing of the poses.
 const MIN_POINTS: usize = 100;
@@ -56,7 +57,7 @@ pub(super) fn by_colors(cloud: Option<&Cloud>, pictures: &[Picture]) -> Verdict 
         .collect();
     let scores: Vec<f64> = found.iter().map(Agreement::score).collect();
     let middle = median(scores.clone()).unwrap_or(0.0);
-    let seen = median(found.iter().map(|a| a.seen as f64).collect()).unwrap_or(0.0);
+    let seen = median(found.iter().map(|a| a.seen as f64)).unwrap_or(0.0);
     let total = found.iter().map(|a| a.seen).sum::<usize>().max(1) as f64;
     let pooled = |of: fn(&Agreement) -> f64| {
         100.0 * found.iter().map(|a| of(a) * a.seen as f64).sum::<f64>() / total
@@ -68,7 +69,7 @@ pub(super) fn by_colors(cloud: Option<&Cloud>, pictures: &[Picture]) -> Verdict 
         pooled(|a| a.chance)
     );
     verdict.sound = Some(middle >= SOUND);
-    let chance = median(found.iter().map(|a| a.chance).collect()).unwrap_or(0.0);
+    let chance = median(found.iter().map(|a| a.chance)).unwrap_or(0.0);
     if middle < SOUND {
         let finding = misplaced::explain(cloud, pictures, (middle, chance), &text);
         verdict.explained = finding.severity == Severity::Error;
@@ -97,41 +98,25 @@ fn single(
     suspects: &[usize],
     (scores, middle): (&[f64], f64),
 ) -> Vec<Finding> {
-    let score = |i: usize, camera: &Camera| {
-        let camera = pictures[i].at_pose_of(camera);
-        Agreement::of(&pictures[i], &camera, cloud, 1, |x| x).score()
-    };
-    let explains = |s: f64| s >= EXPLAINS * middle;
-    let pose_of = |i: usize| {
-        (0..pictures.len())
-            .filter(|&other| other != i)
-            .map(|other| (score(i, &pictures[other].camera), other))
-            .max_by(|a, b| a.0.total_cmp(&b.0))
-            .filter(|best| explains(best.0))
-    };
+    let explained = |score: f64| score >= EXPLAINS * middle;
+    let best = |i: usize| Explained::best(cloud, pictures, i, explained);
     let mut findings = Vec::new();
     let mut unexplained = Vec::new();
     for &i in suspects {
         let name = &pictures[i].name;
-        let convention = CONVENTIONS
-            .iter()
-            .map(|c| (score(i, &c.apply(&pictures[i].camera)), c))
-            .max_by(|a, b| a.0.total_cmp(&b.0))
-            .filter(|best| explains(best.0));
-        match (convention, pose_of(i)) {
-            (Some((fits, convention)), other) if other.is_none_or(|other| other.0 < fits) => {
-                findings.push(Finding::error(
-                    "poses",
-                    format!(
-                        "{name} has another convention than the other cameras: its colours correlate {:.2} \
-                         with the points' as loaded, {fits:.2} with {}",
-                        scores[i], convention.words
-                    ),
-                    "write its pose as the others' are written",
-                ));
-            }
-            (_, Some((fits, other))) => {
-                let both = pose_of(other).is_some_and(|back| back.1 == i);
+        match best(i) {
+            Some(Explained::ByConvention(fits, words)) => findings.push(Finding::error(
+                "poses",
+                format!(
+                    "{name} has another convention than the other cameras: its colours correlate {:.2} \
+                     with the points' as loaded, {fits:.2} with {words}",
+                    scores[i]
+                ),
+                "write its pose as the others' are written",
+            )),
+            Some(Explained::ByPoseOf(fits, other)) => {
+                let back = pose_that_fits(cloud, pictures, other, explained);
+                let both = back.is_some_and(|back| back.1 == i);
                 if both && other < i && suspects.contains(&other) {
                     continue;
                 }
@@ -150,7 +135,7 @@ fn single(
                     "put the poses into the order of the cameras' names",
                 ));
             }
-            _ => unexplained.push(format!("{name} ({:.2})", scores[i])),
+            None => unexplained.push(format!("{name} ({:.2})", scores[i])),
         }
     }
     if !unexplained.is_empty() {
@@ -164,6 +149,64 @@ fn single(
         ));
     }
     findings
+}
+
+/// What explains a picture that its own pose doesn't, with the score.
+enum Explained {
+    /// Its pose in another convention.
+    ByConvention(f64, &'static str),
+    /// The pose of another picture.
+    ByPoseOf(f64, usize),
+}
+
+impl Explained {
+    fn best(
+        cloud: &Cloud,
+        pictures: &[Picture],
+        i: usize,
+        explained: impl Fn(f64) -> bool,
+    ) -> Option<Self> {
+        let convention = CONVENTIONS
+            .iter()
+            .map(|c| {
+                let camera = c.apply(&pictures[i].camera);
+                (score_at(cloud, &pictures[i], &camera), c.words)
+            })
+            .max_by(|a, b| a.0.total_cmp(&b.0))
+            .filter(|best| explained(best.0));
+        let pose = pose_that_fits(cloud, pictures, i, explained);
+        match (convention, pose) {
+            (Some((score, words)), pose) if pose.is_none_or(|pose| pose.0 < score) => {
+                Some(Self::ByConvention(score, words))
+            }
+            (_, pose) => pose.map(|(score, other)| Self::ByPoseOf(score, other)),
+        }
+    }
+}
+
+/// The other picture whose pose explains picture `i` best, behind the score.
+fn pose_that_fits(
+    cloud: &Cloud,
+    pictures: &[Picture],
+    i: usize,
+    explained: impl Fn(f64) -> bool,
+) -> Option<(f64, usize)> {
+    (0..pictures.len())
+        .filter(|&other| other != i)
+        .map(|other| {
+            (
+                score_at(cloud, &pictures[i], &pictures[other].camera),
+                other,
+            )
+        })
+        .max_by(|a, b| a.0.total_cmp(&b.0))
+        .filter(|best| explained(best.0))
+}
+
+/// The score of a picture with the pose of `camera`.
+fn score_at(cloud: &Cloud, picture: &Picture, camera: &Camera) -> f64 {
+    let camera = picture.at_pose_of(camera);
+    Agreement::of(picture, &camera, cloud, 1, |x| x).score()
 }
 
 /// Where the cameras look. `sound`: what the colours said, and `explained` whether they named a mistake.

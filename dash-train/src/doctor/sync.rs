@@ -2,14 +2,15 @@
 
 use std::collections::BTreeMap;
 
-use super::finding::{Finding, median};
+use super::finding::Finding;
 use super::tracks::{Track, Tracks};
+use crate::numbers::median;
 
-/// Cameras that are needed to tell which one is out of step.
+/// Least number of cameras to tell which one is out of step.
 const MIN_CAMERAS: usize = 3;
 /// Steps that must overlap at every offset.
 const MIN_OVERLAP: usize = 15;
-/// Greatest offset that is tried, frames; and as a share of the clip.
+/// Largest offset that is tried, in frames and as a share of the clip.
 const MAX_OFFSET: usize = 30;
 const MAX_OFFSET_SHARE: f64 = 0.34;
 /// Correlation at the best offset that makes it certain.

@@ -1,18 +1,18 @@
-//! How long training will take: the first steps of shortened runs, and what follows from them.
+//! Estimates how long training will take, from the first steps of shortened runs.
 //!
-//! A run's stages are shares of it, so a short one passes through all of them, too fast to learn
-//! anything. Two such runs with different numbers of Gaussians tell what a Gaussian costs. What they
-//! can't tell is how much of the scene moves: the answer is a range, from nothing at all to a good
-//! share of the Gaussians.
+//! A run's stages are shares of its steps, so a short run passes through all of them, too fast to learn anything.
+//! Two such runs with different numbers of Gaussians give the cost of a Gaussian. The number of dynamic Gaussians
+//! stays unknown, so the answer is a range.
 
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use burn::tensor::Device;
 
-use super::finding::{Finding, median};
-use crate::TrainError;
+use super::finding::Finding;
+use crate::Error;
 use crate::dataset::Dataset;
+use crate::numbers::median;
 use crate::train::{Keep, Preset, TrainConfig, Trainer};
 
 /// Gaussians of the two runs.
@@ -103,7 +103,7 @@ fn time(
     gaussians: usize,
     device: &Device,
     deadline: Instant,
-) -> Result<Timed, TrainError> {
+) -> Result<Timed, Error> {
     let mut config = TrainConfig::preset(Preset::Quick);
     config.iterations = STEPS[0];
     config.initial_points = [gaussians; 2];
@@ -165,7 +165,7 @@ fn range(runs: &[Timed], config: &TrainConfig, n_given: usize, is_static: bool) 
         let mut start = 0.0;
         let mut secs = 0.0;
         for (stage, end) in ends.into_iter().enumerate() {
-            // After the split, a scene in which nothing moves is drawn as during the warm-up.
+            // After the decomposition, a scene at rest is rendered as during the warm-up.
             let like = if is_static || (stage == N_STAGES - 1 && !moves) {
                 0
             } else {

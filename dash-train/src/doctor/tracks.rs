@@ -6,8 +6,8 @@ use std::collections::BTreeMap;
 use rayon::prelude::*;
 
 use super::contents::is_rig;
-use super::finding::median;
 use crate::dataset::{Dataset, DatasetError, View};
+use crate::numbers::median;
 
 /// Pixels that are decoded at most; of longer captures, every camera's first frames.
 const MAX_PIXELS: usize = 2_000_000_000;
@@ -67,7 +67,7 @@ pub(super) struct Track {
 impl Track {
     /// The usual amount of change.
     pub(super) fn usual_energy(&self) -> f64 {
-        median(self.steps.iter().map(|step| step.energy).collect()).unwrap_or(0.0)
+        median(self.steps.iter().map(|step| step.energy)).unwrap_or(0.0)
     }
 }
 
@@ -234,6 +234,6 @@ impl Small {
 /// The factor that is common to logarithms of ratios, if there is one.
 fn common(ratios: Vec<f64>) -> Option<f64> {
     let middle = median(ratios.clone())?;
-    let spread = median(ratios.into_iter().map(|r| (r - middle).abs()).collect())?;
+    let spread = median(ratios.into_iter().map(|r| (r - middle).abs()))?;
     (middle.abs() < NO_CHANGE || spread < SPREAD * middle.abs()).then(|| middle.exp())
 }

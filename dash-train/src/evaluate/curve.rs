@@ -1,7 +1,7 @@
 //! Scores of held-out views while training goes on: `RUN/curve.jsonl`.
 //!
-//! Nothing reads them back: they choose no checkpoint and steer no step, and the clock of training
-//! stands still while they are taken.
+//! Training never reads them: they choose no checkpoint and steer no step. Their time does not count as training
+//! time.
 
 use std::collections::BTreeMap;
 use std::collections::btree_map::Entry;
@@ -13,11 +13,13 @@ use dash_model::scene_file::TablePrecision;
 use dash_model::{DynamicScene, ModelError};
 use serde::{Deserialize, Serialize};
 
-use super::measure::{Evaluation, camera_moving_pixels, evaluate_views};
+use super::measure::{camera_moving_pixels, evaluate_views};
 use super::perceptual::Perceptual;
-use super::results::{peak_memory_bytes, storage_bytes};
-use crate::TrainError;
+use super::scores::Evaluation;
+use super::storage::storage_bytes;
+use crate::Error;
 use crate::dataset::{Dataset, Split, View};
+use crate::process::peak_memory_bytes;
 
 /// Most test views that a measurement scores.
 pub const MAX_CURVE_VIEWS: usize = 12;
@@ -74,11 +76,11 @@ impl CurveProbe {
     ///
     /// # Errors
     /// When it has no test views.
-    pub fn check(dataset: &Dataset) -> Result<(), TrainError> {
+    pub fn check(dataset: &Dataset) -> Result<(), Error> {
         if dataset.split(Split::Test).next().is_some() {
             return Ok(());
         }
-        Err(TrainError::run(
+        Err(Error::run(
             &dataset.root,
             "expected test views for --curve, found none; hold cameras out with --test-cameras, or \
              leave --curve out",
@@ -88,7 +90,7 @@ impl CurveProbe {
     /// A probe for `n_measurements` over `iterations` steps, the last at the end. `background` is the
     /// scene's.
     ///
-    /// What moves is worked out here, before training asks for images of its own.
+    /// Motion masks are computed here, before training asks for images of its own.
     ///
     /// # Errors
     /// When the dataset has no test views, or their images can't be read.
@@ -97,7 +99,7 @@ impl CurveProbe {
         background: [f32; 3],
         iterations: usize,
         n_measurements: usize,
-    ) -> Result<Self, TrainError> {
+    ) -> Result<Self, Error> {
         Self::check(&dataset)?;
         let all: Vec<usize> = (0..dataset.views.len())
             .filter(|&i| dataset.views[i].split == Split::Test)
@@ -140,7 +142,7 @@ impl CurveProbe {
         step: usize,
         seconds: f64,
         scratch: &Path,
-    ) -> Result<CurveLine, TrainError> {
+    ) -> Result<CurveLine, Error> {
         // Without the graph that gradients need, as the scene is rendered when it is done.
         let scene = scene.valid();
         let views: Vec<&View> = self.views.iter().map(|&i| &self.dataset.views[i]).collect();
@@ -181,7 +183,7 @@ fn stored_size(
     scene: &DynamicScene,
     precision: TablePrecision,
     scratch: &Path,
-) -> Result<u64, TrainError> {
+) -> Result<u64, Error> {
     let folder = tempfile::Builder::new()
         .prefix("curve-")
         .tempdir_in(scratch)

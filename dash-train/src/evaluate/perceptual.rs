@@ -4,9 +4,9 @@ use std::path::PathBuf;
 
 use burn::tensor::Device;
 
-use crate::TrainError;
+use crate::Error;
 use crate::dataset::View;
-use crate::metrics::lpips::{LPIPS_RULE, Lpips, LpipsError, Network};
+use crate::metrics::lpips::{LPIPS_RULE, Lpips, Network};
 
 /// What `metric_settings` says where no weights were named.
 const NO_WEIGHTS: &str = "not measured: no weights";
@@ -36,12 +36,11 @@ pub struct PerceptualFiles {
 }
 
 impl PerceptualFiles {
-    /// Looks whether the files hold what is needed, without reading a value: before work whose end
-    /// needs them.
+    /// Checks that the files hold every tensor, without reading a value: before training, not after it.
     ///
     /// # Errors
     /// As [`Lpips::check`].
-    pub fn check(&self) -> Result<(), TrainError> {
+    pub fn check(&self) -> Result<(), Error> {
         for (network, files) in self.by_network() {
             if !files.is_empty() {
                 Lpips::check(network, files)?;
@@ -54,7 +53,7 @@ impl PerceptualFiles {
     ///
     /// # Errors
     /// As [`Lpips::load`].
-    pub fn load(&self, device: &Device) -> Result<Perceptual, TrainError> {
+    pub fn load(&self, device: &Device) -> Result<Perceptual, Error> {
         let [vgg, alex] = self.by_network().map(|(network, files)| {
             let load = || Lpips::load(network, files, device);
             (!files.is_empty()).then(load).transpose()
@@ -77,16 +76,16 @@ impl Perceptual {
         image: &[f32],
         truth: &[f32],
         [width, height]: [usize; 2],
-    ) -> Result<PerceptualScores, TrainError> {
-        let score = |lpips: &Option<Lpips>| -> Result<Option<f64>, TrainError> {
+    ) -> Result<PerceptualScores, Error> {
+        let score = |lpips: &Option<Lpips>| -> Result<Option<f64>, Error> {
             let Some(lpips) = lpips else {
                 return Ok(None);
             };
             match lpips.distance(image, truth, width, height) {
                 Ok(distance) => Ok(Some(distance).filter(|d| d.is_finite())),
                 // Told once for all views, see `missing`.
-                Err(LpipsError::TooSmall { .. }) => Ok(None),
-                Err(error) => Err(error.into()),
+                Err(Error::PictureTooSmall { .. }) => Ok(None),
+                Err(error) => Err(error),
             }
         };
         Ok(PerceptualScores {

@@ -1,4 +1,4 @@
-//! Image quality against the ground truth, and how well the decomposition finds what moves.
+//! Image quality against the ground truth, and the accuracy of the static/dynamic decomposition.
 //!
 //! Everything here is a function on slices: images are `[H, W, 3]`, rows first, sRGB values in
 //! [0, 1]; masks and alpha are `[H, W]`. Sums are kept in f64 and in an order that does not depend
@@ -7,19 +7,21 @@
 //! # Map
 //! - this file: PSNR over all pixels and over a mask.
 //! - `similarity`: SSIM and MS-SSIM.
-//! - `moving`: which pixels move in the video of a camera that stands still.
-//! - `split`: the dynamic set's alpha against the pixels that really move.
+//! - `moving`: the moving pixels in the video of a static camera.
+//! - `decomposition`: the dynamic set's alpha against the moving pixels.
 //! - `lpips`: distances between a network's features, on a device and with weights from files.
 
+mod decomposition;
 pub mod lpips;
 mod moving;
 mod similarity;
-mod split;
 
+pub use decomposition::{
+    DECOMPOSITION_RULE, DYNAMIC_ALPHA_THRESHOLD, DecompositionCounts, decomposition_counts,
+};
 pub use moving::{MOVING_PIXELS_RULE, MOVING_THRESHOLD, moving_pixels};
 pub(crate) use moving::{moving_pixels_by_bands, n_bands};
 pub use similarity::{MS_SSIM_RULE, SSIM_RULE, ms_ssim, ms_ssim_scales, ssim};
-pub use split::{DYNAMIC_ALPHA_THRESHOLD, SPLIT_RULE, SplitCounts, split_scores};
 
 use rayon::prelude::*;
 

@@ -1,4 +1,4 @@
-//! Which pixels move in the video of a camera that stands still.
+//! The moving pixels in the video of a static camera.
 
 use std::convert::Infallible;
 use std::ops::Range;
@@ -13,8 +13,8 @@ const BAND_BYTES: usize = 128 << 20;
 /// A blurred value this far from its median over time has moved. Sensor noise of standard
 /// deviation 0.03 is 0.01 after the blur: a tenth of it.
 pub const MOVING_THRESHOLD: f32 = 0.1;
-/// Values of 8-bit pictures can be exactly the threshold from their median, and are then not beyond it: rounding in
-/// single precision is less than this, the next value that they can have further away than that.
+/// Values of 8-bit pictures can lie exactly at the threshold, and then don't move. Rounding in single precision is
+/// smaller than this, and the next larger value is further away.
 const ROUNDING: f32 = 1e-6;
 /// How the moving pixels are found, for `metric_settings`.
 pub const MOVING_PIXELS_RULE: &str = "per camera, one mask for its whole video: after a 3x3 box blur (over the pixels that exist), a \
@@ -22,7 +22,7 @@ pub const MOVING_PIXELS_RULE: &str = "per camera, one mask for its whole video: 
      video's frames (the lower of the two middle values); of a camera with a single frame, the pixels that \
      the dataset's mask of it marks, or none";
 
-/// The pixels that move in the video of one camera that stands still.
+/// The moving pixels in the video of one static camera.
 ///
 /// A pixel moves when in some frame, after a 3x3 box blur, some channel is more than
 /// [`MOVING_THRESHOLD`] from its median over all frames. The same mask holds for every frame of the
@@ -147,10 +147,11 @@ fn blur_row(
 
 #[cfg(test)]
 mod tests {
-    use rand::{Rng, SeedableRng};
+    use rand::SeedableRng;
     use rand_pcg::Pcg32;
 
     use super::*;
+    use crate::numbers::standard_normal;
 
     fn gray(width: usize, height: usize, value: f32) -> Vec<f32> {
         vec![value; width * height * CHANNELS]
@@ -231,10 +232,8 @@ mod tests {
         let mut rng = Pcg32::seed_from_u64(5);
         let mut video: Vec<Vec<f32>> = (0..n_frames)
             .map(|_| {
-                // Twelve uniform numbers: standard deviation 1, here 0.03.
-                let mut noise = || (0..12).map(|_| rng.random::<f32>()).sum::<f32>() - 6.0;
                 (0..width * height * CHANNELS)
-                    .map(|_| 0.5 + 0.03 * noise())
+                    .map(|_| 0.5 + 0.03 * standard_normal::<f32>(&mut rng))
                     .collect()
             })
             .collect();

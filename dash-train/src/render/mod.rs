@@ -1,7 +1,7 @@
 //! Pictures of a scene in host memory, and whole sets of them on disk.
 //!
 //! `picture`: one camera at one time. `shots`: which cameras at which times. `output`: folders of
-//! pictures and videos, complete or absent. `overview`: one picture of what came out.
+//! pictures and videos, complete or absent. `overview`: one contact sheet of a run.
 
 mod output;
 mod overview;

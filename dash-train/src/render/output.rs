@@ -7,7 +7,7 @@ use dash_model::{DynamicScene, Layer};
 
 use super::picture::{Picture, PictureLayer, render};
 use super::shots::Shot;
-use crate::TrainError;
+use crate::Error;
 use crate::cameras::{CameraEntry, cameras_text, write_cameras};
 use crate::video::{VideoWriter, rgb8, write_exr_plane, write_exr_rgb, write_png};
 
@@ -60,12 +60,12 @@ pub fn write_pictures(
     layers: &[PictureLayer],
     format: PictureFormat,
     out: &Path,
-) -> Result<(), TrainError> {
+) -> Result<(), Error> {
     let scratch = scratch_beside(out)?;
     for layer in layers {
         refuse_occupied(&out.join(layer.to_string()))?;
         let folder = scratch.path().join(layer.to_string());
-        fs::create_dir(&folder).map_err(|e| TrainError::io(&folder, "create", e))?;
+        fs::create_dir(&folder).map_err(|e| Error::io(&folder, "create", e))?;
     }
     let list = out.join(CAMERAS_FILE);
     let listed = entries(job.shots);
@@ -89,7 +89,7 @@ pub fn write_pictures(
         }
         (job.on_shot)(index + 1);
     }
-    fs::create_dir_all(out).map_err(|e| TrainError::io(out, "create", e))?;
+    fs::create_dir_all(out).map_err(|e| Error::io(out, "create", e))?;
     for layer in layers {
         let (from, to) = (
             scratch.path().join(layer.to_string()),
@@ -97,11 +97,11 @@ pub fn write_pictures(
         );
         if to.exists() {
             // Not every system renames over an empty folder.
-            fs::remove_dir(&to).map_err(|e| TrainError::io(&to, "replace", e))?;
+            fs::remove_dir(&to).map_err(|e| Error::io(&to, "replace", e))?;
         }
-        fs::rename(&from, &to).map_err(|e| TrainError::io(&to, "write", e))?;
+        fs::rename(&from, &to).map_err(|e| Error::io(&to, "write", e))?;
     }
-    Ok(write_cameras(&list, &listed)?)
+    write_cameras(&list, &listed)
 }
 
 /// The shots as a list of cameras, under the names of their pictures.
@@ -115,30 +115,29 @@ fn entries(shots: &[Shot]) -> Vec<CameraEntry> {
     shots.iter().enumerate().map(entry).collect()
 }
 
-/// Refuses to replace a list of other cameras, which may be the user's own or that of pictures beside it.
-fn refuse_other_list(path: &Path, cameras: &[CameraEntry]) -> Result<(), TrainError> {
+/// Refuses to replace another list of cameras: it may be the user's own, or belong to other pictures.
+fn refuse_other_list(path: &Path, cameras: &[CameraEntry]) -> Result<(), Error> {
     let text = cameras_text(path, cameras)?;
     match fs::read(path) {
         Ok(found) if found == text => Ok(()),
-        Ok(_) => Err(TrainError::run(
+        Ok(_) => Err(Error::run(
             path,
             "expected no such file or that of the same pictures, found another; \
              remove it or choose another --out",
         )),
         Err(e) if e.kind() == std::io::ErrorKind::NotFound => Ok(()),
-        Err(e) => Err(TrainError::io(path, "read", e)),
+        Err(e) => Err(Error::io(path, "read", e)),
     }
 }
 
-/// Renders every shot as a frame of the MP4 video `out`, which replaces one that exists when it is
-/// complete.
+/// Renders every shot as a frame of the MP4 video `out`. An existing file is replaced once the video is complete.
 ///
 /// # Errors
 /// When ffmpeg is missing, `out` can't be written, the shots differ in size, or a kernel refuses
 /// its input.
-pub fn write_video(job: RenderJob<'_>, layer: PictureLayer, out: &Path) -> Result<(), TrainError> {
+pub fn write_video(job: RenderJob<'_>, layer: PictureLayer, out: &Path) -> Result<(), Error> {
     let Some(first) = job.shots.first() else {
-        return Err(TrainError::run(
+        return Err(Error::run(
             out,
             "expected at least one frame to write, found none",
         ));
@@ -146,7 +145,7 @@ pub fn write_video(job: RenderJob<'_>, layer: PictureLayer, out: &Path) -> Resul
     let size = (first.camera.width, first.camera.height);
     let same = |shot: &Shot| (shot.camera.width, shot.camera.height) == size;
     if let Some(other) = job.shots.iter().find(|shot| !same(shot)) {
-        return Err(TrainError::run(
+        return Err(Error::run(
             out,
             format!(
                 "expected cameras of one size for a video, found {}x{} and {}x{}; render pictures \
@@ -169,7 +168,7 @@ fn write_picture(
     picture: &Picture,
     layer: PictureLayer,
     format: PictureFormat,
-) -> Result<(), TrainError> {
+) -> Result<(), Error> {
     let (width, height) = (picture.width, picture.height);
     let written = match (format, layer) {
         (PictureFormat::Png, _) => write_png(path, width, height, &shown(picture, layer)),
@@ -214,22 +213,22 @@ fn nearness(depth: &[f32]) -> Vec<f32> {
 }
 
 /// A scratch folder on the file system of `out`, gone when dropped.
-fn scratch_beside(out: &Path) -> Result<tempfile::TempDir, TrainError> {
+fn scratch_beside(out: &Path) -> Result<tempfile::TempDir, Error> {
     let place = existing_ancestor(out)?;
     tempfile::Builder::new()
         .prefix(".dash-render-")
         .tempdir_in(&place)
-        .map_err(|e| TrainError::io(out, "write", e))
+        .map_err(|e| Error::io(out, "write", e))
 }
 
 /// The nearest folder on the way to `out` that exists.
-fn existing_ancestor(out: &Path) -> Result<PathBuf, TrainError> {
+fn existing_ancestor(out: &Path) -> Result<PathBuf, Error> {
     let mut place = out;
     loop {
         match fs::metadata(place) {
             Ok(found) if found.is_dir() => return Ok(place.to_path_buf()),
             Ok(_) => {
-                return Err(TrainError::run(
+                return Err(Error::run(
                     out,
                     format!(
                         "expected a folder to write to, found the file {}; choose another --out",
@@ -245,14 +244,14 @@ fn existing_ancestor(out: &Path) -> Result<PathBuf, TrainError> {
     }
 }
 
-fn refuse_occupied(folder: &Path) -> Result<(), TrainError> {
+fn refuse_occupied(folder: &Path) -> Result<(), Error> {
     let occupied = match fs::read_dir(folder) {
         Ok(mut entries) => entries.next().is_some(),
         Err(e) if e.kind() == std::io::ErrorKind::NotFound => false,
-        Err(e) => return Err(TrainError::io(folder, "list", e)),
+        Err(e) => return Err(Error::io(folder, "list", e)),
     };
     if occupied {
-        return Err(TrainError::run(
+        return Err(Error::run(
             folder,
             "expected no such folder or an empty one, found files in it; \
              remove it or choose another --out",

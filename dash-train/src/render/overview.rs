@@ -1,11 +1,11 @@
-//! One picture that tells how a scene came out.
+//! A contact sheet of a run: one picture that shows how the scene looks.
 
 use std::path::Path;
 
 use dash_model::{DynamicScene, Layer};
 
 use super::picture::render;
-use crate::TrainError;
+use crate::Error;
 use crate::dataset::View;
 use crate::video::write_png;
 
@@ -17,17 +17,13 @@ const COLUMNS: usize = 5;
 ///
 /// # Errors
 /// When there is no view, the views differ in size, or the file can't be written.
-pub fn write_overview(
-    scene: &DynamicScene,
-    views: &[&View],
-    path: &Path,
-) -> Result<(), TrainError> {
+pub fn write_overview(scene: &DynamicScene, views: &[&View], path: &Path) -> Result<(), Error> {
     let columns = views.len().min(COLUMNS);
     let shown: Vec<&View> = (0..columns)
         .map(|k| views[k * (views.len() - 1) / (columns - 1).max(1)])
         .collect();
     let Some(first) = shown.first() else {
-        return Err(TrainError::run(
+        return Err(Error::run(
             path,
             "expected at least one view to show, found none",
         ));
@@ -41,7 +37,7 @@ pub fn write_overview(
             "expected views of one size, found {} of {}x{} beside {width}x{height}",
             other.name, other.camera.width, other.camera.height
         );
-        return Err(TrainError::run(path, found));
+        return Err(Error::run(path, found));
     }
     let mut rows: Vec<Vec<Vec<f32>>> = Vec::new();
     rows.push(
@@ -54,7 +50,7 @@ pub fn write_overview(
         let pictures = shown
             .iter()
             .map(|view| Ok(render(scene, &view.camera, view.time, layer)?.rgb));
-        rows.push(pictures.collect::<Result<_, TrainError>>()?);
+        rows.push(pictures.collect::<Result<_, Error>>()?);
     }
     let mut pixels = Vec::with_capacity(rows.len() * height * columns * width * 3);
     for row in &rows {

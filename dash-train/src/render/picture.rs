@@ -7,7 +7,7 @@ use burn::tensor::Tensor;
 use dash_kernels::Camera;
 use dash_model::{DynamicScene, Layer, Rendering};
 
-use crate::TrainError;
+use crate::Error;
 
 /// Below this alpha a pixel shows no surface, and its depth is 0.
 pub const NO_SURFACE_ALPHA: f32 = 1e-3;
@@ -19,7 +19,7 @@ pub enum PictureLayer {
     Full,
     /// The Gaussians that never move.
     Static,
-    /// The Gaussians that move.
+    /// The dynamic Gaussians.
     Dynamic,
     /// Distance along the camera's axis to the whole scene.
     Depth,
@@ -75,7 +75,7 @@ pub fn render(
     camera: &Camera,
     time: f32,
     layer: Layer,
-) -> Result<Picture, TrainError> {
+) -> Result<Picture, Error> {
     Ok(to_picture(scene.render_layer(camera, time, layer)?, camera))
 }
 
@@ -85,13 +85,13 @@ pub(crate) fn render_timed(
     camera: &Camera,
     time: f32,
     layer: Layer,
-) -> Result<(Picture, f64), TrainError> {
+) -> Result<(Picture, f64), Error> {
     let start = Instant::now();
     let rendering = scene.render_layer(camera, time, layer)?;
     let device = rendering.image.device();
     device
         .sync()
-        .map_err(|e| TrainError::DeviceFault(e.to_string()))?;
+        .map_err(|e| Error::DeviceFault(e.to_string()))?;
     let secs = start.elapsed().as_secs_f64();
     Ok((to_picture(rendering, camera), secs))
 }

@@ -2,7 +2,7 @@
 
 use dash_kernels::Camera;
 
-use crate::TrainError;
+use crate::Error;
 use crate::cameras::{CameraFile, DatasetTerms, spiral};
 use crate::dataset::{Dataset, Layout, Split};
 
@@ -11,7 +11,7 @@ use crate::dataset::{Dataset, Layout, Split};
 pub struct Shot {
     /// The camera's name.
     pub camera_name: String,
-    /// What names the picture's file: the camera's name, or that of the image that was captured there and then.
+    /// Name of the picture's file: the camera's, or that of the image captured by it at that time.
     pub name: String,
     /// The camera.
     pub camera: Camera,
@@ -19,7 +19,7 @@ pub struct Shot {
     pub time: f32,
 }
 
-/// The views of a dataset's test split, at their own times.
+/// The test views of a dataset, at their own times.
 pub fn test_shots(dataset: &Dataset) -> Vec<Shot> {
     dataset
         .split(Split::Test)
@@ -41,10 +41,7 @@ pub fn test_shots(dataset: &Dataset) -> Vec<Shot> {
 ///
 /// # Errors
 /// When a camera of a `transforms*.json` can't be used.
-pub fn file_shots(
-    file: CameraFile,
-    dataset: Option<&DatasetTerms>,
-) -> Result<Vec<Shot>, TrainError> {
+pub fn file_shots(file: CameraFile, dataset: Option<&DatasetTerms>) -> Result<Vec<Shot>, Error> {
     let cameras = file.cameras(dataset)?.into_iter();
     Ok(cameras
         .map(|entry| Shot {

@@ -1,5 +1,6 @@
 //! Runs that belong together.
 
+use super::plot::{N_COLORS, Series};
 use super::runs::RunRecord;
 
 /// Runs of one method, of several seeds.
@@ -40,6 +41,28 @@ pub fn group_by_seed(runs: Vec<RunRecord>) -> Vec<RunGroup> {
         };
     }
     groups
+}
+
+/// The series' look for a group.
+pub(super) fn series(groups: &[RunGroup], group: usize) -> Series {
+    let RunGroup { label, runs } = &groups[group];
+    Series {
+        label: match runs.len() {
+            1 => label.clone(),
+            n => format!("{label} ({n} runs)"),
+        },
+        color: group,
+        mark: group,
+        dashed: group >= N_COLORS,
+        ..Series::default()
+    }
+}
+
+/// Every run with the name of its group.
+pub(super) fn runs_of(groups: &[RunGroup]) -> impl Iterator<Item = (&str, &RunRecord)> {
+    groups
+        .iter()
+        .flat_map(|group| group.runs.iter().map(|run| (group.label.as_str(), run)))
 }
 
 fn same_but_seed(a: &RunRecord, b: &RunRecord) -> bool {

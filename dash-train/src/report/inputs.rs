@@ -6,7 +6,7 @@ use super::groups::{RunGroup, group_by_seed};
 use super::runs::{RunRecord, read_run};
 use super::training::training_blocks;
 use super::{Block, Report, kernel_blocks};
-use crate::TrainError;
+use crate::Error;
 use crate::bench::read_bench;
 
 impl Report {
@@ -15,9 +15,9 @@ impl Report {
     ///
     /// # Errors
     /// When a path is neither, or is named twice, or there is none.
-    pub fn of_paths(paths: &[PathBuf]) -> Result<Self, TrainError> {
+    pub fn of_paths(paths: &[PathBuf]) -> Result<Self, Error> {
         if paths.is_empty() {
-            return Err(TrainError::Config(
+            return Err(Error::Config(
                 "expected runs' folders or files of `dash bench`, found none; name at least one"
                     .into(),
             ));
@@ -27,9 +27,9 @@ impl Report {
         for path in paths {
             let known = path
                 .canonicalize()
-                .map_err(|e| TrainError::io(path, "open", e))?;
+                .map_err(|e| Error::io(path, "open", e))?;
             if seen.contains(&known) {
-                return Err(TrainError::run(
+                return Err(Error::run(
                     path,
                     "expected different runs and files, found this one twice; name each once",
                 ));

@@ -1,10 +1,10 @@
-//! What every run logs while it trains, measured with `--curve` or not.
+//! Figures of `log.jsonl`, which every run has.
 
-use super::groups::RunGroup;
+use super::groups::{RunGroup, runs_of, series};
 use super::plot::{Axis, Figure, Panel, Point, Series};
-use super::statistics::{median_points, spread};
+use super::statistics::median_points;
 use super::table::{Cell, Shown, Table};
-use super::training::{runs_of, series};
+use crate::numbers::median_and_range;
 use crate::train::LogLine;
 
 type Quantity = (&'static str, fn(&LogLine) -> Option<f64>);
@@ -54,7 +54,8 @@ pub(super) fn figure(groups: &[RunGroup]) -> Option<Figure> {
 }
 
 fn median_log(group: &RunGroup, of: fn(&LogLine) -> Option<f64>) -> Vec<Point> {
-    let seconds = |lines: &[&LogLine]| Some(spread(lines.iter().map(|line| line.seconds))?[0]);
+    let seconds =
+        |lines: &[&LogLine]| Some(median_and_range(lines.iter().map(|line| line.seconds))?[0]);
     let logs = group.runs.iter().map(|run| &run.log);
     median_points(logs, |line| line.step, seconds, of)
 }

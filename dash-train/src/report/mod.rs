@@ -6,7 +6,7 @@
 //! [`kernel_blocks`] makes them from what `dash bench` measured.
 //!
 //! # Map
-//! - this file: the report and its files; `page`: the page; `table`: tables and CSV.
+//! - this file: the report and its files; `page`: the page; `escape`: its text; `table`: tables and CSV.
 //! - `plot`: figures; `draw`: shapes as SVG and as pixels.
 //! - `inputs`: from paths to a report; `runs`: what a run's folder holds; `groups`: runs of several seeds;
 //!   `statistics`: medians and times to a quality; `measures`: what is measured of them;
@@ -14,6 +14,7 @@
 //! - `kernels`: figures of kernels' errors and times.
 
 mod draw;
+mod escape;
 mod groups;
 mod inputs;
 mod kernel_tables;
@@ -39,7 +40,7 @@ use std::path::{Path, PathBuf};
 use dash_model::scene_file::write_atomically;
 use image::ImageFormat;
 
-use crate::TrainError;
+use crate::Error;
 pub use groups::{RunGroup, group_by_seed};
 pub use inputs::compared;
 pub use kernels::kernel_blocks;
@@ -89,8 +90,8 @@ impl Report {
     ///
     /// # Panics
     /// When two figures or two tables have one name.
-    pub fn write(&self, folder: &Path) -> Result<Vec<PathBuf>, TrainError> {
-        fs::create_dir_all(folder).map_err(|e| TrainError::io(folder, "create", e))?;
+    pub fn write(&self, folder: &Path) -> Result<Vec<PathBuf>, Error> {
+        fs::create_dir_all(folder).map_err(|e| Error::io(folder, "create", e))?;
         let mut names = BTreeSet::new();
         let mut write = |name: String, bytes: &[u8]| {
             let path = folder.join(&name);
@@ -100,7 +101,7 @@ impl Report {
                 file.write_all(bytes)?;
                 file.flush()
             })?;
-            Ok::<PathBuf, TrainError>(path)
+            Ok::<PathBuf, Error>(path)
         };
         let mut files = vec![write(PAGE.into(), self.page().as_bytes())?];
         for block in &self.blocks {

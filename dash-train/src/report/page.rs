@@ -1,6 +1,7 @@
 //! The page: one file that needs no other.
 
 use super::draw::dark_style;
+use super::escape::escaped;
 use super::{Block, Report, Shown};
 
 const STYLE: &str = "\
@@ -54,34 +55,4 @@ pub(super) fn page(report: &Report) -> String {
          </style>\n</head>\n<body>\n{body}</body>\n</html>\n",
         dark_style()
     )
-}
-
-/// Text that stands for itself in HTML and SVG.
-pub(super) fn escaped(text: &str) -> String {
-    let mut out = String::with_capacity(text.len());
-    for character in text.chars() {
-        match character {
-            '&' => out.push_str("&amp;"),
-            '<' => out.push_str("&lt;"),
-            '>' => out.push_str("&gt;"),
-            '"' => out.push_str("&quot;"),
-            // A name may hold bytes that no document may.
-            c if c.is_control() && c != '\n' => out.push('\u{fffd}'),
-            c => out.push(c),
-        }
-    }
-    out
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn text_stands_for_itself() {
-        assert_eq!(
-            escaped("a<b> & \"c\"\u{0}"),
-            "a&lt;b&gt; &amp; &quot;c&quot;\u{fffd}"
-        );
-    }
 }

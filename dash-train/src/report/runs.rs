@@ -2,8 +2,9 @@
 
 use std::path::Path;
 
-use crate::TrainError;
-use crate::evaluate::{CurveLine, Results, read_results};
+use crate::Error;
+use crate::evaluate::CurveLine;
+use crate::results::{Results, read_results};
 use crate::train::{LogLine, RunConfig, RunFolder};
 
 /// A run as far as it has got.
@@ -23,7 +24,7 @@ pub struct RunRecord {
 
 impl RunRecord {
     /// The state of the run at its end, as far as it was measured: from `results.json` when this is of
-    /// the test split, else from the last line of the curve.
+    /// the test views, else from the last line of the curve.
     pub(super) fn end(&self) -> Option<End> {
         let results = self.results.as_ref();
         let of_test = results.filter(|r| r.evaluation.split == crate::dataset::Split::Test);
@@ -102,11 +103,11 @@ pub(super) struct End {
 ///
 /// # Errors
 /// When the folder is no run's, or holds nothing that was measured, or a file can't be read.
-pub fn read_run(folder: &Path) -> Result<RunRecord, TrainError> {
+pub fn read_run(folder: &Path) -> Result<RunRecord, Error> {
     let run = RunFolder::open(folder)?;
     let canonical = folder
         .canonicalize()
-        .map_err(|e| TrainError::io(folder, "open", e))?;
+        .map_err(|e| Error::io(folder, "open", e))?;
     let record = RunRecord {
         name: name_of(&canonical),
         config: run.config()?,
@@ -115,7 +116,7 @@ pub fn read_run(folder: &Path) -> Result<RunRecord, TrainError> {
         results: read_results(&run)?,
     };
     if record.log.is_empty() && record.curve.is_empty() && record.results.is_none() {
-        return Err(TrainError::run(
+        return Err(Error::run(
             folder,
             "expected a run that has been measured, found no whole line in log.jsonl or curve.jsonl and no \
              results.json; let it train for a while with `dash train DATASET --out RUN --resume`",

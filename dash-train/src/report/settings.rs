@@ -1,4 +1,4 @@
-//! What a reader must know to compare scores with others': pinned in the captions.
+//! The settings that a reader needs to compare scores with other people's, for the captions.
 
 use super::groups::RunGroup;
 use super::runs::RunRecord;

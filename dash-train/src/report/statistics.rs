@@ -1,19 +1,7 @@
 //! Medians over seeds, and times to a quality.
 
 use super::plot::Point;
-
-/// Median, lowest and highest of the values that are numbers; `None` of none.
-pub(super) fn spread(values: impl IntoIterator<Item = f64>) -> Option<[f64; 3]> {
-    let mut sorted: Vec<f64> = values.into_iter().filter(|v| v.is_finite()).collect();
-    sorted.sort_by(f64::total_cmp);
-    let n = sorted.len();
-    let median = match n {
-        0 => return None,
-        n if n % 2 == 1 => sorted[n / 2],
-        n => (sorted[n / 2 - 1] + sorted[n / 2]) / 2.0,
-    };
-    Some([median, sorted[0], sorted[n - 1]])
-}
+use crate::numbers::median_and_range;
 
 /// Medians over the runs of a group at the steps that all measured runs share, with the range of the values
 /// where there are several runs. `at` places a step by its lines.
@@ -33,7 +21,7 @@ pub(super) fn median_points<L>(
             let same = |other: &&L| step(other) == step(line);
             lines.push(run.as_ref().iter().find(same)?);
         }
-        let [y, low, high] = spread(lines.iter().filter_map(|line| of(line)))?;
+        let [y, low, high] = median_and_range(lines.iter().filter_map(|line| of(line)))?;
         Some(Point {
             y_range: (lines.len() > 1).then_some([low, high]),
             ..Point::new(at(&lines)?, y)
@@ -58,15 +46,6 @@ pub(super) fn seconds_to_best(
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn the_median_is_the_middle_or_between_the_middle_two() {
-        assert_eq!(spread([3.0, 1.0, 2.0]), Some([2.0, 1.0, 3.0]));
-        assert_eq!(spread([4.0, 1.0]), Some([2.5, 1.0, 4.0]));
-        assert_eq!(spread([f64::NAN, 7.0]), Some([7.0, 7.0, 7.0]));
-        assert_eq!(spread([f64::NAN]), None);
-        assert_eq!(spread([]), None);
-    }
 
     #[test]
     fn the_time_to_best_is_that_of_the_first_measurement_near_it() {

@@ -1,12 +1,12 @@
 //! Tables of training runs.
 
-use super::groups::RunGroup;
+use super::groups::{RunGroup, runs_of};
 use super::measures::{COSTS, METRICS};
 use super::runs::{End, RunRecord};
 use super::settings::pinned;
-use super::statistics::{seconds_to_best, spread};
+use super::statistics::seconds_to_best;
 use super::table::{Cell, Shown, Table};
-use super::training::runs_of;
+use crate::numbers::median_and_range;
 
 /// How far from the best PSNR the times in the table are taken, dB.
 const NEAR_BEST_DB: [f64; 2] = [0.5, 0.1];
@@ -73,7 +73,7 @@ pub(super) fn summary(groups: &[RunGroup]) -> Table {
 }
 
 fn cell_of(values: Vec<f64>, decimals: usize) -> Cell {
-    match (spread(values.iter().copied()), values.len()) {
+    match (median_and_range(values.iter().copied()), values.len()) {
         (None, _) => Cell::Missing,
         (Some([value, ..]), 1) => Cell::Number(value, decimals),
         (Some(spread), _) => Cell::Spread(spread, decimals),

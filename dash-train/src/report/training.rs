@@ -1,15 +1,16 @@
-//! What a report says of training runs, and its figures.
+//! Figures and captions about training runs.
 
-use super::groups::RunGroup;
+use super::groups::{RunGroup, series};
 use super::measures::{COSTS, METRICS};
-use super::plot::{Axis, Figure, N_COLORS, Panel, Point, Series};
+use super::plot::{Axis, Figure, Panel, Point, Series};
 use super::runs::RunRecord;
 use super::settings::{pinned, rules};
-use super::statistics::{median_points, spread};
+use super::statistics::median_points;
 use super::table::{Cell, Shown, Table};
 use super::tables::{curves, ends, summary};
 use super::{Block, log};
 use crate::evaluate::CurveLine;
+use crate::numbers::median_and_range;
 
 /// Methods whose times differ by more than this are shown over the logarithm of seconds.
 const DIFFERENT_TIMES: f64 = 5.0;
@@ -59,24 +60,6 @@ pub fn training_blocks(groups: &[RunGroup], prefix: &str) -> Vec<Block> {
         }
     }
     blocks
-}
-
-/// The series' look for a group.
-pub(super) fn series(groups: &[RunGroup], group: usize) -> Series {
-    Series {
-        label: with_count(&groups[group]),
-        color: group,
-        mark: group,
-        dashed: group >= N_COLORS,
-        ..Series::default()
-    }
-}
-
-fn with_count(group: &RunGroup) -> String {
-    match group.runs.len() {
-        1 => group.label.clone(),
-        n => format!("{} ({n} runs)", group.label),
-    }
 }
 
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -139,7 +122,7 @@ fn median_curve(
 ) -> Vec<Point> {
     let at = |lines: &[&CurveLine]| match against {
         Against::Steps => lines.first().map(|line| line.step as f64),
-        Against::Seconds => Some(spread(lines.iter().map(|line| line.seconds))?[0]),
+        Against::Seconds => Some(median_and_range(lines.iter().map(|line| line.seconds))?[0]),
     };
     let curves = group.runs.iter().map(|run| &run.curve);
     median_points(curves, |line| line.step, at, of)
@@ -148,7 +131,7 @@ fn median_curve(
 fn times_differ(groups: &[RunGroup]) -> bool {
     let last = |run: &RunRecord| run.curve.last().map(|line| line.seconds);
     let ends = groups.iter().flat_map(|group| &group.runs).filter_map(last);
-    spread(ends).is_some_and(|[_, low, high]| low > 0.0 && high / low > DIFFERENT_TIMES)
+    median_and_range(ends).is_some_and(|[_, low, high]| low > 0.0 && high / low > DIFFERENT_TIMES)
 }
 
 /// Quality against what it costs, a point for each run.
@@ -214,11 +197,4 @@ fn missing(groups: &[RunGroup]) -> String {
         }
     }
     out
-}
-
-/// Every run with the name of its group.
-pub(super) fn runs_of(groups: &[RunGroup]) -> impl Iterator<Item = (&str, &RunRecord)> {
-    groups
-        .iter()
-        .flat_map(|group| group.runs.iter().map(|run| (group.label.as_str(), run)))
 }

@@ -9,7 +9,7 @@ use rand::Rng;
 use super::Case;
 use super::inputs::{gradient, rng, tensor, to_host, tracked, uniform, widen};
 use super::measured::{Measured, largest_difference};
-use crate::TrainError;
+use crate::Error;
 
 const FAMILY: &str = "hash grid";
 
@@ -90,11 +90,7 @@ struct Encoded {
     v_table: (Vec<f32>, Vec<f64>),
 }
 
-fn encode(
-    positions: &[f32],
-    layout: &HashGridLayout,
-    device: &Device,
-) -> Result<Encoded, TrainError> {
+fn encode(positions: &[f32], layout: &HashGridLayout, device: &Device) -> Result<Encoded, Error> {
     let (dims, width, rows) = (layout.dims(), layout.n_features(), layout.n_entries());
     let n = positions.len() / dims;
     let mut rng = rng(31);
@@ -141,7 +137,7 @@ impl Encoded {
     }
 }
 
-fn vertices(device: &Device) -> Result<Measured, TrainError> {
+fn vertices(device: &Device) -> Result<Measured, Error> {
     let mut measured = Measured::default();
     for (dims, interpolation) in [
         (2, Interpolation::Linear),
@@ -177,7 +173,7 @@ fn vertices(device: &Device) -> Result<Measured, TrainError> {
     Ok(measured)
 }
 
-fn outside(device: &Device) -> Result<Measured, TrainError> {
+fn outside(device: &Device) -> Result<Measured, Error> {
     let layout = HashGridLayout::new(&config(3))?;
     let mut positions = Vec::new();
     for bad in [
@@ -216,7 +212,7 @@ fn outside(device: &Device) -> Result<Measured, TrainError> {
     Ok(measured)
 }
 
-fn times(device: &Device) -> Result<Measured, TrainError> {
+fn times(device: &Device) -> Result<Measured, Error> {
     /// Frames of the clip.
     const FRAMES: u16 = 50;
     let layout = HashGridLayout::new(&config(4))?;
@@ -233,7 +229,7 @@ fn times(device: &Device) -> Result<Measured, TrainError> {
 }
 
 /// Every level of every table size, checked by arithmetic in `u128`; nothing of it runs on the device.
-fn level_sizes(_: &Device) -> Result<Measured, TrainError> {
+fn level_sizes(_: &Device) -> Result<Measured, Error> {
     let mut wrong = 0;
     for sizing in [LevelSizing::Paper, LevelSizing::Reference] {
         for log2 in 1..=24 {
@@ -277,7 +273,7 @@ fn wrong_levels(layout: &HashGridLayout, log2: u32) -> usize {
     levels.count()
 }
 
-fn one_entry(device: &Device) -> Result<Measured, TrainError> {
+fn one_entry(device: &Device) -> Result<Measured, Error> {
     let layout = HashGridLayout::new(&HashGridConfig {
         log2_hashmap_size: 0,
         base_resolution: vec![1; 3],
@@ -295,7 +291,7 @@ fn one_entry(device: &Device) -> Result<Measured, TrainError> {
     Ok(measured)
 }
 
-fn fine(finest: u32, log2_hashmap_size: u32, device: &Device) -> Result<Measured, TrainError> {
+fn fine(finest: u32, log2_hashmap_size: u32, device: &Device) -> Result<Measured, Error> {
     let layout = HashGridLayout::new(&HashGridConfig {
         n_levels: 12,
         log2_hashmap_size,

@@ -1,8 +1,8 @@
-//! What a case finds.
+//! The result of a case.
 
 use serde::Serialize;
 
-/// A part of what came out, compared with what should have.
+/// A part of a result, compared with its expectation.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Judged {
     /// The part.
@@ -97,8 +97,8 @@ impl Measured {
     }
 }
 
-/// Length of the difference of two vectors over that of the second; what should be zero and is has no
-/// error, what should be and is not an infinite one.
+/// Length of the difference of two vectors over that of the second. If the second is zero, the error is zero or
+/// infinite.
 pub(super) fn relative_error(got: &[f32], expected: &[f64]) -> f64 {
     if got.len() != expected.len() {
         return f64::INFINITY;
@@ -125,7 +125,7 @@ pub(super) fn largest_difference(got: &[f32], expected: &[f64]) -> f64 {
     worst_of(pairs.map(|(&got, expected)| (f64::from(got) - expected).abs()))
 }
 
-/// The largest of some errors, or one that is not a number; `max` would lose that.
+/// The largest error; NaN if any is, which `max` would lose.
 pub(super) fn worst_of(errors: impl Iterator<Item = f64>) -> f64 {
     errors.fold(0.0, |worst, error| match error > worst || error.is_nan() {
         true if !worst.is_nan() => error,

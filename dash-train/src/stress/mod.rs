@@ -1,15 +1,14 @@
 //! Extreme inputs for every operation, for scenes and for training, judged on any device.
 //!
 //! [`cases`] is the one list: `dash stress` prints it as a table, `tests/extremes.rs` asserts it. A case
-//! works out values and gradients on a device and compares them with the `f64` reference of the
-//! operation (or with what must come out), each part against a tolerance of its own; whatever comes
-//! out must be finite.
+//! computes values and gradients on a device and compares them with the operation's `f64` reference, or with a
+//! known result. Each part has a tolerance of its own, and everything must be finite.
 //!
 //! # Map
-//! `measured`: what a case finds; `inputs`: random inputs and tensors; `projected`: Gaussians on a
-//! device and in `f64`; `projection`,
-//! `rasterization`, `hash_grid`, `networks`, `similarity`, `trajectories`, `optimiser`, `selection`, `scenes`, `training`: the
-//! cases of each family.
+//! - `measured`: the result of a case; `inputs`: random inputs and tensors; `projected`: Gaussians on a device and
+//!   in `f64`.
+//! - `projection`, `rasterization`, `hash_grid`, `networks`, `similarity`, `trajectories`, `optimiser`, `selection`,
+//!   `scenes`, `training`: the cases of each family.
 
 mod hash_grid;
 mod inputs;
@@ -31,7 +30,7 @@ use std::time::Instant;
 use burn::tensor::Device;
 use serde::Serialize;
 
-use crate::TrainError;
+use crate::Error;
 pub use measured::{Judged, Measured};
 
 /// One extreme input.
@@ -44,7 +43,7 @@ pub struct Case {
     /// What is extreme.
     pub extreme: &'static str,
     /// Works it out on a device.
-    pub measure: fn(&Device) -> Result<Measured, TrainError>,
+    pub measure: fn(&Device) -> Result<Measured, Error>,
 }
 
 /// How a case went on a device.

@@ -6,7 +6,7 @@ use dash_kernels::mlp::{MlpLayout, mlp, reference};
 use super::Case;
 use super::inputs::{gradient, rng, tensor, to_host, tracked, uniform, widen};
 use super::measured::Measured;
-use crate::TrainError;
+use crate::Error;
 
 const FAMILY: &str = "network";
 
@@ -41,7 +41,7 @@ pub(super) const CASES: &[Case] = &[
     },
 ];
 
-/// Weights that keep sums as large as what they are of, and biases of up to `bias`.
+/// Weights that keep the size of activations from layer to layer, and biases of up to `bias`.
 fn parameters(layout: &MlpLayout, seed: u64, bias: f32) -> Vec<f32> {
     let mut values = uniform(&mut rng(seed), layout.n_parameters(), -1.0, 1.0);
     for layer in layout.layers() {
@@ -61,7 +61,7 @@ fn on_device(
     layout: &MlpLayout,
     [input, parameters, v_out]: [&[f32]; 3],
     device: &Device,
-) -> Result<[Vec<f32>; 3], TrainError> {
+) -> Result<[Vec<f32>; 3], Error> {
     let n = input.len() / layout.n_inputs();
     let input = tracked(input, [n, layout.n_inputs()], device);
     let parameters = tracked(parameters, [parameters.len()], device);
@@ -83,7 +83,7 @@ fn judge(
     layout: &MlpLayout,
     values: [&[f32]; 3],
     device: &Device,
-) -> Result<(), TrainError> {
+) -> Result<(), Error> {
     let [out, v_input, v_parameters] = on_device(layout, values, device)?;
     let [input, parameters, v_out] = values.map(widen);
     let part = |what: &str| format!("{name}: {what}");
@@ -102,7 +102,7 @@ fn judge(
     Ok(())
 }
 
-fn widths(device: &Device) -> Result<Measured, TrainError> {
+fn widths(device: &Device) -> Result<Measured, Error> {
     let mut measured = Measured::default();
     let forms: [(&[usize], usize); 5] = [
         (&[1, 1], 2_000),
@@ -130,7 +130,7 @@ fn widths(device: &Device) -> Result<Measured, TrainError> {
     Ok(measured)
 }
 
-fn sizes(device: &Device) -> Result<Measured, TrainError> {
+fn sizes(device: &Device) -> Result<Measured, Error> {
     let mut measured = Measured::default();
     let layout = MlpLayout::new(&[8, 32, 32, 4])?;
     let sizes = [1e-15, 1e-9, 1e-3, 1.0, 1e3, 1e9, 1e15, 0.0];
@@ -163,7 +163,7 @@ fn sizes(device: &Device) -> Result<Measured, TrainError> {
     Ok(measured)
 }
 
-fn dead_units(device: &Device) -> Result<Measured, TrainError> {
+fn dead_units(device: &Device) -> Result<Measured, Error> {
     let mut measured = Measured::default();
     let layout = MlpLayout::new(&[2, 20, 3])?;
     let input = uniform(&mut rng(110), 70 * 2, 0.0, 1.0);
@@ -193,7 +193,7 @@ fn dead_units(device: &Device) -> Result<Measured, TrainError> {
     Ok(measured)
 }
 
-fn overflow(device: &Device) -> Result<Measured, TrainError> {
+fn overflow(device: &Device) -> Result<Measured, Error> {
     let mut measured = Measured::default();
     let layout = MlpLayout::new(&[3, 20, 20, 4])?;
     let n = 70;

@@ -6,7 +6,7 @@ use dash_kernels::adam::{AdamStep, adam_step, reference};
 use super::Case;
 use super::inputs::{tensor, to_host, widen};
 use super::measured::{Measured, largest_difference};
-use crate::TrainError;
+use crate::Error;
 
 const FAMILY: &str = "adam";
 
@@ -44,7 +44,7 @@ fn follow(
     n: usize,
     gradients: impl Iterator<Item = Vec<f32>>,
     device: &Device,
-) -> Result<(State<f32>, State<f64>), TrainError> {
+) -> Result<(State<f32>, State<f64>), Error> {
     let mut state = [(); 3].map(|()| tensor(&vec![0.0; n], [n], device));
     let mut expected = [(); 3].map(|()| vec![0.0f64; n]);
     for (step, gradient) in (1..).zip(gradients) {
@@ -68,7 +68,7 @@ fn follow(
     Ok((state.map(to_host), expected))
 }
 
-fn gradients(device: &Device) -> Result<Measured, TrainError> {
+fn gradients(device: &Device) -> Result<Measured, Error> {
     let sizes: Vec<f32> = (-38..=38)
         .flat_map(|exponent| {
             let g = 10f64.powi(exponent) as f32;
@@ -84,7 +84,7 @@ fn gradients(device: &Device) -> Result<Measured, TrainError> {
     Ok(measured)
 }
 
-fn changing(device: &Device) -> Result<Measured, TrainError> {
+fn changing(device: &Device) -> Result<Measured, Error> {
     let exponents = (-17..=17).rev().chain(-17..=17);
     let all = exponents.map(|exponent| {
         let g = 10f64.powi(exponent) as f32;
@@ -97,7 +97,7 @@ fn changing(device: &Device) -> Result<Measured, TrainError> {
     Ok(measured)
 }
 
-fn lost(device: &Device) -> Result<Measured, TrainError> {
+fn lost(device: &Device) -> Result<Measured, Error> {
     let gradient = vec![f32::NAN, f32::INFINITY, f32::NEG_INFINITY, f32::MAX, 1.0];
     let n = gradient.len();
     let (got, expected) = follow(n, (0..5).map(|_| gradient.clone()), device)?;

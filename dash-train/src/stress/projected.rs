@@ -8,7 +8,7 @@ use rand::Rng;
 
 use super::inputs::{gradient, rng, tensor, to_host, tracked, uniform, widen};
 use super::measured::Measured;
-use crate::TrainError;
+use crate::Error;
 
 /// Error of a centre as a share of the picture's width or of its own place, whichever is more: a few
 /// roundings.
@@ -71,7 +71,7 @@ pub(super) struct Compared {
 }
 
 /// Projects on the device and in `f64`, with random cotangents.
-pub(super) fn compare(set: &Set, near_plane: f64, device: &Device) -> Result<Compared, TrainError> {
+pub(super) fn compare(set: &Set, near_plane: f64, device: &Device) -> Result<Compared, Error> {
     let (n, k) = (set.len(), sh::N_COEFFS[set.sh_degree]);
     let options = ProjectOptions {
         near_plane,
@@ -146,7 +146,7 @@ pub(super) fn compare(set: &Set, near_plane: f64, device: &Device) -> Result<Com
 }
 
 impl Compared {
-    /// Everything that came out is finite; rows that both draw agree.
+    /// Every value is finite, and rows that both draw agree.
     pub(super) fn judge(&self, splat: f64, gradient: f64) -> Measured {
         let mut measured = Measured::default();
         measured.saw(&self.splats);

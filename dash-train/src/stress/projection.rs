@@ -11,7 +11,7 @@ use super::Case;
 use super::inputs::{rng, uniform};
 use super::measured::{Measured, worst_of};
 use super::projected::{Set, camera, compare};
-use crate::TrainError;
+use crate::Error;
 
 const FAMILY: &str = "projection";
 
@@ -93,7 +93,7 @@ fn needles_of(lengths_px: Range<f64>) -> Set {
     set
 }
 
-fn needles(device: &Device) -> Result<Measured, TrainError> {
+fn needles(device: &Device) -> Result<Measured, Error> {
     let set = needles_of(1.0..65_000.0);
     let n = set.len();
     let compared = compare(&set, NEAR_PLANE, device)?;
@@ -124,7 +124,7 @@ fn needles(device: &Device) -> Result<Measured, TrainError> {
     Ok(measured)
 }
 
-fn scales(device: &Device) -> Result<Measured, TrainError> {
+fn scales(device: &Device) -> Result<Measured, Error> {
     let n = 1000;
     let mut set = Set::ordinary(3, n, 1);
     set.scales = uniform(&mut rng(4), 3 * n, -30.0, 40.0);
@@ -149,7 +149,7 @@ fn scales(device: &Device) -> Result<Measured, TrainError> {
     Ok(measured)
 }
 
-fn quaternions(device: &Device) -> Result<Measured, TrainError> {
+fn quaternions(device: &Device) -> Result<Measured, Error> {
     let lengths = [0.0, 1e-7, 1e-5, 1e-3, 1.0, 1e5, 1e10, 1e15, 1e18];
     let n = 20 * lengths.len();
     let mut set = Set::ordinary(5, n, 1);
@@ -176,7 +176,7 @@ fn quaternions(device: &Device) -> Result<Measured, TrainError> {
     Ok(measured)
 }
 
-fn near_plane(device: &Device) -> Result<Measured, TrainError> {
+fn near_plane(device: &Device) -> Result<Measured, Error> {
     let near = NEAR_PLANE as f32;
     let depths = [
         near.next_down(),
@@ -206,7 +206,7 @@ fn near_plane(device: &Device) -> Result<Measured, TrainError> {
     Ok(measured)
 }
 
-fn borders(device: &Device) -> Result<Measured, TrainError> {
+fn borders(device: &Device) -> Result<Measured, Error> {
     let camera = camera();
     let view = View::<f64>::new(&camera, &ProjectOptions::default(), 0);
     let (w, h) = (camera.width as f64, camera.height as f64);
@@ -239,7 +239,7 @@ fn borders(device: &Device) -> Result<Measured, TrainError> {
     Ok(measured)
 }
 
-fn opacities(device: &Device) -> Result<Measured, TrainError> {
+fn opacities(device: &Device) -> Result<Measured, Error> {
     let logits = [
         -1e30, -100.0, -88.0, -30.0, -17.0, -5.0, 0.0, 5.0, 15.0, 17.0, 30.0, 88.0, 100.0, 1e30,
     ];
@@ -262,7 +262,7 @@ fn opacities(device: &Device) -> Result<Measured, TrainError> {
     Ok(measured)
 }
 
-fn view_direction(device: &Device) -> Result<Measured, TrainError> {
+fn view_direction(device: &Device) -> Result<Measured, Error> {
     let distances = [1.0, 1e-3, 1e-6, 1e-10, 1e-15, 1e-18, 1e-25, 1e-38, 0.0];
     let n = 10 * distances.len();
     let mut set = Set::ordinary(11, n, 3);

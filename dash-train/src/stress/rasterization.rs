@@ -8,20 +8,19 @@ use rand::Rng;
 use super::Case;
 use super::inputs::{gradient, rng, tensor, to_host, tracked, uniform, widen};
 use super::measured::{Measured, largest_difference, worst_of};
-use crate::TrainError;
+use crate::Error;
 
 const FAMILY: &str = "rasterization";
 
 /// Difference of a pixel: front to back thousands of splats add up in single precision, to depths of 3.
 const PIXEL: f64 = 5e-5;
-/// The same under needles, whose exponents are what is left of terms of up to `50^2 / 0.3` after
-/// cancellation: off by 1e-3, and where that takes an alpha over 1/255 by as much.
+/// The same under needles. Their exponents lose digits when terms of up to `50^2 / 0.3` cancel: they are off by
+/// 1e-3, and an alpha near 1/255 appears or vanishes.
 const NEEDLE_PIXEL: f64 = 5e-3;
-/// Relative error of the whole gradient. Among thousands of like splats what one adds and what it hides
-/// cancel, so that single values lose digits.
+/// Relative error of the whole gradient. Among thousands of similar splats, the colour that one adds and the colour
+/// that it hides cancel, so that single values lose digits.
 const GRADIENT: f64 = 5e-3;
-/// Pixels whose smallest relative distance from a threshold is below this are not judged: rounding may
-/// decide what they show.
+/// Pixels nearer than this to a threshold, relatively, are not judged: rounding may decide them.
 const BAND: f64 = 2e-4;
 const BACKGROUND: [f32; 3] = [0.25, 0.5, 0.125];
 
@@ -93,7 +92,7 @@ fn judge(
     pixel: f64,
     [width, height]: [usize; 2],
     device: &Device,
-) -> Result<Measured, TrainError> {
+) -> Result<Measured, Error> {
     let options = RasterizeOptions {
         width,
         height,
@@ -146,7 +145,7 @@ fn judge(
     Ok(measured)
 }
 
-fn coincident(device: &Device) -> Result<Measured, TrainError> {
+fn coincident(device: &Device) -> Result<Measured, Error> {
     let n = 10_000;
     let splats: Vec<f32> = (0..n)
         .flat_map(|i| {
@@ -163,7 +162,7 @@ fn coincident(device: &Device) -> Result<Measured, TrainError> {
     judge(&splats, PIXEL, [40, 24], device)
 }
 
-fn deep(device: &Device) -> Result<Measured, TrainError> {
+fn deep(device: &Device) -> Result<Measured, Error> {
     let mut rng = rng(22);
     let splats: Vec<f32> = (0..10_000)
         .flat_map(|i| {
@@ -181,7 +180,7 @@ fn deep(device: &Device) -> Result<Measured, TrainError> {
     judge(&splats, PIXEL, [16, 16], device)
 }
 
-fn needles(device: &Device) -> Result<Measured, TrainError> {
+fn needles(device: &Device) -> Result<Measured, Error> {
     let mut rng = rng(23);
     let splats: Vec<f32> = (0..300)
         .flat_map(|_| {

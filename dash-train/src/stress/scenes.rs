@@ -15,7 +15,7 @@ use rand::Rng;
 use super::Case;
 use super::inputs::{rng, tensor, to_host, uniform, widen};
 use super::measured::{Measured, largest_difference};
-use crate::TrainError;
+use crate::Error;
 
 const FAMILY: &str = "scenes";
 
@@ -98,7 +98,7 @@ impl Make {
         )
     }
 
-    fn scene(self, device: &Device) -> Result<DynamicScene, TrainError> {
+    fn scene(self, device: &Device) -> Result<DynamicScene, Error> {
         let mut rng = rng(71);
         let mut rows = |n: usize, trajectory_width: usize| {
             let mut triples = |low: f32, high: f32, scale: f32| -> Vec<[f32; 3]> {
@@ -146,7 +146,7 @@ impl Make {
     }
 }
 
-fn field(scale: f32, device: &Device) -> Result<DeformationField, TrainError> {
+fn field(scale: f32, device: &Device) -> Result<DeformationField, Error> {
     let config = DeformationConfig {
         representation: Representation::Hash,
         heads: Heads::default(),
@@ -169,7 +169,7 @@ fn field(scale: f32, device: &Device) -> Result<DeformationField, TrainError> {
 }
 
 /// Pictures at several times against references of the Gaussians as they are then, and every gradient.
-fn pictures(makes: &[Make], device: &Device) -> Result<Measured, TrainError> {
+fn pictures(makes: &[Make], device: &Device) -> Result<Measured, Error> {
     let mut measured = Measured::default();
     for make in makes {
         let (scene, camera) = (make.scene(device)?, make.camera());
@@ -243,7 +243,7 @@ fn see_gradients<M: Module>(measured: &mut Measured, module: &M, gradients: &Gra
     module.visit(&mut See(measured, gradients));
 }
 
-fn empty_dynamic_part(device: &Device) -> Result<Measured, TrainError> {
+fn empty_dynamic_part(device: &Device) -> Result<Measured, Error> {
     let make = Make::new(60, Some(0));
     let with_field = make.scene(device)?;
     let mut without = with_field.clone();

@@ -8,7 +8,7 @@ use rand::seq::SliceRandom;
 use super::Case;
 use super::inputs::{rng, uniform};
 use super::measured::Measured;
-use crate::TrainError;
+use crate::Error;
 
 const FAMILY: &str = "selection";
 
@@ -33,7 +33,7 @@ pub(super) const CASES: &[Case] = &[
     },
 ];
 
-fn percentiles(_: &Device) -> Result<Measured, TrainError> {
+fn percentiles(_: &Device) -> Result<Measured, Error> {
     const NAN: f32 = f32::NAN;
     const INFINITY: f32 = f32::INFINITY;
     let mut measured = Measured::default();
@@ -67,7 +67,7 @@ fn percentiles(_: &Device) -> Result<Measured, TrainError> {
     Ok(measured)
 }
 
-fn long_percentile(_: &Device) -> Result<Measured, TrainError> {
+fn long_percentile(_: &Device) -> Result<Measured, Error> {
     const N: usize = (1 << 24) + 1;
     const QUANTILE: f32 = 0.8;
     // Every multiple of 2^-24 in [0, 1], which single precision holds exactly.
@@ -87,7 +87,7 @@ fn long_percentile(_: &Device) -> Result<Measured, TrainError> {
     Ok(measured)
 }
 
-fn neighbours(_: &Device) -> Result<Measured, TrainError> {
+fn neighbours(_: &Device) -> Result<Measured, Error> {
     const FALLBACK: f32 = 0.25;
     let mut measured = Measured::default();
     let mut rows = |positions: &[[f32; 3]]| {

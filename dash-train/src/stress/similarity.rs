@@ -6,7 +6,7 @@ use dash_kernels::ssim::{reference, ssim};
 use super::Case;
 use super::inputs::{gradient, rng, tensor, to_host, tracked, uniform, widen};
 use super::measured::{Measured, largest_difference};
-use crate::TrainError;
+use crate::Error;
 
 const FAMILY: &str = "ssim";
 
@@ -45,7 +45,7 @@ fn judge(
     shape: [usize; 3],
     with_gradient: bool,
     device: &Device,
-) -> Result<(), TrainError> {
+) -> Result<(), Error> {
     let v_out = uniform(&mut rng(41), x.len(), -1.0, 1.0);
     let (a, b) = (tracked(x, shape, device), tracked(y, shape, device));
     let out = ssim(a.clone(), b.clone())?;
@@ -71,7 +71,7 @@ fn judge(
     Ok(())
 }
 
-fn constant(device: &Device) -> Result<Measured, TrainError> {
+fn constant(device: &Device) -> Result<Measured, Error> {
     let mut measured = Measured::default();
     for shape in [[1, 1, 1], [9, 17, 3], [40, 50, 3]] {
         let n = shape.iter().product();
@@ -97,7 +97,7 @@ fn constant(device: &Device) -> Result<Measured, TrainError> {
     Ok(measured)
 }
 
-fn tiny(device: &Device) -> Result<Measured, TrainError> {
+fn tiny(device: &Device) -> Result<Measured, Error> {
     let mut measured = Measured::default();
     for (seed, shape) in [[1, 1, 3], [1, 7, 3], [5, 1, 2], [2, 2, 3], [11, 11, 1]]
         .into_iter()
@@ -114,7 +114,7 @@ fn tiny(device: &Device) -> Result<Measured, TrainError> {
     Ok(measured)
 }
 
-fn opposite(device: &Device) -> Result<Measured, TrainError> {
+fn opposite(device: &Device) -> Result<Measured, Error> {
     let mut measured = Measured::default();
     let shape = [30, 40, 3];
     let n = shape.iter().product();

@@ -1,4 +1,4 @@
-//! Training on scenes that are hard to train on. Nothing in it may be lost: no step is skipped.
+//! Training on hard scenes. No step may be skipped.
 
 use std::sync::{Arc, Mutex, PoisonError};
 
@@ -9,14 +9,14 @@ use dash_model::parameters::named_parameters;
 use super::Case;
 use super::inputs::{rng, uniform};
 use super::measured::Measured;
-use crate::TrainError;
+use crate::Error;
 use crate::dataset::{Dataset, LoadOptions, Split, load};
 use crate::synth::{self, SceneKind, SynthConfig};
 use crate::train::{Preset, TrainConfig, Trainer};
 
 const FAMILY: &str = "training";
 
-/// Steps of a short run: warm-up, decomposition, split, density control, 4D.
+/// Steps of a short run: warm-up, decomposition, density control, 4D.
 const SHORT: usize = 80;
 /// Steps of one on the worst cases.
 const MIDDLE: usize = 200;
@@ -173,14 +173,14 @@ enum Start {
 }
 
 /// A small ray-traced clip: 5 cameras, 32 x 24 pixels.
-fn room(scene: SceneKind, frames: usize) -> Result<Dataset, TrainError> {
+fn room(scene: SceneKind, frames: usize) -> Result<Dataset, Error> {
     static MADE: Mutex<Vec<(SceneKind, usize, Dataset)>> = Mutex::new(Vec::new());
     let mut made = MADE.lock().unwrap_or_else(PoisonError::into_inner);
     if let Some((.., dataset)) = made.iter().find(|(s, f, _)| (*s, *f) == (scene, frames)) {
         return Ok(dataset.clone());
     }
-    let folder = tempfile::tempdir()
-        .map_err(|e| TrainError::io(&std::env::temp_dir(), "make a folder in", e))?;
+    let folder =
+        tempfile::tempdir().map_err(|e| Error::io(&std::env::temp_dir(), "make a folder in", e))?;
     let config = SynthConfig {
         scene,
         cameras: 5,
@@ -189,15 +189,14 @@ fn room(scene: SceneKind, frames: usize) -> Result<Dataset, TrainError> {
         height: 24,
         ..SynthConfig::default()
     };
-    synth::write(folder.path(), &config)
-        .map_err(|e| TrainError::run(folder.path(), e.to_string()))?;
+    synth::write(folder.path(), &config).map_err(|e| Error::run(folder.path(), e.to_string()))?;
     let dataset = load(folder.path(), &LoadOptions::default())?;
     made.push((scene, frames, dataset.clone()));
     Ok(dataset)
 }
 
 /// A short run on a clip of four times.
-fn clip(scene: SceneKind, settings: &[&str], device: &Device) -> Result<Measured, TrainError> {
+fn clip(scene: SceneKind, settings: &[&str], device: &Device) -> Result<Measured, Error> {
     trained(room(scene, 4)?, settings, Start::Points, SHORT, device)
 }
 
@@ -215,7 +214,7 @@ fn scaled(mut dataset: Dataset, scale: f32) -> Dataset {
 }
 
 /// `quick` with all that happens in a run within `steps` steps.
-fn config(steps: usize, settings: &[&str]) -> Result<TrainConfig, TrainError> {
+fn config(steps: usize, settings: &[&str]) -> Result<TrainConfig, Error> {
     let mut config = TrainConfig::preset(Preset::Quick);
     for assignment in [
         &format!("iterations={steps}"),
@@ -257,7 +256,7 @@ fn train(
     config: TrainConfig,
     start: Start,
     device: &Device,
-) -> Result<Trained, TrainError> {
+) -> Result<Trained, Error> {
     let mut trainer = Trainer::new(config, Arc::new(dataset), device)?;
     if start != Start::Points {
         let rows = first_rows(&trainer, start);
@@ -313,7 +312,7 @@ fn trained(
     start: Start,
     steps: usize,
     device: &Device,
-) -> Result<Measured, TrainError> {
+) -> Result<Measured, Error> {
     if !dataset.views.iter().any(|view| view.split == Split::Train) {
         for view in &mut dataset.views {
             view.split = Split::Train;
@@ -326,7 +325,7 @@ fn trained(
     Ok(measured)
 }
 
-fn at_scale(scale: f32, device: &Device) -> Result<Measured, TrainError> {
+fn at_scale(scale: f32, device: &Device) -> Result<Measured, Error> {
     let mut measured = Measured::default();
     let mut trained = |name: &str, scale: f32| {
         let dataset = scaled(room(SceneKind::Bounce, 4)?, scale);
@@ -347,7 +346,7 @@ fn at_scale(scale: f32, device: &Device) -> Result<Measured, TrainError> {
     Ok(measured)
 }
 
-fn long(scale: f32, start: Start, device: &Device) -> Result<Measured, TrainError> {
+fn long(scale: f32, start: Start, device: &Device) -> Result<Measured, Error> {
     trained(
         scaled(room(SceneKind::Bounce, 4)?, scale),
         &[],

@@ -6,7 +6,7 @@ use dash_kernels::trajectory::{Polyline, reference, squared_extent};
 use super::Case;
 use super::inputs::{gradient, rng, tensor, to_host, tracked, uniform, widen};
 use super::measured::Measured;
-use crate::TrainError;
+use crate::Error;
 
 const FAMILY: &str = "trajectory";
 
@@ -41,7 +41,7 @@ fn judge(
     n_spans: usize,
     anchor: f32,
     device: &Device,
-) -> Result<(), TrainError> {
+) -> Result<(), Error> {
     let width = 3 * n_spans;
     let n = coefficients.len() / width;
     let v_out = uniform(&mut rng(61), n, 0.5, 1.5);
@@ -62,7 +62,7 @@ fn judge(
     Ok(())
 }
 
-fn lengths(device: &Device) -> Result<Measured, TrainError> {
+fn lengths(device: &Device) -> Result<Measured, Error> {
     let mut measured = Measured::default();
     let n_spans = 48;
     let mut rng = rng(62);
@@ -77,7 +77,7 @@ fn lengths(device: &Device) -> Result<Measured, TrainError> {
     Ok(measured)
 }
 
-fn there_and_back(device: &Device) -> Result<Measured, TrainError> {
+fn there_and_back(device: &Device) -> Result<Measured, Error> {
     let mut measured = Measured::default();
     let n_spans = 8;
     let mut row = vec![0.0f32; 3 * n_spans];
@@ -95,7 +95,7 @@ fn there_and_back(device: &Device) -> Result<Measured, TrainError> {
     Ok(measured)
 }
 
-fn spans(device: &Device) -> Result<Measured, TrainError> {
+fn spans(device: &Device) -> Result<Measured, Error> {
     let mut measured = Measured::default();
     for (seed, n_spans) in [1, 2, 3, 48, 4096].into_iter().enumerate() {
         let coefficients = uniform(&mut rng(63 + seed as u64), 2 * 3 * n_spans, -1.0, 1.0);

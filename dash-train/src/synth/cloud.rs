@@ -1,14 +1,14 @@
-//! A point cloud of frame 0 like one that structure from motion would find.
+//! A point cloud of frame 0, as structure from motion would find it.
 
 use super::render::pixel_ray;
 use super::scene::{Instant, ROOM_BACK_M, ROOM_HALF_WIDTH_M, Scene, Seen};
 use super::texture::linear_to_srgb8;
+use crate::numbers::standard_normal;
 use dash_kernels::Camera;
 use glam::DVec3;
 use rand::{Rng, SeedableRng};
 use rand_pcg::Pcg64;
 use serde::{Deserialize, Serialize};
-use std::f64::consts::TAU;
 
 /// Standard deviation of a point's position along each axis, in metres.
 pub const POINT_NOISE_M: f64 = 0.003;
@@ -78,7 +78,7 @@ pub fn cloud(scene: &Scene, cameras: &[Camera], count: usize, seed: u64) -> Vec<
                 rng.random_range(ROOM_BACK_M..1.5),
             )
         } else {
-            let noise = [(); 3].map(|()| gaussian(&mut rng));
+            let noise = [(); 3].map(|()| standard_normal(&mut rng));
             point + POINT_NOISE_M * DVec3::from(noise)
         };
         points.push(CloudPoint {
@@ -103,11 +103,4 @@ fn sees(instant: &Instant<'_>, camera: &Camera, point: DVec3, seen: &Seen) -> bo
         .is_some_and(|other| {
             other.object == seen.object && (other.distance - depth).abs() < SAME_POINT_M
         })
-}
-
-/// A standard normal number (Box-Muller).
-fn gaussian(rng: &mut Pcg64) -> f64 {
-    // 1 - [0, 1) keeps the logarithm finite.
-    let radius = (-2.0 * (1.0 - rng.random::<f64>()).ln()).sqrt();
-    radius * (TAU * rng.random::<f64>()).cos()
 }

@@ -1,9 +1,9 @@
 //! A binary COLMAP model.
 
-use super::SynthError;
 use super::cloud::CloudPoint;
 use super::files;
-use super::layout::quaternion;
+use super::poses::quaternion;
+use crate::Error;
 use dash_kernels::Camera;
 use std::path::Path;
 
@@ -11,7 +11,7 @@ use std::path::Path;
 const PINHOLE: u32 = 1;
 
 /// `cameras.bin` and `images.bin` with an image `camNN.png` per camera.
-pub(super) fn write_cameras(root: &Path, cameras: &[Camera]) -> Result<(), SynthError> {
+pub(super) fn write_cameras(root: &Path, cameras: &[Camera]) -> Result<(), Error> {
     let count = (cameras.len() as u64).to_le_bytes();
     let (mut intrinsics, mut images) = (count.to_vec(), count.to_vec());
     for (index, camera) in cameras.iter().enumerate() {

@@ -1,6 +1,6 @@
 //! What to render and how to write it.
 
-use super::SynthError;
+use crate::Error;
 use serde::{Deserialize, Serialize};
 use std::fmt;
 use std::str::FromStr;
@@ -53,12 +53,12 @@ macro_rules! named {
         }
 
         impl FromStr for $name {
-            type Err = SynthError;
+            type Err = Error;
 
-            fn from_str(text: &str) -> Result<Self, SynthError> {
+            fn from_str(text: &str) -> Result<Self, Error> {
                 match text {
                     $($text => Ok(Self::$variant),)+
-                    _ => Err(SynthError::Setting {
+                    _ => Err(Error::Setting {
                         setting: $setting,
                         found: format!("`{text}`"),
                         expected: $expected,
@@ -118,13 +118,13 @@ impl SynthConfig {
     /// Checks every setting against its range.
     ///
     /// # Errors
-    /// [`SynthError::Setting`] for the first one outside.
-    pub fn validate(&self) -> Result<(), SynthError> {
+    /// [`Error::Setting`] for the first one outside.
+    pub fn validate(&self) -> Result<(), Error> {
         let check = |good: bool, setting, found: String, expected| {
             if good {
                 Ok(())
             } else {
-                Err(SynthError::Setting {
+                Err(Error::Setting {
                     setting,
                     found,
                     expected,

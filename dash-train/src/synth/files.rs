@@ -1,8 +1,8 @@
 //! Single files: PNG, NPY, PLY, JSON and MP4.
 
-use super::SynthError;
 use super::cloud::CloudPoint;
-use crate::video::{Encoding, VideoError, VideoWriter};
+use crate::Error;
+use crate::video::{Encoding, VideoWriter};
 use image::codecs::png::{CompressionType, FilterType, PngEncoder};
 use image::{ExtendedColorType, ImageEncoder};
 use npyz::WriterBuilder;
@@ -26,16 +26,16 @@ const FOR_TRAINING: Encoding = Encoding {
     even_sides: false,
 };
 
-fn create(path: &Path) -> Result<BufWriter<File>, SynthError> {
+fn create(path: &Path) -> Result<BufWriter<File>, Error> {
     if let Some(folder) = path.parent() {
-        std::fs::create_dir_all(folder).map_err(SynthError::io(folder, "create the folder"))?;
+        std::fs::create_dir_all(folder).map_err(Error::write(folder, "create the folder"))?;
     }
-    let file = File::create(path).map_err(SynthError::io(path, "create the file"))?;
+    let file = File::create(path).map_err(Error::write(path, "create the file"))?;
     Ok(BufWriter::new(file))
 }
 
-fn finish(mut file: BufWriter<File>, path: &Path) -> Result<(), SynthError> {
-    file.flush().map_err(SynthError::io(path, "write the file"))
+fn finish(mut file: BufWriter<File>, path: &Path) -> Result<(), Error> {
+    file.flush().map_err(Error::write(path, "write the file"))
 }
 
 /// An 8-bit image; `color` gives the channels of `pixels`.
@@ -44,13 +44,13 @@ pub(super) fn write_png(
     pixels: &[u8],
     [width, height]: [usize; 2],
     color: ExtendedColorType,
-) -> Result<(), SynthError> {
+) -> Result<(), Error> {
     let mut file = create(path)?;
     let encoder =
         PngEncoder::new_with_quality(&mut file, CompressionType::Fast, FilterType::Adaptive);
     encoder
         .write_image(pixels, width as u32, height as u32, color)
-        .map_err(|source| SynthError::Image {
+        .map_err(|source| Error::Image {
             path: path.to_path_buf(),
             source,
         })?;
@@ -58,7 +58,7 @@ pub(super) fn write_png(
 }
 
 /// A two-dimensional f64 array.
-pub(super) fn write_npy(path: &Path, table: &[f64], columns: usize) -> Result<(), SynthError> {
+pub(super) fn write_npy(path: &Path, table: &[f64], columns: usize) -> Result<(), Error> {
     let mut file = create(path)?;
     let write = |file: &mut BufWriter<File>| -> io::Result<()> {
         let mut npy = npyz::WriteOptions::new()
@@ -69,12 +69,12 @@ pub(super) fn write_npy(path: &Path, table: &[f64], columns: usize) -> Result<()
         npy.extend(table.iter().copied())?;
         npy.finish()
     };
-    write(&mut file).map_err(SynthError::io(path, "write the file"))?;
+    write(&mut file).map_err(Error::write(path, "write the file"))?;
     finish(file, path)
 }
 
 /// A binary little-endian point cloud.
-pub(super) fn write_ply(path: &Path, points: &[CloudPoint]) -> Result<(), SynthError> {
+pub(super) fn write_ply(path: &Path, points: &[CloudPoint]) -> Result<(), Error> {
     #[derive(Serialize)]
     struct Ply<'a> {
         vertex: &'a [CloudPoint],
@@ -82,28 +82,28 @@ pub(super) fn write_ply(path: &Path, points: &[CloudPoint]) -> Result<(), SynthE
     let mut file = create(path)?;
     let ply = Ply { vertex: points };
     serde_ply::to_writer(&ply, serde_ply::SerializeOptions::binary_le(), &mut file)
-        .map_err(|error| SynthError::io(path, "write the file")(error.0))?;
+        .map_err(|error| Error::write(path, "write the file")(error.0))?;
     finish(file, path)
 }
 
 /// Indented JSON.
-pub(super) fn write_json(path: &Path, value: &impl Serialize) -> Result<(), SynthError> {
+pub(super) fn write_json(path: &Path, value: &impl Serialize) -> Result<(), Error> {
     let mut file = create(path)?;
     serde_json::to_writer_pretty(&mut file, value)
-        .map_err(|error| SynthError::io(path, "write the file")(error.into()))?;
+        .map_err(|error| Error::write(path, "write the file")(error.into()))?;
     finish(file, path)
 }
 
 /// Text or bytes.
-pub(super) fn write_bytes(path: &Path, bytes: &[u8]) -> Result<(), SynthError> {
+pub(super) fn write_bytes(path: &Path, bytes: &[u8]) -> Result<(), Error> {
     let mut file = create(path)?;
     file.write_all(bytes)
-        .map_err(SynthError::io(path, "write the file"))?;
+        .map_err(Error::write(path, "write the file"))?;
     finish(file, path)
 }
 
 /// Fails unless `program` starts: before minutes of rendering, not after.
-pub(super) fn check_ffmpeg(program: &str) -> Result<(), SynthError> {
+pub(super) fn check_ffmpeg(program: &str) -> Result<(), Error> {
     Command::new(program)
         .arg("-version")
         .stdin(Stdio::null())
@@ -111,7 +111,7 @@ pub(super) fn check_ffmpeg(program: &str) -> Result<(), SynthError> {
         .stderr(Stdio::null())
         .status()
         .map(|_| ())
-        .map_err(|source| SynthError::FfmpegMissing {
+        .map_err(|source| Error::FfmpegMissing {
             program: program.to_owned(),
             source,
         })
@@ -122,7 +122,7 @@ pub(super) fn video_writer(
     program: &str,
     path: &Path,
     size: [usize; 2],
-) -> Result<VideoWriter, VideoError> {
+) -> Result<VideoWriter, Error> {
     VideoWriter::create_with(
         program.as_ref(),
         path,
@@ -130,4 +130,5 @@ pub(super) fn video_writer(
         VIDEO_FRAMES_PER_SECOND,
         &FOR_TRAINING,
     )
+    .map_err(Error::DatasetVideo)
 }

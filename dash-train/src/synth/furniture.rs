@@ -1,4 +1,4 @@
-//! What stands and hangs in the room and moves in `flow` alone.
+//! Furniture and decoration, which move in the scene `flow` alone.
 
 use super::room::Builder;
 use super::scene::{ROOM_BACK_M, Role};

@@ -1,21 +1,19 @@
 //! Where each layout keeps its files, and the files that hold its cameras.
 
-use super::SynthError;
 use super::cloud::CloudPoint;
 use super::colmap;
 use super::config::{SynthConfig, SynthLayout};
 use super::files;
 use super::nerfies;
+use super::poses::{bounds, opengl_world_from_camera, quaternion};
 use super::truth::ViewStats;
+use crate::Error;
 use dash_kernels::Camera;
-use glam::{DMat3, DQuat};
 use serde_json::{Value, json};
 use std::path::Path;
 
 /// Columns of a row of `poses_bounds.npy`: a 3x5 matrix, near and far.
 const POSES_BOUNDS_COLUMNS: usize = 17;
-/// Room left between the bounds and the nearest and farthest surface.
-pub(super) const BOUNDS_MARGIN: f64 = 0.1;
 
 impl SynthLayout {
     /// The picture of a camera at a frame, relative to the dataset.
@@ -38,7 +36,7 @@ impl SynthLayout {
         }
     }
 
-    /// The truth about what moves in it, relative to the dataset.
+    /// Its true motion mask, relative to the dataset.
     pub fn mask_path(self, camera: usize, frame: usize, frames: usize) -> String {
         match self {
             Self::N3dv | Self::Rig => format!("motion_masks/cam{camera:02}/{frame:04}.png"),
@@ -59,7 +57,7 @@ impl SynthLayout {
         }
     }
 
-    pub(super) fn write_cloud(self, root: &Path, points: &[CloudPoint]) -> Result<(), SynthError> {
+    pub(super) fn write_cloud(self, root: &Path, points: &[CloudPoint]) -> Result<(), Error> {
         let path = root.join(self.cloud_name());
         match self {
             Self::Colmap => files::write_bytes(&path, &colmap::points(points)),
@@ -78,7 +76,7 @@ impl SynthLayout {
         config: &SynthConfig,
         cameras: &[Camera],
         stats: &[ViewStats],
-    ) -> Result<(), SynthError> {
+    ) -> Result<(), Error> {
         match self {
             Self::N3dv => {
                 let table: Vec<f64> = cameras
@@ -92,9 +90,9 @@ impl SynthLayout {
             Self::Blender => {
                 // Camera 0 is held out; `skip` and `take` keep its index.
                 let (test, train) = (0..1, 1..cameras.len());
-                for (name, split) in [("test", test), ("train", train)] {
+                for (name, indices) in [("test", test), ("train", train)] {
                     let path = root.join(format!("transforms_{name}.json"));
-                    files::write_json(&path, &transforms(config, cameras, split))?;
+                    files::write_json(&path, &transforms(config, cameras, indices))?;
                 }
                 Ok(())
             }
@@ -107,13 +105,6 @@ impl SynthLayout {
             Self::Rig => files::write_json(&root.join("transforms.json"), &rig(cameras)),
         }
     }
-}
-
-/// World to camera as a quaternion (w, x, y, z).
-pub(super) fn quaternion(camera: &Camera) -> [f64; 4] {
-    let rows = DMat3::from_cols_array_2d(&camera.rotation);
-    let q = DQuat::from_mat3(&rows.transpose());
-    [q.w, q.x, q.y, q.z]
 }
 
 /// Technicolor's file: a header, and per camera focal length, principal point, aspect, skew,
@@ -165,7 +156,7 @@ fn blender_stem(camera: usize, frame: usize, frames: usize) -> String {
 
 /// A row of `poses_bounds.npy`: camera-to-world with columns down, right, backwards, then the
 /// position, then height, width, focal length; near and far.
-fn poses_bounds_row(camera: &Camera, [near, far]: [f64; 2]) -> [f64; POSES_BOUNDS_COLUMNS] {
+fn poses_bounds_row(camera: &Camera, depth_range: [f64; 2]) -> [f64; POSES_BOUNDS_COLUMNS] {
     let [right, down, forward] = camera.rotation;
     let position = camera.position();
     let intrinsics = [camera.height as f64, camera.width as f64, camera.fx];
@@ -179,16 +170,15 @@ fn poses_bounds_row(camera: &Camera, [near, far]: [f64; 2]) -> [f64; POSES_BOUND
             intrinsics[axis],
         ]);
     }
-    row[15] = near * (1.0 - BOUNDS_MARGIN);
-    row[16] = far * (1.0 + BOUNDS_MARGIN);
+    row[15..].copy_from_slice(&bounds(depth_range));
     row
 }
 
 /// A D-NeRF camera file for some of the cameras.
-fn transforms(config: &SynthConfig, cameras: &[Camera], split: std::ops::Range<usize>) -> Value {
+fn transforms(config: &SynthConfig, cameras: &[Camera], indices: std::ops::Range<usize>) -> Value {
     let camera = &cameras[0];
     let mut frames = Vec::new();
-    for index in split {
+    for index in indices {
         for frame in 0..config.frames {
             frames.push(json!({
                 "file_path": format!("./{}", blender_stem(index, frame, config.frames)),
@@ -207,12 +197,4 @@ fn transforms(config: &SynthConfig, cameras: &[Camera], split: std::ops::Range<u
         "h": camera.height,
         "frames": frames,
     })
-}
-
-/// Camera-to-world with OpenGL axes: right, up, backwards.
-fn opengl_world_from_camera(camera: &Camera) -> [[f64; 4]; 4] {
-    let [right, down, forward] = camera.rotation;
-    let position = camera.position();
-    let row = |axis: usize| [right[axis], -down[axis], -forward[axis], position[axis]];
-    [row(0), row(1), row(2), [0.0, 0.0, 0.0, 1.0]]
 }

@@ -1,4 +1,4 @@
-//! Ray-traced multi-view videos with exact cameras and exact truth about what moves.
+//! Ray-traced multi-view videos with exact cameras and exact motion masks.
 //!
 //! [`write()`] renders a [`SceneKind`] and writes it as a dataset in one of the field's layouts.
 //! [`render`] renders one view of a [`Scene`].
@@ -9,7 +9,7 @@
 //! room's middle and at two heights; camera 0, the usual test camera, is in their middle. The room
 //! fills every picture. Frame `f` of `n` is at time `f / (n - 1)`.
 //!
-//! # What moves, exactly
+//! # Motion masks
 //! Surfaces are Lambertian under fixed light, without cast shadows or reflections, so that the
 //! colour of a pixel depends on a moving object exactly where that object is the nearest surface
 //! in one of its samples. A mask marks pixels where that holds for at least half of the samples.
@@ -37,13 +37,14 @@
 mod cloud;
 mod colmap;
 mod config;
-mod error;
 mod files;
 mod furniture;
 mod layout;
 mod motion;
 mod nerfies;
+mod poses;
 mod render;
+mod rendered;
 mod rig;
 mod room;
 mod scene;
@@ -58,14 +59,15 @@ mod tests;
 
 pub use cloud::{CloudPoint, OUTLIER_EVERY, POINT_NOISE_M, cloud, cloud_size};
 pub use config::{MAX_SIDE, MIN_SIDE, SceneKind, SynthConfig, SynthLayout};
-pub use error::SynthError;
 pub use motion::{Drift, Motion, Pose};
-pub use render::{Rendered, SAMPLES_PER_SIDE, render};
+pub use render::render;
+pub use rendered::Rendered;
 pub use rig::{focal_px, rig};
 pub use room::BOX_TURN_RADIANS;
 pub use scene::{Instant, Object, Posed, Role, Scene, Seen};
 pub use shape::{Ray, Shape, SurfaceHit};
 pub use texture::{EDGE_M, MOTTLE_CELL_M, Pattern, SHORTEST_PERIOD_M, Texture};
+pub use tracer::SAMPLES_PER_SIDE;
 pub use truth::{CameraTruth, MASK_RULE, ObjectTruth, Truth};
 pub use write::{SynthSummary, write};
 

@@ -1,10 +1,10 @@
 //! The JSON files of the Nerfies layout.
 
-use super::SynthError;
 use super::config::SynthConfig;
 use super::files;
-use super::layout::BOUNDS_MARGIN;
+use super::poses::bounds;
 use super::truth::ViewStats;
+use crate::Error;
 use dash_kernels::Camera;
 use serde_json::{Map, Value, json};
 use std::path::Path;
@@ -20,7 +20,7 @@ pub(super) fn write_cameras(
     config: &SynthConfig,
     cameras: &[Camera],
     stats: &[ViewStats],
-) -> Result<(), SynthError> {
+) -> Result<(), Error> {
     let mut ids: Vec<String> = Vec::new();
     let mut metadata = Map::new();
     for (index, camera) in cameras.iter().enumerate() {
@@ -46,19 +46,15 @@ pub(super) fn write_cameras(
         "val_ids": val_ids,
     });
     files::write_json(&root.join("dataset.json"), &lists)?;
-    let [near, far] = stats
-        .iter()
-        .fold([f64::INFINITY, 0.0], |[near, far], stats| {
-            [
-                near.min(stats.depth_range[0]),
-                far.max(stats.depth_range[1]),
-            ]
-        });
+    let depths = stats.iter().map(|stats| stats.depth_range);
+    let [near, far] = bounds(depths.fold([f64::INFINITY, 0.0], |a, b| {
+        [a[0].min(b[0]), a[1].max(b[1])]
+    }));
     let scene = json!({
         "scale": 1.0,
         "center": [0.0, 0.0, 0.0],
-        "near": near * (1.0 - BOUNDS_MARGIN),
-        "far": far * (1.0 + BOUNDS_MARGIN),
+        "near": near,
+        "far": far,
     });
     files::write_json(&root.join("scene.json"), &scene)
 }

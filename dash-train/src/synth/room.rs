@@ -1,4 +1,4 @@
-//! The four scenes: the room and what moves in it; `furniture` holds the rest.
+//! The four scenes: the room and its moving objects; `furniture` holds the rest.
 
 use super::SceneKind;
 use super::motion::{Drift, Motion, Pose};

@@ -52,8 +52,7 @@ pub struct Object {
 ///
 /// # Shading
 /// Lambert under a sky and two distant lights, without cast shadows or reflections. Corners and
-/// the floor around clutter are darker, but objects that move in a scene where others rest neither
-/// cause this nor receive it. So a pixel's colour depends on a moving object exactly where that
+/// the floor around clutter are darker. Moving objects among resting ones neither cause nor receive this. So a pixel's colour depends on a moving object exactly where that
 /// object is the nearest surface.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Scene {
@@ -205,7 +204,7 @@ fn contact_darkness(posed: &Posed<'_>, point: DVec3) -> f64 {
     0.5 * (-(gap / spread).powi(2)).exp()
 }
 
-/// Keeps the nearer of what was seen and what `local`, a ray in `posed`'s coordinates, hits.
+/// The nearer of `nearest` and the hit of `local`, a ray in `posed`'s coordinates.
 pub(super) fn nearer(
     nearest: Option<Seen>,
     index: usize,
@@ -215,8 +214,7 @@ pub(super) fn nearer(
     let Some(hit) = posed.object.shape.hit(local) else {
         return nearest;
     };
-    // Of surfaces that coincide the object that comes first is seen, in whichever order they are
-    // asked.
+    // Of coinciding surfaces the first object is seen, whatever the order of the calls.
     if nearest.is_some_and(|seen| (seen.distance, seen.object) <= (hit.distance, index)) {
         return nearest;
     }

@@ -194,7 +194,7 @@ impl Texture {
         shade(board).lerp(shade(board + 1.0), t) * (0.9 + 0.2 * grain)
     }
 
-    /// Even and odd boards take turns with two pairs of colours, so that neighbours differ.
+    /// Even and odd boards have different pairs of colours, so that neighbours differ.
     fn plank_color(&self, board: f64, piece: f64) -> DVec3 {
         let index = 2.0 * board.rem_euclid(2.0) + piece.rem_euclid(2.0);
         self.colors[index as usize % self.colors.len()]

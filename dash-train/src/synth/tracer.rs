@@ -1,10 +1,10 @@
 //! Rays to pixels.
 //!
-//! A pixel's result depends on its 16 samples and its centre alone. Shortcuts leave out work whose
-//! result is known, never change it: objects that can't be hit in a tile, objects that start behind
-//! what a ray has hit already, and pixels in which no sample can see a moving object.
+//! A pixel's result depends on its 16 samples and its centre alone. Shortcuts skip work whose result is known:
+//! objects outside a tile, objects behind the nearest hit of a ray, and pixels without a moving object in any
+//! sample.
 
-use super::render::{Rendered, Rest};
+use super::rendered::{Rendered, Rest};
 use super::scene::{Instant, Seen, nearer};
 use super::shape::{Ray, Shape};
 use super::texture::linear_to_srgb8;
@@ -160,7 +160,7 @@ impl<'a> Tracer<'a> {
         });
     }
 
-    /// Renders the view of what rests, and between which depths each pixel's surfaces lie.
+    /// Renders the resting objects, and bounds the depths of each pixel's surfaces.
     pub(super) fn render_rest(&self, rest: &mut Rest) {
         let pixels = TILE_PX * self.camera.width;
         let depths = rest
@@ -229,8 +229,8 @@ impl<'a> Tracer<'a> {
         (columns, TileViews { moving, resting })
     }
 
-    /// What the rays of a pixel see; nothing where that is what rests. `rest_depths` bounds the
-    /// depths of what rests there, where it has been rendered.
+    /// The hits of a pixel's rays; `None` where only resting objects are hit. `rest_depths` bounds the depths of the
+    /// resting objects, where they have been rendered.
     fn look(
         &self,
         views: &TileViews<'_>,

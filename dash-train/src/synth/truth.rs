@@ -1,4 +1,4 @@
-//! What is exactly known about a rendered clip.
+//! The exact truth about a rendered clip, for `truth.json`.
 
 use super::config::{SceneKind, SynthConfig};
 use super::motion::Pose;

@@ -1,13 +1,14 @@
 //! Renders a clip and writes it as a dataset, whole or not at all.
 
-use super::SynthError;
 use super::cloud::{cloud, cloud_size};
 use super::config::SynthConfig;
 use super::files;
-use super::render::{Rendered, Rest, render_over};
+use super::render::render_over;
+use super::rendered::{Rendered, Rest};
 use super::rig::rig;
 use super::scene::Scene;
 use super::truth::{Truth, ViewStats};
+use crate::Error;
 use crate::video::{VideoWriter, ffmpeg_program};
 use dash_kernels::Camera;
 use image::ExtendedColorType;
@@ -53,7 +54,7 @@ impl fmt::Display for SynthSummary {
 /// # Errors
 /// A setting out of range, an `out` that exists and is not an empty folder, a folder that can't
 /// be written, or a missing ffmpeg when videos are asked for.
-pub fn write(out: &Path, config: &SynthConfig) -> Result<SynthSummary, SynthError> {
+pub fn write(out: &Path, config: &SynthConfig) -> Result<SynthSummary, Error> {
     write_with(out, config, &ffmpeg_program().to_string_lossy())
 }
 
@@ -61,19 +62,19 @@ pub(super) fn write_with(
     out: &Path,
     config: &SynthConfig,
     ffmpeg: &str,
-) -> Result<SynthSummary, SynthError> {
+) -> Result<SynthSummary, Error> {
     config.validate()?;
     let config = &config.as_written();
     let parent = check_output(out)?;
     if config.video {
         files::check_ffmpeg(ffmpeg)?;
     }
-    fs::create_dir_all(&parent).map_err(SynthError::io(&parent, "create the folder"))?;
+    fs::create_dir_all(&parent).map_err(Error::write(&parent, "create the folder"))?;
     // A sibling of `out`, on the same file system: the rename at the end is one step.
     let scratch = tempfile::Builder::new()
         .prefix(".dash-synth-")
         .tempdir_in(&parent)
-        .map_err(SynthError::io(&parent, "create a scratch folder in it"))?;
+        .map_err(Error::write(&parent, "create a scratch folder in it"))?;
     // One level down, since the scratch folder itself is closed to other users.
     let root = scratch.path().join("dataset");
 
@@ -91,9 +92,9 @@ pub(super) fn write_with(
 
     if out.exists() {
         // Not every system renames over an empty folder.
-        fs::remove_dir(out).map_err(SynthError::io(out, "replace the empty folder"))?;
+        fs::remove_dir(out).map_err(Error::write(out, "replace the empty folder"))?;
     }
-    fs::rename(&root, out).map_err(SynthError::io(out, "move the finished dataset there"))?;
+    fs::rename(&root, out).map_err(Error::write(out, "move the finished dataset there"))?;
     Ok(SynthSummary {
         path: out.to_path_buf(),
         cameras: config.cameras,
@@ -104,25 +105,25 @@ pub(super) fn write_with(
 }
 
 /// Refuses an output that is not free; returns the folder it is to be in.
-fn check_output(out: &Path) -> Result<PathBuf, SynthError> {
+fn check_output(out: &Path) -> Result<PathBuf, Error> {
     let refuse = |found| {
-        Err(SynthError::OutputExists {
+        Err(Error::OutputExists {
             path: out.to_path_buf(),
             found,
         })
     };
     if out.file_name().is_none() {
-        return Err(SynthError::OutputName {
+        return Err(Error::OutputName {
             path: out.to_path_buf(),
         });
     }
     match fs::symlink_metadata(out) {
         Err(error) if error.kind() == std::io::ErrorKind::NotFound => {}
-        Err(error) => return Err(SynthError::io(out, "look at it")(error)),
+        Err(error) => return Err(Error::write(out, "look at it")(error)),
         Ok(found) if found.is_symlink() => return refuse("a link"),
         Ok(found) if !found.is_dir() => return refuse("a file"),
         Ok(_) => {
-            let mut entries = fs::read_dir(out).map_err(SynthError::io(out, "list the folder"))?;
+            let mut entries = fs::read_dir(out).map_err(Error::write(out, "list the folder"))?;
             if entries.next().is_some() {
                 return refuse("a folder with files in it");
             }
@@ -144,7 +145,7 @@ fn write_frames(
     scene: &Scene,
     cameras: &[Camera],
     ffmpeg: &str,
-) -> Result<Vec<ViewStats>, SynthError> {
+) -> Result<Vec<ViewStats>, Error> {
     let mut stats = Vec::with_capacity(cameras.len());
     let n_together = rayon::current_num_threads().max(1);
     for (chunk, cameras) in cameras.chunks(n_together).enumerate() {
@@ -155,7 +156,7 @@ fn write_frames(
                 let index = chunk * n_together + i;
                 Clip::new(root, config, scene, index, camera, ffmpeg)
             })
-            .collect::<Result<Vec<Clip>, SynthError>>()?;
+            .collect::<Result<Vec<Clip>, Error>>()?;
         for frame in 0..config.frames {
             clips
                 .par_iter_mut()
@@ -188,16 +189,13 @@ impl<'a> Clip<'a> {
         index: usize,
         camera: &'a Camera,
         ffmpeg: &str,
-    ) -> Result<Self, SynthError> {
+    ) -> Result<Self, Error> {
         let video = if config.video {
             let path = root.join(config.layout.video_path(index));
             let folder = path.parent().unwrap_or(root);
-            fs::create_dir_all(folder).map_err(SynthError::io(folder, "create the folder"))?;
-            Some(files::video_writer(
-                ffmpeg,
-                &path,
-                [config.width, config.height],
-            )?)
+            fs::create_dir_all(folder).map_err(Error::write(folder, "create the folder"))?;
+            let size = [config.width, config.height];
+            Some(files::video_writer(ffmpeg, &path, size)?)
         } else {
             None
         };
@@ -224,13 +222,13 @@ impl<'a> Clip<'a> {
         config: &SynthConfig,
         scene: &Scene,
         frame: usize,
-    ) -> Result<(), SynthError> {
+    ) -> Result<(), Error> {
         let view = &mut self.view;
         let time = config.time(frame);
         render_over(scene, self.camera, time, self.rest.as_ref(), view);
         let size = [config.width, config.height];
         if let Some(video) = &mut self.video {
-            video.push(&view.rgb)?;
+            video.push(&view.rgb).map_err(Error::DatasetVideo)?;
         } else {
             let path = config.layout.image_path(self.index, frame, config.frames);
             files::write_png(&root.join(path), &view.rgb, size, ExtendedColorType::Rgb8)?;
@@ -248,9 +246,9 @@ impl<'a> Clip<'a> {
         Ok(())
     }
 
-    fn finish(self, config: &SynthConfig) -> Result<ViewStats, SynthError> {
+    fn finish(self, config: &SynthConfig) -> Result<ViewStats, Error> {
         if let Some(video) = self.video {
-            video.finish()?;
+            video.finish().map_err(Error::DatasetVideo)?;
         }
         Ok(ViewStats {
             moving_share: self.moving_share / config.frames as f64,

@@ -12,7 +12,7 @@ use super::core::{
     StepReport, checkpoint, hold_out,
 };
 use super::paper::Dash;
-use crate::TrainError;
+use crate::Error;
 use crate::dataset::{Dataset, Split, View};
 
 /// A training run in memory.
@@ -37,11 +37,7 @@ impl Trainer {
     ///
     /// # Errors
     /// When the configuration is out of range or no view is left to train on.
-    pub fn new(
-        config: TrainConfig,
-        dataset: Arc<Dataset>,
-        device: &Device,
-    ) -> Result<Self, TrainError> {
+    pub fn new(config: TrainConfig, dataset: Arc<Dataset>, device: &Device) -> Result<Self, Error> {
         Self::with(config, dataset, device, Additions::default())
     }
 
@@ -54,7 +50,7 @@ impl Trainer {
         dataset: Arc<Dataset>,
         device: &Device,
         additions: Additions,
-    ) -> Result<Self, TrainError> {
+    ) -> Result<Self, Error> {
         config.validate()?;
         let schedule = config.schedule();
         let mut run = Run::new(schedule, dataset, device, |facts| {
@@ -105,7 +101,7 @@ impl Trainer {
     ///
     /// # Errors
     /// When too many steps in a row had to be skipped, or a kernel refuses its input.
-    pub fn step(&mut self) -> Result<StepReport, TrainError> {
+    pub fn step(&mut self) -> Result<StepReport, Error> {
         core::step(&mut self.run, &mut self.hooks)
     }
 
@@ -113,7 +109,7 @@ impl Trainer {
     ///
     /// # Errors
     /// When rendering fails.
-    pub fn finished(&self) -> Result<Finished, TrainError> {
+    pub fn finished(&self) -> Result<Finished, Error> {
         self.hooks.finish(&self.run)
     }
 
@@ -122,7 +118,7 @@ impl Trainer {
     ///
     /// # Errors
     /// When rendering fails.
-    pub fn validation_psnr(&self) -> Result<Option<f64>, TrainError> {
+    pub fn validation_psnr(&self) -> Result<Option<f64>, Error> {
         let run = &self.run;
         hold_out::psnr(&run.scene, &run.dataset, &run.validation_views)
     }
@@ -131,7 +127,7 @@ impl Trainer {
     ///
     /// # Errors
     /// When rendering fails.
-    pub fn training_psnr(&self) -> Result<f64, TrainError> {
+    pub fn training_psnr(&self) -> Result<f64, Error> {
         let run = &self.run;
         let psnr = hold_out::psnr(&run.scene, &run.dataset, &run.train_views)?;
         Ok(psnr.unwrap_or(f64::NAN))
@@ -164,12 +160,8 @@ impl Trainer {
 /// Writes `folder/NNNNNN` for the trainer's step.
 ///
 /// # Errors
-/// [`TrainError::Io`] or a model error; what was there before stays.
-pub fn save_checkpoint(
-    trainer: &Trainer,
-    folder: &Path,
-    train_seconds: f64,
-) -> Result<(), TrainError> {
+/// [`Error::Io`] or a model error; what was there before stays.
+pub fn save_checkpoint(trainer: &Trainer, folder: &Path, train_seconds: f64) -> Result<(), Error> {
     let Trainer { config, run, hooks } = trainer;
     checkpoint::save(run, hooks, config, folder, train_seconds)
 }
@@ -178,7 +170,7 @@ pub fn save_checkpoint(
 ///
 /// # Errors
 /// When the checkpoint can't be read.
-pub fn checkpoint_config(checkpoint: &Path) -> Result<TrainConfig, TrainError> {
+pub fn checkpoint_config(checkpoint: &Path) -> Result<TrainConfig, Error> {
     Ok(checkpoint::read_state(checkpoint)?.config)
 }
 
@@ -190,7 +182,7 @@ pub fn load_checkpoint(
     checkpoint: &Path,
     dataset: Arc<Dataset>,
     device: &Device,
-) -> Result<(Trainer, f64), TrainError> {
+) -> Result<(Trainer, f64), Error> {
     load_checkpoint_with(checkpoint, dataset, device, Additions::default())
 }
 
@@ -203,11 +195,11 @@ pub fn load_checkpoint_with(
     dataset: Arc<Dataset>,
     device: &Device,
     additions: Additions,
-) -> Result<(Trainer, f64), TrainError> {
+) -> Result<(Trainer, f64), Error> {
     let load = || {
         let mut state = checkpoint::read_state::<TrainConfig>(path)?;
         if let Some(what) = state.contradiction(&dataset) {
-            return Err(TrainError::run(
+            return Err(Error::run(
                 &dataset.root,
                 format!("{what}; the dataset was changed: restore it, or start another run"),
             ));
@@ -225,12 +217,12 @@ pub fn load_checkpoint_with(
 ///
 /// # Errors
 /// When the checkpoint can't be read, or says that it is another one.
-pub(super) fn check_moved(path: &Path, dataset: &Dataset, from: &Path) -> Result<(), TrainError> {
+pub(super) fn check_moved(path: &Path, dataset: &Dataset, from: &Path) -> Result<(), Error> {
     let state = checkpoint::read_state::<TrainConfig>(path)
         .map_err(|error| checkpoint::with_remedy(path, error))?;
     match state.contradiction(dataset) {
         None => Ok(()),
-        Some(what) => Err(TrainError::run(
+        Some(what) => Err(Error::run(
             &dataset.root,
             format!(
                 "{what}; name the run's own dataset, {} or where that was moved, or start another run",

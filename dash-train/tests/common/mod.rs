@@ -31,11 +31,11 @@ pub const TINY: [&str; 20] = [
 ];
 
 /// A scratch folder in which commands run.
-pub struct Bench {
+pub struct Scratch {
     folder: tempfile::TempDir,
 }
 
-impl Bench {
+impl Scratch {
     pub fn new() -> Self {
         Self {
             folder: tempfile::tempdir().expect("a scratch folder"),
@@ -44,8 +44,8 @@ impl Bench {
 
     /// A folder that holds the dataset `room`: 4 cameras, 3 frames, 32x24 pixels.
     pub fn with_room(layout: &str) -> Self {
-        let bench = Self::new();
-        bench.ok(&[
+        let scratch = Self::new();
+        scratch.ok(&[
             "synth",
             "room",
             "--layout",
@@ -57,7 +57,7 @@ impl Bench {
             "--size",
             "32x24",
         ]);
-        bench
+        scratch
     }
 
     /// Trains `run` on `room` for 30 steps.
@@ -129,7 +129,7 @@ impl Bench {
         self.fails_as(self.command(args), part);
     }
 
-    /// [`Bench::fails`] for a prepared command.
+    /// [`Scratch::fails`] for a prepared command.
     pub fn fails_as(&self, mut command: Command, part: &str) {
         let before = self.listing();
         let output = command.output().expect("the binary starts");

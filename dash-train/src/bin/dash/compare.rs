@@ -4,7 +4,7 @@ use std::path::PathBuf;
 use std::sync::Arc;
 
 use clap::Args;
-use dash_train::compare::{ComparedRun, Comparison, Method, Observer};
+use dash_train::compare::{ComparedRun, Comparison, Method, Observer, median_over_seeds};
 use dash_train::report::{RunGroup, compared, read_run};
 use dash_train::train::{Preset, StepReport};
 
@@ -154,12 +154,7 @@ fn table(methods: &[Method], runs: &[ComparedRun]) -> String {
     ];
     for &method in methods {
         let of: Vec<&ComparedRun> = runs.iter().filter(|run| run.method == method).collect();
-        let median = |value: &dyn Fn(&ComparedRun) -> Option<f64>| {
-            let mut values: Vec<f64> = of.iter().filter_map(|run| value(run)).collect();
-            values.sort_by(f64::total_cmp);
-            let n = values.len();
-            (n > 0).then(|| 0.5 * (values[(n - 1) / 2] + values[n / 2]))
-        };
+        let median = |value: fn(&ComparedRun) -> Option<f64>| median_over_seeds(&of, value);
         let shown = |value: Option<f64>, digits: usize| {
             value.map_or("-".to_string(), |value| format!("{value:.digits$}"))
         };
@@ -167,21 +162,21 @@ fn table(methods: &[Method], runs: &[ComparedRun]) -> String {
             "{:11} {:5} {:>7} {:>7} {:>6} {:>7} {:>6} {:>8} + {:<7} {:>6} {:>9}",
             method.name(),
             of.len(),
-            shown(median(&|run| run.results.train_seconds), 1),
-            shown(median(&|run| Some(run.results.iterations as f64)), 0),
-            shown(median(&|run| run.results.evaluation.psnr), 2),
-            shown(median(&|run| run.results.evaluation.psnr_dynamic), 2),
-            shown(median(&|run| run.results.evaluation.ssim), 3),
+            shown(median(|run| run.results.train_seconds), 1),
+            shown(median(|run| Some(run.results.iterations as f64)), 0),
+            shown(median(|run| run.results.evaluation.psnr), 2),
+            shown(median(|run| run.results.evaluation.psnr_dynamic), 2),
+            shown(median(|run| run.results.evaluation.ssim), 3),
             shown(
-                median(&|run| Some(run.results.evaluation.n_static as f64)),
+                median(|run| Some(run.results.evaluation.n_static as f64)),
                 0
             ),
             shown(
-                median(&|run| Some(run.results.evaluation.n_dynamic as f64)),
+                median(|run| Some(run.results.evaluation.n_dynamic as f64)),
                 0
             ),
-            shown(median(&|run| run.results.evaluation.render_fps), 1),
-            median(&|run| Some(run.results.storage_bytes as f64))
+            shown(median(|run| run.results.evaluation.render_fps), 1),
+            median(|run| Some(run.results.storage_bytes as f64))
                 .map_or("-".into(), |bytes| summary::bytes(bytes as u64)),
         ));
     }

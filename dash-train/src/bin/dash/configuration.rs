@@ -49,7 +49,7 @@ pub struct DataSection {
     pub layout: Option<Layout>,
     /// Factor by which images are made smaller.
     pub downscale: Option<f64>,
-    /// Cameras of the test split.
+    /// Test cameras.
     pub test_cameras: Option<Vec<usize>>,
     /// Which frames.
     pub frames: Option<FrameRange>,

@@ -1,4 +1,4 @@
-//! Options of the commands that train: which data, and how it is loaded; and the data of a run.
+//! Options about the data of training commands, and the data of a run.
 
 use std::path::Path;
 

@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use clap::{Args, ValueEnum};
 use dash_train::dataset::Split;
-use dash_train::evaluate::{Process, evaluate_run};
+use dash_train::results::{Process, evaluate_run};
 use dash_train::train::RunFolder;
 
 use crate::Shared;

@@ -1,12 +1,9 @@
 //! How a command fails: one line and an exit code.
 
-use std::error::Error;
-
 use dash_model::ModelError;
-use dash_train::TrainError;
+use dash_train::Error;
 use dash_train::dataset::DatasetError;
 use dash_train::prepare::PrepareError;
-use dash_train::synth::SynthError;
 
 /// Exit code of work that failed.
 const FAILED: u8 = 1;
@@ -47,7 +44,7 @@ impl Failure {
         self.exit_code
     }
 
-    fn from_error(error: &dyn Error) -> Self {
+    fn from_error(error: &dyn std::error::Error) -> Self {
         let mut message = error.to_string();
         let mut source = error.source();
         while let Some(cause) = source {
@@ -72,9 +69,12 @@ pub fn on_one_line(text: &str) -> String {
         .join(" ")
 }
 
-impl From<TrainError> for Failure {
-    fn from(error: TrainError) -> Self {
-        Self::from_error(&error)
+impl From<Error> for Failure {
+    fn from(error: Error) -> Self {
+        match error {
+            Error::Setting { .. } => Self::usage(error.to_string()),
+            other => Self::from_error(&other),
+        }
     }
 }
 
@@ -87,15 +87,6 @@ impl From<ModelError> for Failure {
 impl From<DatasetError> for Failure {
     fn from(error: DatasetError) -> Self {
         Self::from_error(&error)
-    }
-}
-
-impl From<SynthError> for Failure {
-    fn from(error: SynthError) -> Self {
-        match error {
-            SynthError::Setting { .. } => Self::usage(error.to_string()),
-            other => Self::from_error(&other),
-        }
     }
 }
 

@@ -7,8 +7,9 @@ use clap::Args;
 use dash_kernels::splats::NEAR_PLANE;
 use dash_model::{GaussianRows, read_splat_ply};
 use dash_train::dataset::{Dataset, FrameRange, Layout, LoadOptions, Split, load};
-use dash_train::evaluate::{read_results, storage_bytes};
+use dash_train::evaluate::storage_bytes;
 use dash_train::ply::{PointCloud, read_points};
+use dash_train::results::read_results;
 use dash_train::train::paper::Decomposition;
 use dash_train::train::{Decision, RunFolder, StageEnds, TrainConfig};
 

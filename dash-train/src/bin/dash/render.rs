@@ -7,7 +7,6 @@ use clap::Args;
 use dash_model::{
     DynamicScene, Gaps, Gaussians, OffsetPlacement, SceneSettings, TrajectoryBasis, read_splat_ply,
 };
-use dash_train::TrainError;
 use dash_train::cameras::{CameraFile, DatasetTerms};
 use dash_train::dataset::Dataset;
 use dash_train::render::{
@@ -213,7 +212,7 @@ fn shots(args: &RenderArgs, source: &Source) -> Result<Vec<Shot>, Failure> {
             shots
         }
         (file, source) => {
-            let file = CameraFile::read(Path::new(file)).map_err(TrainError::from)?;
+            let file = CameraFile::read(Path::new(file))?;
             let terms = match source {
                 Source::Run(run) if file.is_transforms() => terms(run, elsewhere)?,
                 _ => None,

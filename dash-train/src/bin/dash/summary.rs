@@ -1,6 +1,6 @@
 //! Tables of names and values for people.
 
-use dash_train::evaluate::Results;
+use dash_train::results::Results;
 
 /// Rows of a name and a value, the values aligned.
 #[derive(Default)]
@@ -71,10 +71,10 @@ pub fn add_scores(table: &mut Table, results: &Results) {
     if let Some(reason) = &scores.metric_settings.lpips_missing {
         table.row("LPIPS", reason);
     }
-    if let Some(split) = &scores.decomposition {
+    if let Some(found) = &scores.decomposition {
         let text = format!(
             "precision {:.3}, recall {:.3}, F1 {:.3}",
-            split.precision, split.recall, split.f1
+            found.precision, found.recall, found.f1
         );
         table.row("what moves", text);
     }

@@ -8,8 +8,11 @@ use clap::Args;
 use dash_train::compare::Method;
 use dash_train::dataset::{Dataset, Split};
 use dash_train::device::DeviceChoice;
-use dash_train::evaluate::{CurveProbe, PerceptualFiles, Process, evaluate_run};
-use dash_train::train::{Keep, Preset, RunConfig, RunFolder, TrainConfig, TrainOptions, train};
+use dash_train::evaluate::{CurveProbe, PerceptualFiles};
+use dash_train::results::{Process, evaluate_run};
+use dash_train::train::{
+    DataConfig, Keep, Preset, RunConfig, RunFolder, TrainConfig, TrainOptions, train,
+};
 
 use crate::Shared;
 use crate::configuration::{ConfigFile, Overrides, name};
@@ -190,45 +193,15 @@ fn check_same(
             args.out.display()
         )))
     };
-    let data = &config.data;
     if args
         .preset
         .is_some_and(|preset| preset != config.train.preset)
     {
         return refuse("--preset", name(config.train.preset));
     }
-    if args
-        .data
-        .downscale
-        .is_some_and(|downscale| downscale != data.downscale)
-    {
-        return refuse("--downscale", data.downscale.to_string());
-    }
-    if args.data.frames.is_some() && args.data.frames != data.frames {
-        let found = data
-            .frames
-            .map_or("the usual ones".into(), |f| f.to_string());
-        return refuse("--frames", found);
-    }
-    if args.data.layout.is_some() && args.data.layout != data.layout {
-        return refuse(
-            "--layout",
-            data.layout
-                .map_or("none".into(), |layout| layout.to_string()),
-        );
-    }
-    if args.data.skip_broken && !data.skip_broken {
-        return refuse("--skip-broken", "every view".into());
-    }
-    if args.data.test_cameras().is_some() && args.data.test_cameras() != data.test_cameras {
-        let found = data
-            .test_cameras
-            .as_ref()
-            .map_or("the layout's own".into(), |c| format!("{c:?}"));
-        return refuse("--test-cameras", found);
-    }
-    if args.data.invert_masks && !data.invert_masks {
-        return refuse("--invert-masks", "masks as they are".into());
+    let data = &config.data;
+    if let Some((option, found)) = other_data(&args.data, data) {
+        return refuse(option, found);
     }
     if shared
         .device
@@ -244,6 +217,37 @@ fn check_same(
         );
     }
     Ok(())
+}
+
+/// The first option that asks for other data than a run has, and what the run has.
+fn other_data(args: &DataArgs, data: &DataConfig) -> Option<(&'static str, String)> {
+    if args
+        .downscale
+        .is_some_and(|downscale| downscale != data.downscale)
+    {
+        return Some(("--downscale", data.downscale.to_string()));
+    }
+    if args.frames.is_some() && args.frames != data.frames {
+        let usual = "the usual ones".into();
+        return Some(("--frames", data.frames.map_or(usual, |f| f.to_string())));
+    }
+    if args.layout.is_some() && args.layout != data.layout {
+        let none = "none".into();
+        return Some(("--layout", data.layout.map_or(none, |l| l.to_string())));
+    }
+    if args.skip_broken && !data.skip_broken {
+        return Some(("--skip-broken", "every view".into()));
+    }
+    if args.test_cameras().is_some() && args.test_cameras() != data.test_cameras {
+        let usual = "the layout's own".into();
+        let cameras = data.test_cameras.as_ref();
+        return Some((
+            "--test-cameras",
+            cameras.map_or(usual, |c| format!("{c:?}")),
+        ));
+    }
+    (args.invert_masks && !data.invert_masks)
+        .then(|| ("--invert-masks", "masks as they are".into()))
 }
 
 /// Scores the run where there are test views, and says what became of it.

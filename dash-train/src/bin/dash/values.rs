@@ -1,4 +1,4 @@
-//! What arguments hold: sizes, colours, times, lists, amounts of memory, paths.
+//! Values of arguments: sizes, colours, times, lists, amounts of memory, paths.
 
 use std::path::{Path, PathBuf};
 use std::str::FromStr;

@@ -76,8 +76,8 @@ fn an_empty_scene_scores_its_background() {
     }
     assert!((scores.psnr.expect("defined") - sum / 3.0).abs() < 1e-9);
     assert!(scores.psnr_dynamic.is_some(), "the ball moves");
-    let split = scores.decomposition.expect("the room has true masks");
-    assert_eq!(split.recall, 0.0);
+    let decomposition = scores.decomposition.expect("the room has true masks");
+    assert_eq!(decomposition.recall, 0.0);
 }
 
 #[test]

@@ -1,5 +1,5 @@
-//! LPIPS, the learned perceptual image patch similarity: distances between the features that a
-//! network for image recognition has of two pictures.
+//! LPIPS, the learned perceptual image patch similarity: distances between the features of two pictures in a
+//! network for image recognition.
 //!
 //! # Source
 //! Zhang et al., "The Unreasonable Effectiveness of Deep Features as a Perceptual Metric", CVPR
@@ -12,7 +12,6 @@
 //! - this file: the distance.
 
 mod architecture;
-mod error;
 mod features;
 #[cfg(test)]
 mod reference;
@@ -21,7 +20,6 @@ mod tests;
 mod weights;
 
 pub use architecture::{ExpectedTensor, LayerTable, Network};
-pub use error::LpipsError;
 
 use std::collections::BTreeMap;
 use std::path::PathBuf;
@@ -31,6 +29,7 @@ use burn::tensor::{Device, Tensor, TensorData};
 use dash_model::parameters::HostTensor;
 
 use super::CHANNELS;
+use crate::Error;
 use architecture::{bias_name, linear_name, weight_name};
 use features::{FeatureLayer, parameter};
 
@@ -64,14 +63,14 @@ impl Lpips {
     /// `classifier`, is not read.
     ///
     /// Safetensors and PyTorch's files are understood, the latter as the zip archive that it
-    /// writes since version 1.6 and as the stream of before, which is what torchvision's
-    /// `vgg16-397923af.pth` and LPIPS's own `weights/v0.1/*.pth` are. The names may be
+    /// writes since version 1.6 and as the older pickle stream: torchvision's `vgg16-397923af.pth` and LPIPS's own
+    /// `weights/v0.1/*.pth` are such streams. The names may be
     /// torchvision's (`features.0.weight`) and LPIPS's (`lin0.model.1.weight`), or those of a whole
     /// saved LPIPS (`net.slice1.0.weight`, `lins.0.model.1.weight`).
     ///
     /// # Errors
-    /// [`LpipsError`] with the file and tensor, what was expected and what was found.
-    pub fn load(network: Network, files: &[PathBuf], device: &Device) -> Result<Self, LpipsError> {
+    /// [`Error`] with the file and tensor, what was expected and what was found.
+    pub fn load(network: Network, files: &[PathBuf], device: &Device) -> Result<Self, Error> {
         Ok(Self::new(network, weights::read(network, files)?, device))
     }
 
@@ -80,7 +79,7 @@ impl Lpips {
     ///
     /// # Errors
     /// As [`Lpips::load`].
-    pub fn check(network: Network, files: &[PathBuf]) -> Result<(), LpipsError> {
+    pub fn check(network: Network, files: &[PathBuf]) -> Result<(), Error> {
         weights::check(network, files)
     }
 
@@ -127,7 +126,7 @@ impl Lpips {
         b: &[f32],
         width: usize,
         height: usize,
-    ) -> Result<f64, LpipsError> {
+    ) -> Result<f64, Error> {
         for picture in [a, b] {
             assert_eq!(
                 picture.len(),
@@ -137,7 +136,7 @@ impl Lpips {
         }
         let min = self.network.min_side_px();
         if width < min || height < min {
-            return Err(LpipsError::TooSmall {
+            return Err(Error::PictureTooSmall {
                 network: self.network,
                 min,
                 width,
@@ -182,11 +181,11 @@ fn unit_length(features: Tensor<4>) -> Tensor<4> {
 }
 
 /// The mean over the pixels, kept in f64 on the host.
-fn mean(per_pixel: Tensor<4>) -> Result<f64, LpipsError> {
+fn mean(per_pixel: Tensor<4>) -> Result<f64, Error> {
     let values = per_pixel
         .into_data()
         .try_into_vec::<f32>()
-        .map_err(|e| LpipsError::Device(format!("{e:?}")))?;
+        .map_err(|e| Error::DeviceFault(format!("{e:?}")))?;
     let sum: f64 = values.iter().map(|&v| f64::from(v)).sum();
     Ok(sum / values.len() as f64)
 }

@@ -1,5 +1,5 @@
-//! LPIPS in f64 and plain loops, from the networks as torchvision lists them: the oracle of the
-//! tests. It shares neither tables nor code with what it checks.
+//! The oracle of the tests: LPIPS in f64 and plain loops, from the networks as torchvision lists them. It shares
+//! neither tables nor code with the implementation.
 
 use std::collections::BTreeMap;
 

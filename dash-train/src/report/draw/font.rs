@@ -1,5 +1,4 @@
-//! Outlines and widths of text, from a font that comes with the program: a machine that makes
-//! reports need not have any.
+//! Outlines and widths of text. The font comes with the program, since the machine may have none.
 
 use std::sync::OnceLock;
 

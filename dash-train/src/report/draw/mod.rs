@@ -119,7 +119,7 @@ pub(super) enum Shape {
         width: f64,
         dashed: bool,
     },
-    /// A filled polygon that lets through what is under it.
+    /// A filled, partly transparent polygon.
     Area {
         points: Vec<[f64; 2]>,
         ink: Ink,

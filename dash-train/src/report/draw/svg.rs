@@ -4,7 +4,7 @@ use std::fmt::Write;
 
 use super::ink::hex;
 use super::{Anchor, Drawing, Ink, Mark, Shape};
-use crate::report::page::escaped;
+use crate::report::escape::escaped;
 
 /// The element. Colours stand in attributes and in classes, which a page's style may override.
 pub(super) fn element(drawing: &Drawing, description: &str) -> String {

@@ -14,7 +14,7 @@ pub(super) fn spread_heights(wanted: &[f64], apart: f64, [top, bottom]: [f64; 2]
     let mut order: Vec<usize> = (0..wanted.len()).collect();
     order.sort_by(|&a, &b| wanted[a].total_cmp(&wanted[b]));
     let mut heights: Vec<f64> = order.iter().map(|&i| wanted[i]).collect();
-    // Neighbours that are too close form groups, each of which is centred on what it wants.
+    // Neighbours that are too close form a group, centred on the mean of the places they want.
     let mut groups: Vec<(usize, f64)> = Vec::new();
     for &height in &heights {
         groups.push((1, height));

@@ -74,7 +74,7 @@ pub struct Panel {
     pub y: Axis,
     /// What is drawn; the last is on top.
     pub series: Vec<Series>,
-    /// Lines under the series that join what nothing beats.
+    /// Pareto fronts: lines under the series.
     pub fronts: Vec<Vec<[f64; 2]>>,
 }
 

@@ -90,92 +90,65 @@ impl<'a> Frame<'a> {
     }
 
     fn draw_axes(&self, shapes: &mut Vec<Shape>) {
-        let [left, top, right, bottom] = self.plot;
-        let text = |at, text: &str, ink, size, anchor, bold| Shape::Text {
-            at,
-            text: text.into(),
-            ink,
-            size,
-            anchor,
-            bold,
-        };
-        let line = |points: Vec<[f64; 2]>, ink| Shape::Line {
-            points,
-            ink,
-            width: 1.0,
-            dashed: false,
-        };
-        let (title, x, y) = (&self.panel.title, &self.panel.x, &self.panel.y);
-        // Titles and the label of the vertical axis begin where its numbers do.
-        let edge = left
-            - 10.0
-            - self
-                .y_ticks
-                .iter()
-                .map(|t| text_width(&t.label, TICK_SIZE))
-                .fold(0.0, f64::max);
-        if !title.is_empty() {
-            let at = [edge, top - 27.0];
-            shapes.push(text(at, title, Ink::Text, TITLE_SIZE, Anchor::Start, true));
+        self.draw_titles(shapes);
+        self.draw_y_ticks(shapes);
+        self.draw_x_ticks(shapes);
+        let [left, _, right, bottom] = self.plot;
+        shapes.push(line([[left, bottom], [right, bottom]], Ink::Muted));
+        let at = [(left + right) / 2.0, bottom + 33.0];
+        let label = &self.panel.x.label;
+        shapes.push(text(at, label, Ink::Text, LABEL_SIZE, Anchor::Middle));
+    }
+
+    /// The title and the label of the vertical axis, which begin where its numbers do.
+    fn draw_titles(&self, shapes: &mut Vec<Shape>) {
+        let [left, top, ..] = self.plot;
+        let widths = self.y_ticks.iter().map(|t| text_width(&t.label, TICK_SIZE));
+        let edge = left - 10.0 - widths.fold(0.0, f64::max);
+        if !self.panel.title.is_empty() {
+            shapes.push(Shape::Text {
+                at: [edge, top - 27.0],
+                text: self.panel.title.clone(),
+                ink: Ink::Text,
+                size: TITLE_SIZE,
+                anchor: Anchor::Start,
+                bold: true,
+            });
         }
-        let at = [edge, top - 9.0];
-        shapes.push(text(
-            at,
-            &y.label,
-            Ink::Text,
-            LABEL_SIZE,
-            Anchor::Start,
-            false,
-        ));
+        let (at, label) = ([edge, top - 9.0], &self.panel.y.label);
+        shapes.push(text(at, label, Ink::Text, LABEL_SIZE, Anchor::Start));
+    }
+
+    fn draw_y_ticks(&self, shapes: &mut Vec<Shape>) {
+        let [left, top, right, bottom] = self.plot;
         for tick in &self.y_ticks {
             let Some(share) = self.y.place(tick.value) else {
                 continue;
             };
             let y = bottom - share * (bottom - top);
-            shapes.push(line(vec![[left, y], [right, y]], Ink::Grid));
+            shapes.push(line([[left, y], [right, y]], Ink::Grid));
             let at = [left - 6.0, y + 0.35 * TICK_SIZE];
-            shapes.push(text(
-                at,
-                &tick.label,
-                Ink::Muted,
-                TICK_SIZE,
-                Anchor::End,
-                false,
-            ));
+            shapes.push(text(at, &tick.label, Ink::Muted, TICK_SIZE, Anchor::End));
         }
-        let x_ticks = self.x.ticks(((right - left) / TICK_ROOM[0]) as usize);
+    }
+
+    fn draw_x_ticks(&self, shapes: &mut Vec<Shape>) {
+        let [left, _, right, bottom] = self.plot;
         let mut last_end = f64::NEG_INFINITY;
-        for tick in &x_ticks {
+        for tick in &self.x.ticks(((right - left) / TICK_ROOM[0]) as usize) {
             let Some(share) = self.x.place(tick.value) else {
                 continue;
             };
             let x = left + share * (right - left);
-            shapes.push(line(vec![[x, bottom], [x, bottom + 4.0]], Ink::Muted));
+            shapes.push(line([[x, bottom], [x, bottom + 4.0]], Ink::Muted));
             let half = text_width(&tick.label, TICK_SIZE) / 2.0;
             // On a logarithmic axis round values crowd.
             if x - half > last_end + 4.0 {
                 let at = [x, bottom + 16.0];
-                shapes.push(text(
-                    at,
-                    &tick.label,
-                    Ink::Muted,
-                    TICK_SIZE,
-                    Anchor::Middle,
-                    false,
-                ));
+                shapes.push(text(at, &tick.label, Ink::Muted, TICK_SIZE, Anchor::Middle));
                 last_end = x + half;
             }
         }
-        shapes.push(line(vec![[left, bottom], [right, bottom]], Ink::Muted));
-        let at = [(left + right) / 2.0, bottom + 33.0];
-        shapes.push(text(
-            at,
-            &x.label,
-            Ink::Text,
-            LABEL_SIZE,
-            Anchor::Middle,
-            false,
-        ));
     }
 
     fn draw_spread(&self, series: &Series, shapes: &mut Vec<Shape>) {
@@ -363,5 +336,25 @@ fn number(value: f64) -> String {
     } else {
         let decimals = (3.0 - size.log10().floor()).clamp(0.0, 6.0) as usize;
         with_separators(value, decimals)
+    }
+}
+
+fn text(at: [f64; 2], text: &str, ink: Ink, size: f64, anchor: Anchor) -> Shape {
+    Shape::Text {
+        at,
+        text: text.into(),
+        ink,
+        size,
+        anchor,
+        bold: false,
+    }
+}
+
+fn line(points: [[f64; 2]; 2], ink: Ink) -> Shape {
+    Shape::Line {
+        points: points.into(),
+        ink,
+        width: 1.0,
+        dashed: false,
     }
 }

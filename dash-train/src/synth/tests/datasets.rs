@@ -1,5 +1,6 @@
 //! Whole datasets, read back from disk.
 
+use crate::Error;
 use crate::synth::write::write_with;
 use crate::synth::*;
 use crate::video::VideoError;
@@ -268,7 +269,7 @@ fn an_output_that_is_not_free_is_refused_and_left_alone() {
     assert!(
         matches!(
             error,
-            SynthError::OutputExists {
+            Error::OutputExists {
                 found: "a file",
                 ..
             }
@@ -276,9 +277,9 @@ fn an_output_that_is_not_free_is_refused_and_left_alone() {
         "{error}"
     );
     let error = write(&file.join("below"), &config).expect_err("a file is no parent");
-    assert!(matches!(error, SynthError::Io { .. }), "{error}");
+    assert!(matches!(error, Error::Write { .. }), "{error}");
     let error = write(Path::new("/"), &config).expect_err("no name");
-    assert!(matches!(error, SynthError::OutputName { .. }), "{error}");
+    assert!(matches!(error, Error::OutputName { .. }), "{error}");
 
     let empty = folder.path().join("empty");
     fs::create_dir(&empty).expect("a folder");
@@ -329,7 +330,7 @@ fn videos_need_ffmpeg_and_a_failure_leaves_nothing() {
     // `false` starts like any program, and then fails on every video.
     let error = write_with(&out, &config, "false").expect_err("fails");
     assert!(
-        matches!(error, SynthError::Video(VideoError::FfmpegFailed { .. })),
+        matches!(error, Error::DatasetVideo(VideoError::FfmpegFailed { .. })),
         "{error}"
     );
     assert_eq!(left(), 0, "half a dataset stays");
@@ -341,7 +342,7 @@ fn videos_need_ffmpeg_and_a_failure_leaves_nothing() {
             let frames = files.keys().filter(|f| f.ends_with(".png"));
             assert!(frames.into_iter().all(|f| f.starts_with("motion_masks/")));
         }
-        Err(error) => assert!(matches!(error, SynthError::FfmpegMissing { .. }), "{error}"),
+        Err(error) => assert!(matches!(error, Error::FfmpegMissing { .. }), "{error}"),
     }
 }
 

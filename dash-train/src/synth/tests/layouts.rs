@@ -1,5 +1,6 @@
 //! One scene in every layout, read back by the readers.
 
+use crate::Error;
 use crate::dataset::{LoadOptions, Split, View, load};
 use crate::synth::*;
 use clap::ValueEnum;
@@ -74,7 +75,7 @@ fn every_layout_reads_back_with_the_same_cameras_times_points_and_pictures() {
         };
         let out = folder.path().join(layout.to_string());
         match write(&out, &config) {
-            Err(SynthError::FfmpegMissing { .. }) => {
+            Err(Error::FfmpegMissing { .. }) => {
                 eprintln!("ffmpeg is not installed: {layout} is not tried");
                 continue;
             }

@@ -1,6 +1,7 @@
 //! Scenes and pictures.
 
-use crate::synth::render::{Rest, pixel_ray, render_over};
+use crate::synth::render::{pixel_ray, render_over};
+use crate::synth::rendered::Rest;
 use crate::synth::tracer::Tracer;
 use crate::synth::*;
 use dash_kernels::Camera;

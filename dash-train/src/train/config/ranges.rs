@@ -1,7 +1,7 @@
 //! Which values a configuration may have.
 
 use super::TrainConfig;
-use crate::TrainError;
+use crate::Error;
 use crate::train::core::{CaptureFacts, DensifyConfig};
 
 /// Most units of a hidden layer.
@@ -15,7 +15,7 @@ impl TrainConfig {
     ///
     /// # Errors
     /// The first key that is out of range, its value and the range.
-    pub fn validate(&self) -> Result<(), TrainError> {
+    pub fn validate(&self) -> Result<(), Error> {
         check("in [0, 1]", self.shares())?;
         check("finite and not negative", self.not_negative())?;
         check("at most 1", self.at_most_one())?;
@@ -64,7 +64,7 @@ impl TrainConfig {
     }
 
     /// The grids, for a clip of two frames.
-    fn validate_fields(&self) -> Result<(), TrainError> {
+    fn validate_fields(&self) -> Result<(), Error> {
         let facts = CaptureFacts {
             n_frames: 2,
             is_synchronized: false,
@@ -72,11 +72,11 @@ impl TrainConfig {
         self.method
             .motion_encoder()
             .layout()
-            .map_err(|e| TrainError::Config(format!("method.motion_field: {e}")))?;
+            .map_err(|e| Error::Config(format!("method.motion_field: {e}")))?;
         self.method
             .deformation(&facts)
             .validate()
-            .map_err(|e| TrainError::Config(format!("method.field: {e}")))
+            .map_err(|e| Error::Config(format!("method.field: {e}")))
     }
 
     fn sets(&self) -> [&DensifyConfig; 2] {
@@ -224,10 +224,10 @@ fn numbers(values: Vec<(&str, f32)>, ok: impl Fn(f32) -> bool) -> Vec<Check<'_>>
 }
 
 /// Names the first key that is not in its range.
-fn check(range: &str, checks: Vec<Check<'_>>) -> Result<(), TrainError> {
+fn check(range: &str, checks: Vec<Check<'_>>) -> Result<(), Error> {
     match checks.into_iter().find(|(.., ok)| !ok) {
         None => Ok(()),
-        Some((key, value, _)) => Err(TrainError::Config(format!(
+        Some((key, value, _)) => Err(Error::Config(format!(
             "{key}: expected {range}, found {value}"
         ))),
     }

@@ -3,7 +3,7 @@
 use toml::{Table, Value};
 
 use super::{Preset, TrainConfig};
-use crate::TrainError;
+use crate::Error;
 
 impl TrainConfig {
     /// Sets one value by its dotted path, such as `dssim=0.1` or `densify.static.max_gaussians=50000`. `none` takes an
@@ -12,8 +12,8 @@ impl TrainConfig {
     ///
     /// # Errors
     /// When the path does not exist or the value does not fit.
-    pub fn set(&mut self, assignment: &str) -> Result<(), TrainError> {
-        let refuse = |why: String| TrainError::Config(format!("--set {assignment}: {why}"));
+    pub fn set(&mut self, assignment: &str) -> Result<(), Error> {
+        let refuse = |why: String| Error::Config(format!("--set {assignment}: {why}"));
         let (path, value) = assignment
             .split_once('=')
             .ok_or_else(|| refuse("expected KEY=VALUE, such as dssim=0.1".into()))?;

@@ -22,7 +22,7 @@ use super::run::Run;
 use super::sampler::ViewSampler;
 use super::saved::Saved;
 use super::sets::Set;
-use crate::TrainError;
+use crate::Error;
 use crate::dataset::Dataset;
 pub(crate) use damage::with_remedy;
 use fingerprint::Fingerprint;
@@ -53,20 +53,20 @@ pub(crate) struct State<C> {
 /// Writes `folder/NNNNNN` for the run's step.
 ///
 /// # Errors
-/// [`TrainError::Io`] or a model error; what was there before stays.
+/// [`Error::Io`] or a model error; what was there before stays.
 pub(crate) fn save<M: Method, C: Serialize>(
     run: &Run<M>,
     hooks: &Hooks<M>,
     config: C,
     folder: &Path,
     train_seconds: f64,
-) -> Result<(), TrainError> {
+) -> Result<(), Error> {
     let name = format!("{:06}", run.step);
     let scratch = folder.join(format!(".{name}.partial"));
     if scratch.exists() {
-        fs::remove_dir_all(&scratch).map_err(|e| TrainError::io(&scratch, "remove", e))?;
+        fs::remove_dir_all(&scratch).map_err(|e| Error::io(&scratch, "remove", e))?;
     }
-    fs::create_dir_all(&scratch).map_err(|e| TrainError::io(&scratch, "create", e))?;
+    fs::create_dir_all(&scratch).map_err(|e| Error::io(&scratch, "create", e))?;
     run.scene.save(&scratch.join("scene"))?;
     let write = |name: &str, tensors: &BTreeMap<String, HostTensor>| {
         write_tensors(&scratch.join(format!("{name}.safetensors")), tensors)
@@ -96,7 +96,7 @@ pub(crate) fn save<M: Method, C: Serialize>(
         dataset: Fingerprint::of(&run.dataset.views),
         config,
     };
-    let json = serde_json::to_vec(&state).map_err(|e| TrainError::Config(e.to_string()))?;
+    let json = serde_json::to_vec(&state).map_err(|e| Error::Config(e.to_string()))?;
     write_atomically(&scratch.join("state.json"), |mut file| {
         std::io::Write::write_all(&mut file, &json)
     })?;
@@ -104,17 +104,17 @@ pub(crate) fn save<M: Method, C: Serialize>(
 }
 
 /// Puts a complete checkpoint in its place, then removes older ones.
-fn put(scratch: &Path, folder: &Path, name: &str) -> Result<(), TrainError> {
+fn put(scratch: &Path, folder: &Path, name: &str) -> Result<(), Error> {
     let target = folder.join(name);
     if target.exists() {
-        fs::remove_dir_all(&target).map_err(|e| TrainError::io(&target, "replace", e))?;
+        fs::remove_dir_all(&target).map_err(|e| Error::io(&target, "replace", e))?;
     }
     sync_folder(scratch)?;
-    fs::rename(scratch, &target).map_err(|e| TrainError::io(&target, "write", e))?;
+    fs::rename(scratch, &target).map_err(|e| Error::io(&target, "write", e))?;
     sync_folder(folder)?;
     let complete = list(folder)?;
     for old in complete.iter().rev().skip(KEPT) {
-        fs::remove_dir_all(old).map_err(|e| TrainError::io(old, "remove", e))?;
+        fs::remove_dir_all(old).map_err(|e| Error::io(old, "remove", e))?;
     }
     Ok(())
 }
@@ -122,8 +122,8 @@ fn put(scratch: &Path, folder: &Path, name: &str) -> Result<(), TrainError> {
 /// The newest complete checkpoint of a folder.
 ///
 /// # Errors
-/// [`TrainError::Io`] when the folder can't be read.
-pub fn latest_checkpoint(folder: &Path) -> Result<Option<PathBuf>, TrainError> {
+/// [`Error::Io`] when the folder can't be read.
+pub fn latest_checkpoint(folder: &Path) -> Result<Option<PathBuf>, Error> {
     if !folder.exists() {
         return Ok(None);
     }
@@ -134,9 +134,9 @@ pub fn latest_checkpoint(folder: &Path) -> Result<Option<PathBuf>, TrainError> {
 ///
 /// # Errors
 /// When it can't be read.
-pub(crate) fn read_state<C: DeserializeOwned>(checkpoint: &Path) -> Result<State<C>, TrainError> {
+pub(crate) fn read_state<C: DeserializeOwned>(checkpoint: &Path) -> Result<State<C>, Error> {
     let path = checkpoint.join("state.json");
-    let text = fs::read(&path).map_err(|e| TrainError::io(&path, "read", e))?;
+    let text = fs::read(&path).map_err(|e| Error::io(&path, "read", e))?;
     serde_json::from_slice(&text).map_err(|e| damaged(&path, e.to_string()))
 }
 
@@ -157,7 +157,7 @@ pub(crate) fn restore<M: Method, C>(
     hooks: &mut Hooks<M>,
     state: State<C>,
     checkpoint: &Path,
-) -> Result<(), TrainError> {
+) -> Result<(), Error> {
     run.scene = DynamicScene::load(&checkpoint.join("scene"), &run.device)?;
     let read = |name: &str| {
         let path = checkpoint.join(format!("{name}.safetensors"));
@@ -249,19 +249,19 @@ fn restore_statistics<M: Method>(
     Ok(())
 }
 
-fn damaged(path: &Path, found: String) -> TrainError {
-    TrainError::Checkpoint {
+fn damaged(path: &Path, found: String) -> Error {
+    Error::Checkpoint {
         path: path.to_path_buf(),
         found,
     }
 }
 
 /// Complete checkpoints, oldest first.
-fn list(folder: &Path) -> Result<Vec<PathBuf>, TrainError> {
-    let entries = fs::read_dir(folder).map_err(|e| TrainError::io(folder, "list", e))?;
+fn list(folder: &Path) -> Result<Vec<PathBuf>, Error> {
+    let entries = fs::read_dir(folder).map_err(|e| Error::io(folder, "list", e))?;
     let mut found = Vec::new();
     for entry in entries {
-        let path = entry.map_err(|e| TrainError::io(folder, "list", e))?.path();
+        let path = entry.map_err(|e| Error::io(folder, "list", e))?.path();
         let number = path
             .file_name()
             .and_then(|name| name.to_str())
@@ -277,8 +277,8 @@ fn list(folder: &Path) -> Result<Vec<PathBuf>, TrainError> {
     Ok(found)
 }
 
-fn sync_folder(folder: &Path) -> Result<(), TrainError> {
+fn sync_folder(folder: &Path) -> Result<(), Error> {
     File::open(folder)
         .and_then(|file| file.sync_all())
-        .map_err(|e| TrainError::io(folder, "sync", e))
+        .map_err(|e| Error::io(folder, "sync", e))
 }

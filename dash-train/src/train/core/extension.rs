@@ -9,7 +9,7 @@ use super::forward::Forward;
 use super::run::Run;
 use super::saved::Saved;
 use super::sets::RowEdit;
-use crate::TrainError;
+use crate::Error;
 use crate::dataset::View;
 
 /// One idea beyond the method: its configuration, its state, what it saves, its terms of the loss and its hooks. The
@@ -25,7 +25,7 @@ pub trait Extension<M>: Any + Send {
     ///
     /// # Errors
     /// When an image can't be read.
-    fn begin(&mut self, _run: &mut Run<M>) -> Result<(), TrainError> {
+    fn begin(&mut self, _run: &mut Run<M>) -> Result<(), Error> {
         Ok(())
     }
 
@@ -33,7 +33,7 @@ pub trait Extension<M>: Any + Send {
     ///
     /// # Errors
     /// When a module refuses its input.
-    fn before_step(&mut self, _run: &mut Run<M>) -> Result<(), TrainError> {
+    fn before_step(&mut self, _run: &mut Run<M>) -> Result<(), Error> {
         Ok(())
     }
 
@@ -59,7 +59,7 @@ pub trait Extension<M>: Any + Send {
         _run: &mut Run<M>,
         _view: &View,
         _forward: &Forward,
-    ) -> Result<Vec<Tensor<1>>, TrainError> {
+    ) -> Result<Vec<Tensor<1>>, Error> {
         Ok(Vec::new())
     }
 
@@ -73,7 +73,7 @@ pub trait Extension<M>: Any + Send {
     ///
     /// # Errors
     /// When an image can't be read or a shape does not fit.
-    fn after_step(&mut self, _run: &mut Run<M>) -> Result<(), TrainError> {
+    fn after_step(&mut self, _run: &mut Run<M>) -> Result<(), Error> {
         Ok(())
     }
 
@@ -87,7 +87,7 @@ pub trait Extension<M>: Any + Send {
     ///
     /// # Errors
     /// When rendering fails.
-    fn finish(&self, _run: &Run<M>, finished: Finished) -> Result<Finished, TrainError> {
+    fn finish(&self, _run: &Run<M>, finished: Finished) -> Result<Finished, Error> {
         Ok(finished)
     }
 

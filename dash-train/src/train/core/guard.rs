@@ -15,7 +15,7 @@ use super::optimizer::to_host;
 use super::run::Run;
 use super::sets::Set;
 use super::skipped::{NonFinite, Place, SkippedStep};
-use crate::TrainError;
+use crate::Error;
 
 /// Steps in a row that may be skipped; after that many nothing that the guard does has helped.
 pub const MAX_SKIPPED_IN_A_ROW: usize = 20;
@@ -77,14 +77,14 @@ pub(crate) fn look<M: Method>(
 /// Mends what is at fault and takes note of the step that is left out.
 ///
 /// # Errors
-/// [`TrainError::NotFinite`] once [`MAX_SKIPPED_IN_A_ROW`] steps were skipped in a row, and at once where
+/// [`Error::NotFinite`] once [`MAX_SKIPPED_IN_A_ROW`] steps were skipped in a row, and at once where
 /// more than [`MAX_LOST_SHARE`] of a set of Gaussians are lost.
 pub(crate) fn skip<M: Method>(
     run: &mut Run<M>,
     faults: Vec<Fault>,
     view: &str,
     loss: f32,
-) -> Result<(), TrainError> {
+) -> Result<(), Error> {
     let lost = too_much_lost(&faults);
     let remedies = match lost {
         true => Vec::new(),
@@ -108,7 +108,7 @@ pub(crate) fn skip<M: Method>(
     run.skipped.in_a_row += 1;
     let n = run.skipped.in_a_row;
     if lost || n >= MAX_SKIPPED_IN_A_ROW {
-        return Err(TrainError::NotFinite {
+        return Err(Error::NotFinite {
             n,
             last: skipped.to_string(),
         });

@@ -3,7 +3,7 @@
 use dash_model::DynamicScene;
 
 use super::optimizer::to_host;
-use crate::TrainError;
+use crate::Error;
 use crate::dataset::{Dataset, Split};
 
 /// Views that are held out at most.
@@ -29,7 +29,7 @@ pub(crate) fn psnr(
     scene: &DynamicScene,
     dataset: &Dataset,
     views: &[usize],
-) -> Result<Option<f64>, TrainError> {
+) -> Result<Option<f64>, Error> {
     if views.is_empty() {
         return Ok(None);
     }

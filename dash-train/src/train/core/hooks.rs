@@ -6,7 +6,7 @@ use super::densify::Densify;
 use super::extension::Extension;
 use super::finished::Finished;
 use super::run::Run;
-use crate::TrainError;
+use crate::Error;
 
 /// The extensions of a run, in order, and its density control.
 pub struct Hooks<M> {
@@ -53,8 +53,8 @@ impl<M: 'static> Hooks<M> {
     pub(super) fn each(
         &mut self,
         run: &mut Run<M>,
-        mut hook: impl FnMut(&mut dyn Extension<M>, &mut Run<M>) -> Result<(), TrainError>,
-    ) -> Result<(), TrainError> {
+        mut hook: impl FnMut(&mut dyn Extension<M>, &mut Run<M>) -> Result<(), Error>,
+    ) -> Result<(), Error> {
         for extension in &mut self.extensions {
             hook(&mut **extension, run)?;
         }
@@ -75,7 +75,7 @@ impl<M: 'static> Hooks<M> {
     ///
     /// # Errors
     /// When rendering fails.
-    pub fn finish(&self, run: &Run<M>) -> Result<Finished, TrainError> {
+    pub fn finish(&self, run: &Run<M>) -> Result<Finished, Error> {
         let mut finished = Finished {
             scene: run.scene.clone(),
             precision: dash_model::scene_file::TablePrecision::Single,

@@ -7,7 +7,7 @@ use super::module_visit::ModuleVisit;
 use super::run::Run;
 use super::saved::Saved;
 use super::sets::Set;
-use crate::TrainError;
+use crate::Error;
 use crate::dataset::View;
 
 /// Displaced means of the static set at a view's time.
@@ -24,7 +24,7 @@ pub trait Method: Sized + Send + 'static {
     ///
     /// # Errors
     /// When a module refuses its configuration.
-    fn before_step(_run: &mut Run<Self>) -> Result<(), TrainError> {
+    fn before_step(_run: &mut Run<Self>) -> Result<(), Error> {
         Ok(())
     }
 
@@ -32,7 +32,7 @@ pub trait Method: Sized + Send + 'static {
     ///
     /// # Errors
     /// When a shape does not fit.
-    fn moved(_run: &Run<Self>, _view: &View) -> Result<Option<Moved>, TrainError> {
+    fn moved(_run: &Run<Self>, _view: &View) -> Result<Option<Moved>, Error> {
         Ok(None)
     }
 
@@ -44,7 +44,7 @@ pub trait Method: Sized + Send + 'static {
     fn dynamic_splats(
         run: &mut Run<Self>,
         view: &View,
-    ) -> Result<(Option<Tensor<2>>, Vec<Tensor<1>>), TrainError> {
+    ) -> Result<(Option<Tensor<2>>, Vec<Tensor<1>>), Error> {
         let splats = run.scene.dynamic_splats(&view.camera, view.time)?;
         Ok((splats, Vec::new()))
     }
@@ -57,7 +57,7 @@ pub trait Method: Sized + Send + 'static {
         _run: &mut Run<Self>,
         _view: &View,
         _forward: &Forward,
-    ) -> Result<Vec<Tensor<1>>, TrainError> {
+    ) -> Result<Vec<Tensor<1>>, Error> {
         Ok(Vec::new())
     }
 
@@ -65,11 +65,7 @@ pub trait Method: Sized + Send + 'static {
     ///
     /// # Errors
     /// When a shape does not fit.
-    fn after_backward(
-        _run: &mut Run<Self>,
-        _view: &View,
-        _forward: &Forward,
-    ) -> Result<(), TrainError> {
+    fn after_backward(_run: &mut Run<Self>, _view: &View, _forward: &Forward) -> Result<(), Error> {
         Ok(())
     }
 

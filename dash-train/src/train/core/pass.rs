@@ -10,7 +10,7 @@ use super::loss::where_counted;
 use super::method::Method;
 use super::run::Run;
 use super::target;
-use crate::TrainError;
+use crate::Error;
 use crate::dataset::View;
 
 /// Renders a view and adds up its loss: the photometric term, the method's terms, then the extensions' in their order.
@@ -21,7 +21,7 @@ pub(super) fn forward<M: Method>(
     run: &mut Run<M>,
     hooks: &mut Hooks<M>,
     view: &View,
-) -> Result<Forward, TrainError> {
+) -> Result<Forward, Error> {
     let camera = &view.camera;
     let (static_splats, motion) = match M::moved(run, view)? {
         None => (run.scene.static_splats(camera)?, None),
@@ -71,7 +71,7 @@ pub(super) fn forward<M: Method>(
 /// device as bytes.
 type Targets = (Tensor<3>, Tensor<3>, Option<Vec<f32>>);
 
-fn with_target<M>(run: &Run<M>, image: Tensor<3>, view: &View) -> Result<Targets, TrainError> {
+fn with_target<M>(run: &Run<M>, image: Tensor<3>, view: &View) -> Result<Targets, Error> {
     if let Some(target) = target::as_bytes(view, &run.device)? {
         return Ok((image, target, None));
     }

@@ -22,7 +22,7 @@ use super::sampler::ViewSampler;
 use super::sets::{RowEdit, Set};
 use super::skipped::Skipped;
 use super::times::Times;
-use crate::TrainError;
+use crate::Error;
 use crate::dataset::{Dataset, View};
 
 /// Scale of the first Gaussians where no neighbour says more, in units of the extent.
@@ -99,11 +99,11 @@ impl<M> Run<M> {
         dataset: Arc<Dataset>,
         device: &Device,
         method: impl FnOnce(&CaptureFacts) -> M,
-    ) -> Result<Self, TrainError> {
+    ) -> Result<Self, Error> {
         let device = device.clone().autodiff();
         let (train_views, validation_views) = hold_out::hold_out(&dataset);
         if train_views.is_empty() {
-            return Err(TrainError::NoTrainingViews {
+            return Err(Error::NoTrainingViews {
                 dataset: dataset.root.clone(),
             });
         }

@@ -12,7 +12,7 @@ use super::optimizer::{Rate, to_host};
 use super::pass::forward;
 use super::run::Run;
 use super::sets::Set;
-use crate::TrainError;
+use crate::Error;
 use crate::dataset::View;
 
 /// What one step did.
@@ -40,7 +40,7 @@ pub struct StepReport {
 ///
 /// # Errors
 /// When too many steps in a row had to be skipped, or a kernel refuses its input.
-pub fn step<M: Method>(run: &mut Run<M>, hooks: &mut Hooks<M>) -> Result<StepReport, TrainError> {
+pub fn step<M: Method>(run: &mut Run<M>, hooks: &mut Hooks<M>) -> Result<StepReport, Error> {
     if !std::mem::replace(&mut hooks.has_begun, true) {
         hooks.each(run, |extension, run| extension.begin(run))?;
     }
@@ -135,7 +135,7 @@ fn gather<M: Method>(
     forward: &Forward,
     view: &View,
     gradients: &mut Gradients,
-) -> Result<(), TrainError> {
+) -> Result<(), Error> {
     let camera = &view.camera;
     let half_size = [camera.width as f32 / 2.0, camera.height as f32 / 2.0];
     let mut add = |set: Set, probe: &Probe| {

@@ -7,7 +7,7 @@ use dash_kernels::splats::{N_COLUMNS, RED};
 
 use super::optimizer::to_host;
 use super::run::Run;
-use crate::TrainError;
+use crate::Error;
 use crate::dataset::View;
 
 /// Views that are asked what they show of the dynamic Gaussians.
@@ -37,7 +37,7 @@ pub(crate) fn spread<M>(run: &Run<M>, most: usize) -> impl Iterator<Item = &View
 pub(crate) fn largest_shares<'a, M>(
     run: &Run<M>,
     views: impl Iterator<Item = &'a View>,
-) -> Result<Vec<f32>, TrainError> {
+) -> Result<Vec<f32>, Error> {
     let (n_static, n_dynamic) = run.scene.counts();
     let mut largest = vec![0.0f32; n_static + n_dynamic];
     for view in views {
@@ -56,7 +56,7 @@ pub(crate) fn splat_gradient<M>(
     run: &Run<M>,
     view: &View,
     number: impl FnOnce(Tensor<3>) -> Tensor<1>,
-) -> Result<Vec<f32>, TrainError> {
+) -> Result<Vec<f32>, Error> {
     // Without the graph: nothing would free what leads to splats through which no gradient flows.
     let scene = run.scene.valid();
     let mut splats = scene.static_splats(&view.camera)?;

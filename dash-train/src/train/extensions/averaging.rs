@@ -10,7 +10,7 @@ use dash_model::parameters::{HostTensor, Path, named_parameters};
 
 use serde::{Deserialize, Serialize};
 
-use crate::TrainError;
+use crate::Error;
 use crate::train::core::{Extension, Method, Run, Saved, Set, to_host};
 
 /// Steps between two that count: neighbours hardly differ.
@@ -133,12 +133,12 @@ impl<M: Method> Extension<M> for Averaging {
         "averaging"
     }
 
-    fn before_step(&mut self, run: &mut Run<M>) -> Result<(), TrainError> {
+    fn before_step(&mut self, run: &mut Run<M>) -> Result<(), Error> {
         run.frozen_after = Some(self.start(run));
         Ok(())
     }
 
-    fn after_step(&mut self, run: &mut Run<M>) -> Result<(), TrainError> {
+    fn after_step(&mut self, run: &mut Run<M>) -> Result<(), Error> {
         let left = run.config.iterations.saturating_sub(run.step);
         if run.is_frozen() && left.is_multiple_of(INTERVAL) {
             self.average.add(&run.scene);

@@ -3,7 +3,7 @@
 
 use serde::{Deserialize, Serialize};
 
-use crate::TrainError;
+use crate::Error;
 use crate::train::core::{Extension, Run};
 use crate::train::paper::Dash;
 
@@ -38,7 +38,7 @@ impl Extension<Dash> for Crowding {
         run.dynamic_state.crowd = Some(self.0.free);
     }
 
-    fn before_step(&mut self, run: &mut Run<Dash>) -> Result<(), TrainError> {
+    fn before_step(&mut self, run: &mut Run<Dash>) -> Result<(), Error> {
         if run.has_just_decomposed() && run.is_synchronized() {
             let (_, n) = run.scene.counts();
             let free = (FREE_SHARE * n as f32) as usize;

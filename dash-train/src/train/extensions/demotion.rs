@@ -4,7 +4,7 @@ use dash_model::{DynamicScene, Gaussians};
 
 use serde::{Deserialize, Serialize};
 
-use crate::TrainError;
+use crate::Error;
 use crate::train::core::visibility::{largest_shares, witnesses};
 use crate::train::core::{Extension, Run, Set, to_host};
 use crate::train::paper::Dash;
@@ -46,14 +46,14 @@ impl Extension<Dash> for Demotion {
         "demotion"
     }
 
-    fn before_step(&mut self, run: &mut Run<Dash>) -> Result<(), TrainError> {
+    fn before_step(&mut self, run: &mut Run<Dash>) -> Result<(), Error> {
         if run.has_just_decomposed() {
             drop_hidden(run)?;
         }
         Ok(())
     }
 
-    fn after_step(&mut self, run: &mut Run<Dash>) -> Result<(), TrainError> {
+    fn after_step(&mut self, run: &mut Run<Dash>) -> Result<(), Error> {
         let start = run.stages().end;
         let due = run.step > start && (run.step - start).is_multiple_of(self.config.interval);
         if due && !run.is_frozen() {
@@ -72,7 +72,7 @@ struct Ways {
 
 /// Prunes dynamic Gaussians that no picture shows, and makes static those that rest, in the middle of where they are over
 /// the clip: all of them, if by the end of their density control holding all still does no harm.
-fn review(run: &mut Run<Dash>, min_motion: f32) -> Result<(), TrainError> {
+fn review(run: &mut Run<Dash>, min_motion: f32) -> Result<(), Error> {
     drop_hidden(run)?;
     let Some(ways) = ways(&run.scene)? else {
         return Ok(());
@@ -102,7 +102,7 @@ fn review(run: &mut Run<Dash>, min_motion: f32) -> Result<(), TrainError> {
 }
 
 /// Prunes dynamic Gaussians that no picture shows, such as those that strayed behind a wall.
-fn drop_hidden(run: &mut Run<Dash>) -> Result<(), TrainError> {
+fn drop_hidden(run: &mut Run<Dash>) -> Result<(), Error> {
     let (n_static, n_dynamic) = run.scene.counts();
     if n_dynamic == 0 {
         return Ok(());
@@ -117,7 +117,7 @@ fn drop_hidden(run: &mut Run<Dash>) -> Result<(), TrainError> {
 }
 
 /// `None` without dynamic Gaussians.
-fn ways(scene: &DynamicScene) -> Result<Option<Ways>, TrainError> {
+fn ways(scene: &DynamicScene) -> Result<Option<Ways>, Error> {
     let Some(dynamic) = scene.dynamic.as_ref().filter(|d| !d.gaussians.is_empty()) else {
         return Ok(None);
     };
@@ -144,7 +144,7 @@ fn ways(scene: &DynamicScene) -> Result<Option<Ways>, TrainError> {
 }
 
 /// All Gaussians as one static set, the dynamic ones last and in the middle of their ways.
-fn held_still(scene: &DynamicScene, ways: &Ways) -> Result<Gaussians, TrainError> {
+fn held_still(scene: &DynamicScene, ways: &Ways) -> Result<Gaussians, Error> {
     let mut rows = scene.at(0.5)?;
     let n_static = rows.len() - ways.centres.len();
     rows.means[n_static..].copy_from_slice(&ways.centres);
@@ -160,7 +160,7 @@ fn is_grown(run: &Run<Dash>) -> bool {
 }
 
 /// Whether pictures get worse when all that moves is held still.
-fn is_needed(run: &Run<Dash>, still: &Gaussians) -> Result<bool, TrainError> {
+fn is_needed(run: &Run<Dash>, still: &Gaussians) -> Result<bool, Error> {
     let scene = &run.scene;
     let still = DynamicScene {
         static_set: still.clone(),
@@ -170,7 +170,7 @@ fn is_needed(run: &Run<Dash>, still: &Gaussians) -> Result<bool, TrainError> {
     let (mut moving_error, mut still_error) = (0.0, 0.0);
     for view in witnesses(run) {
         let truth = view.rgb(scene.settings.background)?;
-        let error = |scene: &DynamicScene| -> Result<f64, TrainError> {
+        let error = |scene: &DynamicScene| -> Result<f64, Error> {
             let image = scene.render(&view.camera, view.time)?.rgb().detach();
             let pairs = to_host(image).into_iter().zip(&truth);
             Ok(pairs.map(|(a, b)| f64::from(a - b).powi(2)).sum())

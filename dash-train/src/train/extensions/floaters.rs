@@ -3,7 +3,7 @@
 use burn::tensor::Tensor;
 use serde::{Deserialize, Serialize};
 
-use crate::TrainError;
+use crate::Error;
 use crate::dataset::View;
 use crate::train::core::coverage::nearness;
 use crate::train::core::loss::opacity;
@@ -40,7 +40,7 @@ impl<M> Extension<M> for Floaters {
         run: &mut Run<M>,
         _view: &View,
         forward: &Forward,
-    ) -> Result<Vec<Tensor<1>>, TrainError> {
+    ) -> Result<Vec<Tensor<1>>, Error> {
         let mut terms = Vec::new();
         let weight = self.0.opacity;
         if weight > 0.0 {

@@ -7,7 +7,7 @@ use burn::tensor::Tensor;
 use dash_model::Gaps;
 use serde::{Deserialize, Serialize};
 
-use crate::TrainError;
+use crate::Error;
 use crate::dataset::View;
 use crate::train::core::{Extension, Forward, Run};
 use crate::train::paper::Dash;
@@ -73,7 +73,7 @@ impl Extension<Dash> for TimeGaps {
         run: &mut Run<Dash>,
         _view: &View,
         _forward: &Forward,
-    ) -> Result<Vec<Tensor<1>>, TrainError> {
+    ) -> Result<Vec<Tensor<1>>, Error> {
         let found = run.method.unsteadiness.take();
         Ok(found
             .map(|cost| cost * self.0.steadiness)

@@ -3,7 +3,7 @@
 use burn::tensor::Tensor;
 use serde::{Deserialize, Serialize};
 
-use crate::TrainError;
+use crate::Error;
 use crate::dataset::View;
 use crate::train::core::coverage::visible_motion;
 use crate::train::core::{Extension, Forward, Run};
@@ -45,7 +45,7 @@ impl Extension<Dash> for RestCost {
         run: &mut Run<Dash>,
         _view: &View,
         forward: &Forward,
-    ) -> Result<Vec<Tensor<1>>, TrainError> {
+    ) -> Result<Vec<Tensor<1>>, Error> {
         let (Some(motion), Some(_)) = (&forward.motion, run.method.motion_space) else {
             return Ok(Vec::new());
         };

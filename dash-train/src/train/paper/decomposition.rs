@@ -8,7 +8,7 @@ use dash_model::{DeformationField, DynamicPart, DynamicScene, Gaussians, SpaceBo
 use super::config::{Decomposition, Form, Trajectories};
 use super::motion::RELEASED_BOUND;
 use super::state::Dash;
-use crate::TrainError;
+use crate::Error;
 use crate::dataset::Dataset;
 use crate::train::core::{DensityStatistics, Run, Set, to_host};
 
@@ -19,7 +19,7 @@ const BOX_MARGIN: f32 = 0.15;
 
 impl Run<Dash> {
     /// Ends the decomposition stage: the Gaussians that move, or all, become the dynamic part.
-    pub(super) fn decompose(&mut self) -> Result<(), TrainError> {
+    pub(super) fn decompose(&mut self) -> Result<(), Error> {
         let coefficients = self.coefficients()?;
         let mask = match (self.method.config.decomposition, &coefficients) {
             (Decomposition::All, _) => vec![true; self.scene.static_set.len()],

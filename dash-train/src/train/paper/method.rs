@@ -10,7 +10,7 @@ use serde::{Deserialize, Serialize};
 
 use super::smoothness::{Probed, Request, probe};
 use super::state::Dash;
-use crate::TrainError;
+use crate::Error;
 use crate::dataset::View;
 use crate::train::core::loss::static_motion;
 use crate::train::core::{Forward, Method, ModuleVisit, Moved, Run, Saved, Set};
@@ -33,7 +33,7 @@ struct State {
 }
 
 impl Method for Dash {
-    fn before_step(run: &mut Run<Self>) -> Result<(), TrainError> {
+    fn before_step(run: &mut Run<Self>) -> Result<(), Error> {
         if !run.may_move() {
             return Ok(());
         }
@@ -49,7 +49,7 @@ impl Method for Dash {
         Ok(())
     }
 
-    fn moved(run: &Run<Self>, view: &View) -> Result<Option<Moved>, TrainError> {
+    fn moved(run: &Run<Self>, view: &View) -> Result<Option<Moved>, Error> {
         let Some(coefficients) = run.coefficients()? else {
             return Ok(None);
         };
@@ -67,7 +67,7 @@ impl Method for Dash {
     fn dynamic_splats(
         run: &mut Run<Self>,
         view: &View,
-    ) -> Result<(Option<Tensor<2>>, Vec<Tensor<1>>), TrainError> {
+    ) -> Result<(Option<Tensor<2>>, Vec<Tensor<1>>), Error> {
         let (camera, time) = (&view.camera, view.time);
         let around = run.method.around.take();
         run.method.unsteadiness = None;
@@ -105,7 +105,7 @@ impl Method for Dash {
         run: &mut Run<Self>,
         _view: &View,
         forward: &Forward,
-    ) -> Result<Vec<Tensor<1>>, TrainError> {
+    ) -> Result<Vec<Tensor<1>>, Error> {
         let method = &run.method;
         let (Some(space), Some(_), Some(motion)) =
             (&method.motion_space, &method.motion, &forward.motion)
@@ -116,11 +116,7 @@ impl Method for Dash {
         Ok(vec![cost * method.config.static_motion])
     }
 
-    fn after_backward(
-        run: &mut Run<Self>,
-        view: &View,
-        forward: &Forward,
-    ) -> Result<(), TrainError> {
+    fn after_backward(run: &mut Run<Self>, view: &View, forward: &Forward) -> Result<(), Error> {
         if run.method.motion_space.is_some() {
             run.gather_scale(&forward.static_probe.splats, view);
             if run.step.is_multiple_of(MASK_INTERVAL) {

@@ -9,7 +9,7 @@ use dash_model::{HashEncoder, MotionField, SpaceBox};
 
 use super::config::{Form, MotionMeasure};
 use super::state::Dash;
-use crate::TrainError;
+use crate::Error;
 use crate::dataset::View;
 use crate::train::core::{Rate, Run, to_host};
 
@@ -22,7 +22,7 @@ pub(super) const RELEASED_BOUND: f32 = 1.0;
 
 impl Run<Dash> {
     /// Starts the decomposition stage.
-    pub(crate) fn start_motion(&mut self) -> Result<(), TrainError> {
+    pub(crate) fn start_motion(&mut self) -> Result<(), Error> {
         let n = self.scene.static_set.len();
         let method = &mut self.method;
         let space = match method.config.form {
@@ -44,7 +44,7 @@ impl Run<Dash> {
     }
 
     /// Trajectory coefficients `[N, B * 3]` of all Gaussians; `None` while nothing moves and after the decomposition.
-    pub(crate) fn coefficients(&self) -> Result<Option<Tensor<2>>, TrainError> {
+    pub(crate) fn coefficients(&self) -> Result<Option<Tensor<2>>, Error> {
         let set = &self.scene.static_set;
         Ok(match (&self.method.motion, &set.trajectories) {
             (Some(field), _) => Some(field.coefficients(set.means.val())?),
@@ -55,7 +55,7 @@ impl Run<Dash> {
 
     /// How far the trajectories of `coefficients [N, B * 3]` go, `[N]`, world units. The smallest length that this tells
     /// from rest is a millionth, so scenes of an extraordinary size are measured in units that suit them.
-    pub(crate) fn extents(&self, coefficients: Tensor<2>) -> Result<Tensor<1>, TrainError> {
+    pub(crate) fn extents(&self, coefficients: Tensor<2>) -> Result<Tensor<1>, Error> {
         let basis = self.method.basis;
         Ok(match motion_unit(self.extent) {
             None => basis.extent(coefficients)?,
@@ -64,7 +64,7 @@ impl Run<Dash> {
     }
 
     /// Which Gaussians move, as far as the coarse stages know.
-    pub(super) fn moving(&self) -> Result<Vec<bool>, TrainError> {
+    pub(super) fn moving(&self) -> Result<Vec<bool>, Error> {
         let rule = &self.method.config;
         let Some(coefficients) = self.coefficients()? else {
             return Ok(vec![false; self.scene.static_set.len()]);

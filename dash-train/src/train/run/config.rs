@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 
 use serde::{Deserialize, Serialize};
 
-use crate::TrainError;
+use crate::Error;
 use crate::dataset::{FrameRange, Layout, LoadOptions};
 use crate::train::config::TrainConfig;
 use crate::train::core::Decision;
@@ -100,17 +100,17 @@ impl DataConfig {
 ///
 /// # Errors
 /// When it can't be read or a value does not fit.
-pub fn read_config(path: &Path) -> Result<RunConfig, TrainError> {
-    let text = fs::read_to_string(path).map_err(|e| TrainError::io(path, "read", e))?;
+pub fn read_config(path: &Path) -> Result<RunConfig, Error> {
+    let text = fs::read_to_string(path).map_err(|e| Error::io(path, "read", e))?;
     if !text.ends_with('\n') {
-        return Err(TrainError::Config(format!(
+        return Err(Error::Config(format!(
             "{}: expected a whole line at the end, found `{}`; the file was cut off: copy it again",
             path.display(),
             text.lines().last().unwrap_or_default()
         )));
     }
     let config: RunConfig = toml::from_str(&text)
-        .map_err(|e| TrainError::Config(format!("{}: {}", path.display(), e.message())))?;
+        .map_err(|e| Error::Config(format!("{}: {}", path.display(), e.message())))?;
     config.train.validate()?;
     Ok(config)
 }

@@ -10,7 +10,7 @@ use dash_model::scene_file::write_atomically;
 
 use super::config::{RunConfig, StageEnds, read_config};
 use super::lines::{LogLine, read_lines};
-use crate::TrainError;
+use crate::Error;
 use crate::dataset::{Dataset, Split};
 use crate::evaluate::CurveLine;
 use crate::train::core::Decision;
@@ -28,12 +28,12 @@ impl RunFolder {
     ///
     /// # Errors
     /// When there is no `config.toml` in it.
-    pub fn open(root: &Path) -> Result<Self, TrainError> {
+    pub fn open(root: &Path) -> Result<Self, Error> {
         let run = Self {
             root: root.to_path_buf(),
         };
         if !run.config_path().is_file() {
-            return Err(TrainError::run(
+            return Err(Error::run(
                 root,
                 "expected a run's folder with config.toml in it, found none; \
                  make one with `dash train DATASET --out RUN`",
@@ -46,7 +46,7 @@ impl RunFolder {
     ///
     /// # Errors
     /// When something is there already, or the folder can't be written.
-    pub fn create(root: &Path, config: &RunConfig) -> Result<Self, TrainError> {
+    pub fn create(root: &Path, config: &RunConfig) -> Result<Self, Error> {
         let run = Self {
             root: root.to_path_buf(),
         };
@@ -56,22 +56,22 @@ impl RunFolder {
                 .filter_map(Result::ok)
                 .any(|entry| entry.path().extension() != Some("partial".as_ref())),
             Err(e) if e.kind() == std::io::ErrorKind::NotFound => false,
-            Err(e) => return Err(TrainError::io(root, "list", e)),
+            Err(e) => return Err(Error::io(root, "list", e)),
         };
         if occupied {
-            return Err(TrainError::run(
+            return Err(Error::run(
                 root,
                 "expected a new or empty folder for the run, found files in it; \
                  continue that run with --resume or choose another --out",
             ));
         }
-        fs::create_dir_all(root).map_err(|e| TrainError::io(root, "create", e))?;
+        fs::create_dir_all(root).map_err(|e| Error::io(root, "create", e))?;
         run.write_config(config)?;
         Ok(run)
     }
 
-    fn write_config(&self, config: &RunConfig) -> Result<(), TrainError> {
-        let text = toml::to_string(config).map_err(|e| TrainError::Config(e.to_string()))?;
+    fn write_config(&self, config: &RunConfig) -> Result<(), Error> {
+        let text = toml::to_string(config).map_err(|e| Error::Config(e.to_string()))?;
         write_atomically(&self.config_path(), |mut file| {
             file.write_all(text.as_bytes())
         })?;
@@ -79,11 +79,7 @@ impl RunFolder {
     }
 
     /// Adds to `config.toml` how a finished run went, and what its scene kept and left out.
-    pub(super) fn record(
-        &self,
-        trainer: &Trainer,
-        decisions: Vec<Decision>,
-    ) -> Result<(), TrainError> {
+    pub(super) fn record(&self, trainer: &Trainer, decisions: Vec<Decision>) -> Result<(), Error> {
         let mut config = self.config()?;
         config.decisions = decisions;
         config.stage_ends = trainer.run.may_move().then(|| {
@@ -101,13 +97,13 @@ impl RunFolder {
     /// # Errors
     /// When the newest checkpoint says that it is another dataset, when the run is finished and there is no
     /// checkpoint that could say so, or when the file can't be written.
-    pub fn follow_dataset(&self, dataset: &Dataset) -> Result<(), TrainError> {
+    pub fn follow_dataset(&self, dataset: &Dataset) -> Result<(), Error> {
         let mut config = self.config()?;
         let from = &config.data.dataset;
         match latest_checkpoint(&self.checkpoints_path())? {
             Some(checkpoint) => check_moved(&checkpoint, dataset, from)?,
             None if self.scene_path().exists() => {
-                return Err(TrainError::run(
+                return Err(Error::run(
                     &dataset.root,
                     format!(
                         "expected the run's dataset {}, found another folder, and no checkpoint that tells \
@@ -132,7 +128,7 @@ impl RunFolder {
     ///
     /// # Errors
     /// When `config.toml` can't be read.
-    pub fn config(&self) -> Result<RunConfig, TrainError> {
+    pub fn config(&self) -> Result<RunConfig, Error> {
         read_config(&self.config_path())
     }
 
@@ -140,10 +136,10 @@ impl RunFolder {
     ///
     /// # Errors
     /// When the run has not got that far, or its files are damaged.
-    pub fn scene(&self, device: &Device) -> Result<DynamicScene, TrainError> {
+    pub fn scene(&self, device: &Device) -> Result<DynamicScene, Error> {
         let folder = self.scene_path();
         if !folder.join("scene.json").is_file() {
-            return Err(TrainError::run(
+            return Err(Error::run(
                 &self.root,
                 "expected a trained scene, found an unfinished run; \
                  finish it with `dash train DATASET --out RUN --resume`",
@@ -198,7 +194,7 @@ impl RunFolder {
     ///
     /// # Errors
     /// When the file can't be read.
-    pub fn log(&self) -> Result<Vec<LogLine>, TrainError> {
+    pub fn log(&self) -> Result<Vec<LogLine>, Error> {
         read_lines(&self.log_path())
     }
 
@@ -207,7 +203,7 @@ impl RunFolder {
     ///
     /// # Errors
     /// When the file can't be read.
-    pub fn curve(&self) -> Result<Vec<CurveLine>, TrainError> {
+    pub fn curve(&self) -> Result<Vec<CurveLine>, Error> {
         read_lines(&self.curve_path())
     }
 }

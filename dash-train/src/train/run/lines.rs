@@ -8,7 +8,7 @@ use dash_model::scene_file::write_atomically;
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 
-use crate::TrainError;
+use crate::Error;
 use crate::evaluate::{CurveLine, CurveProbe};
 use crate::train::core::SkippedStep;
 use crate::train::trainer::Trainer;
@@ -41,11 +41,11 @@ pub struct LogLine {
 }
 
 /// The lines of a file that are whole; none when there is no such file.
-pub(super) fn read_lines<T: DeserializeOwned>(path: &Path) -> Result<Vec<T>, TrainError> {
+pub(super) fn read_lines<T: DeserializeOwned>(path: &Path) -> Result<Vec<T>, Error> {
     let text = match fs::read(path) {
         Ok(text) => text,
         Err(e) if e.kind() == std::io::ErrorKind::NotFound => return Ok(Vec::new()),
-        Err(e) => return Err(TrainError::io(path, "read", e)),
+        Err(e) => return Err(Error::io(path, "read", e)),
     };
     // A line that was cut off need not even be UTF-8.
     let lines = text.split(|&byte| byte == b'\n');
@@ -55,17 +55,13 @@ pub(super) fn read_lines<T: DeserializeOwned>(path: &Path) -> Result<Vec<T>, Tra
 }
 
 /// Adds a line.
-pub(super) fn append(
-    file: &mut File,
-    line: &impl Serialize,
-    path: &Path,
-) -> Result<(), TrainError> {
-    let text = serde_json::to_string(line).map_err(|e| TrainError::Config(e.to_string()))?;
-    writeln!(file, "{text}").map_err(|e| TrainError::io(path, "write", e))
+pub(super) fn append(file: &mut File, line: &impl Serialize, path: &Path) -> Result<(), Error> {
+    let text = serde_json::to_string(line).map_err(|e| Error::Config(e.to_string()))?;
+    writeln!(file, "{text}").map_err(|e| Error::io(path, "write", e))
 }
 
 /// The log without lines that a resumed run will write again.
-pub(super) fn reopen_log(path: &Path, step: usize) -> Result<File, TrainError> {
+pub(super) fn reopen_log(path: &Path, step: usize) -> Result<File, Error> {
     let lines: Vec<LogLine> = read_lines(path)?;
     reopen(path, lines.iter().filter(|line| line.step <= step))
 }
@@ -75,7 +71,7 @@ pub(super) fn reopen_curve(
     path: &Path,
     trainer: &Trainer,
     n_measurements: usize,
-) -> Result<Option<(CurveProbe, File)>, TrainError> {
+) -> Result<Option<(CurveProbe, File)>, Error> {
     let lines: Vec<CurveLine> = read_lines(path)?;
     if n_measurements == 0 && !path.is_file() {
         return Ok(None);
@@ -99,7 +95,7 @@ pub(super) fn reopen_curve(
 fn reopen<'a, T: Serialize + 'a>(
     path: &Path,
     kept: impl Iterator<Item = &'a T>,
-) -> Result<File, TrainError> {
+) -> Result<File, Error> {
     write_atomically(path, |mut file| {
         for line in kept {
             writeln!(file, "{}", serde_json::to_string(line)?)?;
@@ -109,5 +105,5 @@ fn reopen<'a, T: Serialize + 'a>(
     OpenOptions::new()
         .append(true)
         .open(path)
-        .map_err(|e| TrainError::io(path, "open", e))
+        .map_err(|e| Error::io(path, "open", e))
 }

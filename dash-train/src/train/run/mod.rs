@@ -19,7 +19,7 @@ use super::config::TrainConfig;
 use super::core::StepReport;
 pub use super::core::checkpoint::latest_checkpoint;
 use super::trainer::{Additions, Trainer, load_checkpoint_with, save_checkpoint};
-use crate::TrainError;
+use crate::Error;
 use crate::dataset::Dataset;
 use crate::evaluate::CurveProbe;
 
@@ -41,7 +41,7 @@ pub struct TrainOptions<'a> {
 }
 
 /// Turns the seconds that something took into those that it counts for.
-pub type Clock<'a> = &'a mut dyn FnMut(f64) -> Result<f64, TrainError>;
+pub type Clock<'a> = &'a mut dyn FnMut(f64) -> Result<f64, Error>;
 
 /// Trains to the end, writing checkpoints, the log, and at last the scene.
 ///
@@ -58,7 +58,7 @@ pub fn train(
     dataset: Arc<Dataset>,
     device: &Device,
     mut options: TrainOptions<'_>,
-) -> Result<(Trainer, f64), TrainError> {
+) -> Result<(Trainer, f64), Error> {
     let checkpoints = run.checkpoints_path();
     let found = if options.resume {
         latest_checkpoint(&checkpoints)?
@@ -75,7 +75,7 @@ pub fn train(
     };
     let mut log = reopen_log(&run.log_path(), trainer.steps_done())?;
     let mut curve = reopen_curve(&run.curve_path(), &trainer, options.curve)?;
-    fs::create_dir_all(&checkpoints).map_err(|e| TrainError::io(&checkpoints, "create", e))?;
+    fs::create_dir_all(&checkpoints).map_err(|e| Error::io(&checkpoints, "create", e))?;
     let (mut loss, mut psnr, mut count) = (0.0, 0.0, 0);
     let mut finished = None;
     let begins = trainer.steps_done();

@@ -5,8 +5,9 @@ use std::collections::BTreeMap;
 use burn::tensor::Device;
 use dash_model::parameters::HostTensor;
 
-use super::super::{Lpips, LpipsError, Network, reference};
+use super::super::{Lpips, Network, reference};
 use super::{devices, generated, picture};
+use crate::Error;
 
 /// Largest relative error of the distance on a backend: sums of some thousand products in f32.
 const TOLERANCE: f64 = 1e-4;
@@ -151,7 +152,7 @@ fn pictures_that_are_too_small_are_refused() {
             let a = vec![0.5; width * height * 3];
             let refused = lpips.distance(&a, &a, width, height);
             assert!(
-                matches!(refused, Err(LpipsError::TooSmall { .. })),
+                matches!(refused, Err(Error::PictureTooSmall { .. })),
                 "{network} at {width}x{height}"
             );
         }

@@ -5,12 +5,15 @@ use std::fs::File;
 use std::io::{Read, Seek, SeekFrom};
 use std::path::{Path, PathBuf};
 
-use super::super::{ExpectedTensor, LpipsError, Network};
+use super::super::{ExpectedTensor, Network};
 use super::names::expected_name;
 use super::{pytorch, safetensors};
+use crate::Error;
 
 /// Bytes of a 32-bit float.
 pub(super) const FLOAT_BYTES: u64 = 4;
+/// What failed, for an [`Error::Io`].
+pub(super) const READ_WEIGHTS: &str = "read the LPIPS weights";
 /// What a zip archive begins with.
 const ZIP_MAGIC: &[u8] = b"PK\x03\x04";
 /// What a stream of pickles begins with: the second version of pickles.
@@ -54,14 +57,17 @@ impl WeightFile {
     ///
     /// # Errors
     /// When it can't be read, or is damaged or of no known format.
-    pub(super) fn open(path: &Path) -> Result<Self, LpipsError> {
-        let mut file = File::open(path).map_err(|e| LpipsError::io(path, e))?;
-        let n_bytes = file.metadata().map_err(|e| LpipsError::io(path, e))?.len();
+    pub(super) fn open(path: &Path) -> Result<Self, Error> {
+        let mut file = File::open(path).map_err(|e| Error::io(path, READ_WEIGHTS, e))?;
+        let n_bytes = file
+            .metadata()
+            .map_err(|e| Error::io(path, READ_WEIGHTS, e))?
+            .len();
         let mut start = Vec::new();
         file.by_ref()
             .take(N_MAGIC)
             .read_to_end(&mut start)
-            .map_err(|e| LpipsError::io(path, e))?;
+            .map_err(|e| Error::io(path, READ_WEIGHTS, e))?;
         let found = if start.starts_with(ZIP_MAGIC) {
             pytorch::archive::directory(path, &file, n_bytes)?
         } else if start.starts_with(PICKLE_MAGIC) {
@@ -69,7 +75,7 @@ impl WeightFile {
         } else if safetensors::is_one(&start) {
             safetensors::directory(path, &mut file, n_bytes)?
         } else {
-            return Err(LpipsError::format(
+            return Err(Error::weight_file(
                 path,
                 "LPIPS weights",
                 "a file of another format",
@@ -103,14 +109,10 @@ impl WeightFile {
     ///
     /// # Errors
     /// When its shape is another one, or its values can't be used.
-    pub(super) fn check(
-        &self,
-        network: Network,
-        expected: &ExpectedTensor,
-    ) -> Result<(), LpipsError> {
+    pub(super) fn check(&self, network: Network, expected: &ExpectedTensor) -> Result<(), Error> {
         let (key, tensor) = &self.tensors[&expected.name];
         if tensor.shape != expected.shape {
-            return Err(LpipsError::Shape {
+            return Err(Error::WeightShape {
                 path: self.path.clone(),
                 key: key.clone(),
                 network,
@@ -130,7 +132,7 @@ impl WeightFile {
     ///
     /// # Errors
     /// When the file ends before they do, their checksum is wrong, or one is not finite.
-    pub(super) fn values(&mut self, name: &str) -> Result<Vec<f32>, LpipsError> {
+    pub(super) fn values(&mut self, name: &str) -> Result<Vec<f32>, Error> {
         let (key, tensor) = self.tensors[name].clone();
         let Place::Floats { offset, crc32 } = tensor.place else {
             unreachable!("lpips: `{key}` was checked to be floats");
@@ -140,7 +142,7 @@ impl WeightFile {
         self.file
             .seek(SeekFrom::Start(offset))
             .and_then(|_| self.file.read_exact(&mut bytes))
-            .map_err(|e| LpipsError::io(&self.path, e))?;
+            .map_err(|e| Error::io(&self.path, READ_WEIGHTS, e))?;
         if crc32.is_some_and(|expected| expected != rawzip::crc32(&bytes)) {
             return Err(self.unusable(
                 &key,
@@ -161,8 +163,8 @@ impl WeightFile {
         }
     }
 
-    fn unusable(&self, key: &str, expected: &'static str, found: String) -> LpipsError {
-        LpipsError::Tensor {
+    fn unusable(&self, key: &str, expected: &'static str, found: String) -> Error {
+        Error::WeightValues {
             path: self.path.clone(),
             key: key.to_string(),
             expected,

@@ -2,7 +2,7 @@
 //!
 //! # Map
 //! - `file`: a weight file of any format as a directory of tensors.
-//! - `names`: the names that LPIPS's tensors have in the files of others.
+//! - `names`: LPIPS's tensors by the names that published files use.
 //! - `safetensors`, `pytorch`: the formats.
 //! - this file: the tensors that a network needs, out of several files.
 
@@ -18,7 +18,8 @@ use std::path::PathBuf;
 
 use dash_model::parameters::HostTensor;
 
-use super::{ExpectedTensor, LpipsError, Network};
+use super::{ExpectedTensor, Network};
+use crate::Error;
 use file::WeightFile;
 
 /// Reads every tensor that `network` needs, by the names of [`Network::expected_tensors`].
@@ -29,7 +30,7 @@ use file::WeightFile;
 pub(super) fn read(
     network: Network,
     paths: &[PathBuf],
-) -> Result<BTreeMap<String, HostTensor>, LpipsError> {
+) -> Result<BTreeMap<String, HostTensor>, Error> {
     let (mut files, places) = look_up(network, paths)?;
     let tensors = places.into_iter().map(|(expected, index)| {
         let values = files[index].values(&expected.name)?;
@@ -43,7 +44,7 @@ pub(super) fn read(
 ///
 /// # Errors
 /// As [`read`].
-pub(super) fn check(network: Network, paths: &[PathBuf]) -> Result<(), LpipsError> {
+pub(super) fn check(network: Network, paths: &[PathBuf]) -> Result<(), Error> {
     look_up(network, paths).map(|_| ())
 }
 
@@ -51,7 +52,7 @@ pub(super) fn check(network: Network, paths: &[PathBuf]) -> Result<(), LpipsErro
 type Places = Vec<(ExpectedTensor, usize)>;
 
 /// Opens the files and compares what they hold with what `network` needs.
-fn look_up(network: Network, paths: &[PathBuf]) -> Result<(Vec<WeightFile>, Places), LpipsError> {
+fn look_up(network: Network, paths: &[PathBuf]) -> Result<(Vec<WeightFile>, Places), Error> {
     let files = paths
         .iter()
         .map(|path| WeightFile::open(path))
@@ -66,11 +67,7 @@ fn look_up(network: Network, paths: &[PathBuf]) -> Result<(Vec<WeightFile>, Plac
 }
 
 /// Index of the one file that holds a tensor.
-fn find(
-    network: Network,
-    expected: &ExpectedTensor,
-    files: &[WeightFile],
-) -> Result<usize, LpipsError> {
+fn find(network: Network, expected: &ExpectedTensor, files: &[WeightFile]) -> Result<usize, Error> {
     let mut holding = (0..files.len()).filter(|&index| files[index].holds(&expected.name));
     let Some(first) = holding.next() else {
         let hint = match (network, expected.name.starts_with("features.")) {
@@ -79,7 +76,7 @@ fn find(
             (Network::Vgg16, false) => "name LPIPS's weights/v0.1/vgg.pth, too",
             (Network::AlexNet, false) => "name LPIPS's weights/v0.1/alex.pth, too",
         };
-        return Err(LpipsError::Missing {
+        return Err(Error::WeightMissing {
             network,
             name: expected.name.clone(),
             shape: expected.shape.clone(),
@@ -89,7 +86,7 @@ fn find(
     };
     match holding.next() {
         None => Ok(first),
-        Some(second) => Err(LpipsError::Repeated {
+        Some(second) => Err(Error::WeightRepeated {
             name: expected.name.clone(),
             first: files[first].path().to_path_buf(),
             second: files[second].path().to_path_buf(),

@@ -1,9 +1,9 @@
-//! The names that LPIPS's tensors have in the files of others.
+//! LPIPS's tensors by the names that published files use.
 
 use super::super::architecture::linear_name;
 
-/// The name among [`super::super::Network::expected_tensors`] of what a file calls `key`; `None` for what LPIPS
-/// has no use for.
+/// The name among [`super::super::Network::expected_tensors`] of a file's tensor `key`; `None` for a tensor that
+/// LPIPS doesn't use.
 pub(super) fn expected_name(key: &str) -> Option<String> {
     let parts: Vec<&str> = key.split('.').collect();
     match parts[..] {

@@ -7,8 +7,8 @@ use std::path::Path;
 
 use safetensors::tensor::{Dtype, Metadata};
 
-use super::super::LpipsError;
-use super::file::{Place, StoredTensor};
+use super::file::{Place, READ_WEIGHTS, StoredTensor};
+use crate::Error;
 
 /// Bytes of the header's length.
 const N_LENGTH: u64 = 8;
@@ -25,9 +25,9 @@ pub(super) fn directory(
     path: &Path,
     file: &mut File,
     n_bytes: u64,
-) -> Result<BTreeMap<String, StoredTensor>, LpipsError> {
-    let io = |e| LpipsError::io(path, e);
-    let damaged = |found: String| LpipsError::format(path, "a safetensors file", found);
+) -> Result<BTreeMap<String, StoredTensor>, Error> {
+    let io = |e| Error::io(path, READ_WEIGHTS, e);
+    let damaged = |found: String| Error::weight_file(path, "a safetensors file", found);
     let mut length = [0; N_LENGTH as usize];
     file.seek(SeekFrom::Start(0)).map_err(io)?;
     file.read_exact(&mut length).map_err(io)?;

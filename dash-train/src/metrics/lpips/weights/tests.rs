@@ -8,11 +8,12 @@ use rand_pcg::Pcg64;
 use rawzip::CompressionMethod;
 use safetensors::tensor::{Dtype, TensorView};
 
+use super::super::Network;
 use super::super::tests::generated;
-use super::super::{LpipsError, Network};
 use super::file::WeightFile;
 use super::pytorch::bytes::{Era, Named, archive, state_dict, stream, zip};
 use super::read;
+use crate::Error;
 
 const LINEAR: [f32; 6] = [0.5, -1.5, 2.25, 0.0, 1e-20, 3.0];
 const BIAS: [f32; 2] = [7.0, -8.0];
@@ -128,7 +129,7 @@ fn a_whole_network_is_read_from_one_file_or_two_and_by_either_names() {
         "{missing}"
     );
     let twice = read(network, &[features.clone(), whole]).expect_err("twice");
-    assert!(matches!(twice, LpipsError::Repeated { .. }), "{twice}");
+    assert!(matches!(twice, Error::WeightRepeated { .. }), "{twice}");
     let other = read(Network::Vgg16, &[features]).expect_err("of another network");
     let message = other.to_string();
     for part in [
@@ -293,10 +294,7 @@ fn files_of_other_kinds_are_refused() {
     let message = files.refusal(&big);
     assert!(message.contains("big-endian"), "{message}");
     let absent = files.0.path().join("absent.pth");
-    assert!(matches!(
-        WeightFile::open(&absent),
-        Err(LpipsError::Io { .. })
-    ));
+    assert!(matches!(WeightFile::open(&absent), Err(Error::Io { .. })));
     assert!(WeightFile::open(files.0.path()).is_err(), "a folder");
 }
 

@@ -6,23 +6,22 @@ use std::path::Path;
 use dash_model::ModelError;
 
 use super::list;
-use crate::TrainError;
+use crate::Error;
 
 /// The error with what can be done, where files of the checkpoint are damaged or missing; another one as it
 /// is.
-pub(crate) fn with_remedy(checkpoint: &Path, error: TrainError) -> TrainError {
+pub(crate) fn with_remedy(checkpoint: &Path, error: Error) -> Error {
     let is_missing = |path: &Path, source: &io::Error| {
         path.starts_with(checkpoint) && source.kind() == io::ErrorKind::NotFound
     };
     let (file, found) = match error {
-        TrainError::Checkpoint { path, found } => (path, found),
-        TrainError::Model(ModelError::Format {
+        Error::Checkpoint { path, found } => (path, found),
+        Error::Model(ModelError::Format {
             path,
             expected,
             found,
         }) => (path, format!("{found} instead of {expected}")),
-        TrainError::Model(ModelError::Io { path, source, .. })
-        | TrainError::Io { path, source, .. }
+        Error::Model(ModelError::Io { path, source, .. }) | Error::Io { path, source, .. }
             if is_missing(&path, &source) =>
         {
             (path, "no such file".into())
@@ -35,12 +34,12 @@ pub(crate) fn with_remedy(checkpoint: &Path, error: TrainError) -> TrainError {
     };
     let path = checkpoint.to_path_buf();
     if has_older(checkpoint) {
-        TrainError::Checkpoint { path, found }
+        Error::Checkpoint { path, found }
     } else {
         let what = format!(
             "expected a complete checkpoint, found {found}; remove its folder to begin the run again"
         );
-        TrainError::Run { path, what }
+        Error::Run { path, what }
     }
 }
 

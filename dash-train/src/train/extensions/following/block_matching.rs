@@ -17,7 +17,7 @@ use self::memory::{MEMBERS, Place};
 pub(super) use self::memory::{Memory, NUMBERS};
 use self::search::{Found, Group, Pair, groups, pairs};
 use super::window::time_window;
-use crate::TrainError;
+use crate::Error;
 use crate::train::core::{Optimizer, Run, TimeSpan, to_host};
 use crate::train::paper::Dash;
 
@@ -42,7 +42,7 @@ const SPAN_COST: f32 = 0.1;
 
 /// Looks for fast Gaussians in frames that the window reaches with this step. Where one time does not show the scene from
 /// several sides, pictures do not tell where anything is.
-pub(super) fn meet_new_frames(run: &mut Run<Dash>, memory: &mut Memory) -> Result<(), TrainError> {
+pub(super) fn meet_new_frames(run: &mut Run<Dash>, memory: &mut Memory) -> Result<(), Error> {
     let (Some(span), Some(before)) = (run.start, run.step.checked_sub(1)) else {
         return Ok(());
     };
@@ -77,19 +77,14 @@ pub(super) fn meet_new_frames(run: &mut Run<Dash>, memory: &mut Memory) -> Resul
 }
 
 /// Looks for what moves fast at a new time, after some known ones, nearest first.
-fn meet(
-    run: &mut Run<Dash>,
-    memory: &mut Memory,
-    new: f32,
-    known: &[f32],
-) -> Result<(), TrainError> {
+fn meet(run: &mut Run<Dash>, memory: &mut Memory, new: f32, known: &[f32]) -> Result<(), Error> {
     let Some(coefficients) = run.coefficients()? else {
         return Ok(());
     };
     let coefficients = coefficients.detach();
     let basis = run.method.basis;
     let rows = run.scene.static_set.to_rows();
-    let places_at = |time: f32| -> Result<Vec<Vec3>, TrainError> {
+    let places_at = |time: f32| -> Result<Vec<Vec3>, Error> {
         let moved = to_host(basis.displacement(coefficients.clone(), time)?);
         let moved = moved.chunks_exact(3).map(Vec3::from_slice);
         let places = rows.means.iter().zip(moved);
@@ -183,7 +178,7 @@ fn teach(
     moved: &[(usize, Vec3)],
     coefficients: Tensor<2>,
     times: [f32; 2],
-) -> Result<(), TrainError> {
+) -> Result<(), Error> {
     let device = coefficients.device();
     let [total, width] = coefficients.dims();
     let mut is_moved = vec![false; total];

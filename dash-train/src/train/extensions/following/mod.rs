@@ -16,7 +16,7 @@ use serde::{Deserialize, Serialize};
 use self::block_matching::{Memory, NUMBERS, meet_new_frames};
 use self::small_motion::SmallMotion;
 use self::window::{teaches_gaussians, time_window};
-use crate::TrainError;
+use crate::Error;
 use crate::dataset::View;
 use crate::train::core::loss::weighted_error;
 use crate::train::core::{Extension, Forward, Run, Saved, Set, to_host};
@@ -64,7 +64,7 @@ impl Following {
         run: &Run<Dash>,
         view: &View,
         forward: &Forward,
-    ) -> Result<Option<Tensor<1>>, TrainError> {
+    ) -> Result<Option<Tensor<1>>, Error> {
         let Some(span) = run.start.filter(|_| run.method.motion.is_some()) else {
             self.small = None;
             return Ok(None);
@@ -105,14 +105,14 @@ impl Extension<Dash> for Following {
         }
     }
 
-    fn begin(&mut self, run: &mut Run<Dash>) -> Result<(), TrainError> {
+    fn begin(&mut self, run: &mut Run<Dash>) -> Result<(), Error> {
         if run.start.is_some() && run.may_move() {
             room::make_room(run, self.config.min_steps);
         }
         Ok(())
     }
 
-    fn before_step(&mut self, run: &mut Run<Dash>) -> Result<(), TrainError> {
+    fn before_step(&mut self, run: &mut Run<Dash>) -> Result<(), Error> {
         let stages = run.stages();
         if run.may_move() && run.step == stages.handover && stages.handover < stages.end {
             hand_over(run)?;
@@ -142,7 +142,7 @@ impl Extension<Dash> for Following {
         run: &mut Run<Dash>,
         view: &View,
         forward: &Forward,
-    ) -> Result<Vec<Tensor<1>>, TrainError> {
+    ) -> Result<Vec<Tensor<1>>, Error> {
         let mut terms = Vec::new();
         if let Some(field) = &run.method.motion {
             let (basis, device) = (run.method.basis, &run.device);
@@ -170,7 +170,7 @@ impl Extension<Dash> for Following {
 }
 
 /// Gives every Gaussian the trajectory that the coarse field has for it.
-fn hand_over(run: &mut Run<Dash>) -> Result<(), TrainError> {
+fn hand_over(run: &mut Run<Dash>) -> Result<(), Error> {
     let Some(own) = run.coefficients()? else {
         return Ok(());
     };

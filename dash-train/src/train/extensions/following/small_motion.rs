@@ -5,7 +5,7 @@
 
 use std::collections::BTreeMap;
 
-use crate::TrainError;
+use crate::Error;
 use crate::dataset::{Dataset, View};
 use crate::train::core::{Run, TimeSpan};
 use crate::train::extensions::blocks::Blocks;
@@ -35,7 +35,7 @@ struct Start {
 
 impl SmallMotion {
     /// Of a run, since the span that it starts from.
-    pub(super) fn since<M>(run: &Run<M>, span: TimeSpan) -> Result<Self, TrainError> {
+    pub(super) fn since<M>(run: &Run<M>, span: TimeSpan) -> Result<Self, Error> {
         let background = run.scene.settings.background;
         Self::compare(span, &run.dataset, &run.train_views, background, MIN_SHARE)
     }
@@ -49,7 +49,7 @@ impl SmallMotion {
         train_views: &[usize],
         background: [f32; 3],
         least: f32,
-    ) -> Result<Self, TrainError> {
+    ) -> Result<Self, Error> {
         let mut cameras: BTreeMap<usize, Vec<&View>> = BTreeMap::new();
         for &index in train_views {
             let view = &dataset.views[index];

@@ -13,7 +13,7 @@ use rand_pcg::Pcg64;
 use rayon::prelude::*;
 
 use super::FIELD;
-use crate::TrainError;
+use crate::Error;
 use crate::dataset::View;
 use crate::train::core::{Decision, Run};
 use crate::train::extensions::blocks::Blocks;
@@ -43,7 +43,7 @@ struct Changes {
 }
 
 /// The decision whether anything moves; `None` where cameras move too, so that videos do not tell.
-pub(super) fn of_motion<M>(run: &Run<M>) -> Result<Option<Decision>, TrainError> {
+pub(super) fn of_motion<M>(run: &Run<M>) -> Result<Option<Decision>, Error> {
     let background = run.scene.settings.background;
     let mut cameras: BTreeMap<usize, Vec<&View>> = BTreeMap::new();
     for &index in &run.train_views {
@@ -128,7 +128,7 @@ fn sizes(values: &[f32]) -> impl Iterator<Item = f32> {
 }
 
 impl Changes {
-    fn of(views: &[&View], background: [f32; 3]) -> Result<Self, TrainError> {
+    fn of(views: &[&View], background: [f32; 3]) -> Result<Self, Error> {
         let (mut values, mut size, mut frames) = (Vec::new(), [0, 0], 0);
         for view in views {
             let blocks = Blocks::of(view.camera.width, view.camera.height);

@@ -7,7 +7,7 @@ mod trials;
 
 use serde::{Deserialize, Serialize};
 
-use crate::TrainError;
+use crate::Error;
 use crate::train::core::{Decision, Extension, Finished, Run, Saved};
 use crate::train::paper::Dash;
 
@@ -57,7 +57,7 @@ impl Extension<Dash> for Prune {
     }
 
     /// Before the first step: whether anything moves.
-    fn begin(&mut self, run: &mut Run<Dash>) -> Result<(), TrainError> {
+    fn begin(&mut self, run: &mut Run<Dash>) -> Result<(), Error> {
         if run.step == 0 && run.may_move() && self.decisions.is_empty() {
             self.decisions.extend(evidence::of_motion(run)?);
             run.method.nothing_moves = self.decisions.iter().any(|decision| decision.left_out);
@@ -65,7 +65,7 @@ impl Extension<Dash> for Prune {
         Ok(())
     }
 
-    fn finish(&self, run: &Run<Dash>, finished: Finished) -> Result<Finished, TrainError> {
+    fn finish(&self, run: &Run<Dash>, finished: Finished) -> Result<Finished, Error> {
         let mut trials = trials::Trials::new(run, finished.scene, self.config.max_loss_db)?;
         let shares = parts::gaussians(&mut trials)?;
         parts::heads(&mut trials)?;

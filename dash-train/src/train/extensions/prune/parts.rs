@@ -6,7 +6,7 @@ use dash_model::scene_file::TablePrecision;
 use dash_model::{DynamicPart, DynamicScene, Gaussians, Head, Representation};
 
 use super::trials::{Candidate, Trials};
-use crate::TrainError;
+use crate::Error;
 use crate::train::core::Decision;
 use crate::train::core::visibility::{largest_shares, spread};
 
@@ -24,7 +24,7 @@ const TIMES: usize = 32;
 
 /// Gaussians that the pictures hardly show: as many as can go without harm. How much the pictures show of
 /// each of the others, static ones first.
-pub(super) fn gaussians(trials: &mut Trials) -> Result<Vec<f32>, TrainError> {
+pub(super) fn gaussians(trials: &mut Trials) -> Result<Vec<f32>, Error> {
     let (least, most) = RANKING_VIEWS;
     let n_views = (trials.run.step / STEPS_PER_RANKING_VIEW).clamp(least, most);
     let views = spread(trials.run, n_views);
@@ -68,7 +68,7 @@ pub(super) fn gaussians(trials: &mut Trials) -> Result<Vec<f32>, TrainError> {
 }
 
 /// The field's heads for rotations and scales.
-pub(super) fn heads(trials: &mut Trials) -> Result<(), TrainError> {
+pub(super) fn heads(trials: &mut Trials) -> Result<(), Error> {
     for (head, name) in [(Head::Rotation, "rotations"), (Head::Scale, "scales")] {
         let Some(dynamic) = &trials.scene.dynamic else {
             return Ok(());
@@ -92,7 +92,7 @@ pub(super) fn heads(trials: &mut Trials) -> Result<(), TrainError> {
 
 /// Levels of the field's hash grid: each is tried by itself, then those that can go are left out, the
 /// least missed first.
-pub(super) fn levels(trials: &mut Trials) -> Result<(), TrainError> {
+pub(super) fn levels(trials: &mut Trials) -> Result<(), Error> {
     let Some(whole) = trials.scene.dynamic.clone() else {
         return Ok(());
     };
@@ -163,7 +163,7 @@ pub(super) fn levels(trials: &mut Trials) -> Result<(), TrainError> {
 
 /// Colour that depends on the direction: of all Gaussians, or else of those where it shows least, given how
 /// much the pictures show of each.
-pub(super) fn directions(trials: &mut Trials, shares: &[f32]) -> Result<(), TrainError> {
+pub(super) fn directions(trials: &mut Trials, shares: &[f32]) -> Result<(), Error> {
     let width = 3 * trials.scene.static_set.sh_rest.dims()[1];
     if width == 0 {
         return Ok(());
@@ -229,7 +229,7 @@ pub(super) fn directions(trials: &mut Trials, shares: &[f32]) -> Result<(), Trai
 }
 
 /// Entries of the field's tables that no Gaussian reads, at whatever time: without them nothing changes.
-pub(super) fn unread_entries(trials: &mut Trials) -> Result<(), TrainError> {
+pub(super) fn unread_entries(trials: &mut Trials) -> Result<(), Error> {
     let dynamic = trials.scene.dynamic.as_ref();
     let Some((part, [n_read, n_entries])) = dynamic.and_then(DynamicPart::without_unread) else {
         return Ok(());
@@ -251,7 +251,7 @@ pub(super) fn unread_entries(trials: &mut Trials) -> Result<(), TrainError> {
 }
 
 /// Half the bits of the field's tables: the scene is then rounded to them.
-pub(super) fn table_bits(trials: &mut Trials) -> Result<(), TrainError> {
+pub(super) fn table_bits(trials: &mut Trials) -> Result<(), Error> {
     let Some(scene) = trials.scene.with_half_tables() else {
         return Ok(());
     };

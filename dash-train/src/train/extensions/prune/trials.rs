@@ -8,7 +8,7 @@ use dash_model::scene_file::TablePrecision;
 use dash_model::{DynamicScene, Layer};
 
 use super::{MAX_TOTAL_LOSS, MIN_SAVING};
-use crate::TrainError;
+use crate::Error;
 use crate::dataset::View;
 use crate::metrics::{DYNAMIC_ALPHA_THRESHOLD, masked_psnr, psnr};
 use crate::train::core::visibility::spread;
@@ -134,7 +134,7 @@ impl<'a> Trials<'a> {
         run: &'a Run<Dash>,
         scene: DynamicScene,
         max_loss: f64,
-    ) -> Result<Self, TrainError> {
+    ) -> Result<Self, Error> {
         // Without the graph that gradients need.
         let scene = scene.valid();
         let n_views = (run.step / STEPS_PER_VIEW).clamp(FIRST_VIEWS, MOST_VIEWS);
@@ -148,7 +148,7 @@ impl<'a> Trials<'a> {
                 let moving = moving(&scene, view)?;
                 Ok(Trial { view, moving })
             })
-            .collect::<Result<_, TrainError>>()?;
+            .collect::<Result<_, Error>>()?;
         let mut trials = Self {
             run,
             max_loss,
@@ -166,7 +166,7 @@ impl<'a> Trials<'a> {
     }
 
     /// Scores a scene against what is left so far, on fewer views if it is clearly worse.
-    pub(super) fn score(&self, scene: &DynamicScene) -> Result<Scores, TrainError> {
+    pub(super) fn score(&self, scene: &DynamicScene) -> Result<Scores, Error> {
         let mut scores = Scores::default();
         for Trial { view, moving } in &self.views {
             let start = Instant::now();
@@ -209,7 +209,7 @@ impl<'a> Trials<'a> {
     }
 
     /// Goes on with a candidate, if that loses nothing and saves enough; whether it does.
-    pub(super) fn judge(&mut self, candidate: Candidate) -> Result<bool, TrainError> {
+    pub(super) fn judge(&mut self, candidate: Candidate) -> Result<bool, Error> {
         let scores = self.score(&candidate.scene)?;
         Ok(self.judge_scored(candidate, scores))
     }
@@ -247,7 +247,7 @@ impl<'a> Trials<'a> {
     }
 
     /// How a scene does by itself.
-    pub(super) fn effect(&self, scene: &DynamicScene) -> Result<Effect, TrainError> {
+    pub(super) fn effect(&self, scene: &DynamicScene) -> Result<Effect, Error> {
         let scores = self.score(scene)?;
         Ok(Effect {
             mean: scores.against(&self.scores)[0].mean,
@@ -263,7 +263,7 @@ impl<'a> Trials<'a> {
         most: f64,
         n: usize,
         without: impl Fn(usize) -> DynamicScene,
-    ) -> Result<Option<(usize, DynamicScene, Scores)>, TrainError> {
+    ) -> Result<Option<(usize, DynamicScene, Scores)>, Error> {
         let (mut low, mut high, mut share) = (0.0, most, most);
         let mut tried = None;
         for _ in 0..ROUNDS {
@@ -289,7 +289,7 @@ impl<'a> Trials<'a> {
 }
 
 /// Pixels of a view on which the dynamic Gaussians lie, `[H * W]`; `None` of a scene without any.
-fn moving(scene: &DynamicScene, view: &View) -> Result<Option<Vec<bool>>, TrainError> {
+fn moving(scene: &DynamicScene, view: &View) -> Result<Option<Vec<bool>>, Error> {
     if scene.dynamic.is_none() {
         return Ok(None);
     }

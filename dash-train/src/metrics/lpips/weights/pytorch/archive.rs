@@ -8,11 +8,11 @@ use std::path::Path;
 
 use rawzip::{CompressionMethod, RECOMMENDED_BUFFER_SIZE, ZipArchive};
 
-use super::super::super::LpipsError;
-use super::super::file::StoredTensor;
+use super::super::file::{READ_WEIGHTS, StoredTensor};
 use super::pickle::Pickle;
 use super::tensors::{Span, locate};
 use super::{EXPECTED, MAX_PICKLE_BYTES};
+use crate::Error;
 
 /// Most entries: a network has a few dozen tensors.
 const MAX_ENTRIES: usize = 1 << 16;
@@ -28,9 +28,11 @@ pub(in super::super) fn directory(
     path: &Path,
     file: &File,
     n_bytes: u64,
-) -> Result<BTreeMap<String, StoredTensor>, LpipsError> {
-    let wrong = |found: String| LpipsError::format(path, EXPECTED, found);
-    let duplicate = file.try_clone().map_err(|e| LpipsError::io(path, e))?;
+) -> Result<BTreeMap<String, StoredTensor>, Error> {
+    let wrong = |found: String| Error::weight_file(path, EXPECTED, found);
+    let duplicate = file
+        .try_clone()
+        .map_err(|e| Error::io(path, READ_WEIGHTS, e))?;
     let entries = entries(duplicate, n_bytes).map_err(&wrong)?;
     let root = entries
         .keys()
@@ -38,7 +40,7 @@ pub(in super::super) fn directory(
         .find(|root| root.is_empty() || root.ends_with('/'))
         .ok_or_else(|| wrong(format!("a zip archive without {PICKLE_NAME}")))?
         .to_string();
-    let read = |name: &str, limit: u64| -> Result<Option<Vec<u8>>, LpipsError> {
+    let read = |name: &str, limit: u64| -> Result<Option<Vec<u8>>, Error> {
         let Some(entry) = entries.get(&format!("{root}{name}")) else {
             return Ok(None);
         };
@@ -50,7 +52,7 @@ pub(in super::super) fn directory(
         let mut file = file;
         file.seek(SeekFrom::Start(span.offset))
             .and_then(|_| file.read_exact(&mut bytes))
-            .map_err(|e| LpipsError::io(path, e))?;
+            .map_err(|e| Error::io(path, READ_WEIGHTS, e))?;
         if span
             .crc32
             .is_some_and(|crc32| crc32 != rawzip::crc32(&bytes))

@@ -7,12 +7,12 @@ use std::fs::File;
 use std::io::{Read, Seek, SeekFrom};
 use std::path::Path;
 
-use super::super::super::LpipsError;
-use super::super::file::StoredTensor;
+use super::super::file::{READ_WEIGHTS, StoredTensor};
 use super::pickle::Pickle;
 use super::tensors::{Span, locate};
 use super::value::{Storage, Value};
 use super::{EXPECTED, MAX_PICKLE_BYTES};
+use crate::Error;
 
 /// The pickle of the magic number 0x1950a86a20f9469cfc6c.
 pub(super) const MAGIC: [u8; 15] = [
@@ -28,9 +28,9 @@ pub(in super::super) fn directory(
     path: &Path,
     file: &mut File,
     n_bytes: u64,
-) -> Result<BTreeMap<String, StoredTensor>, LpipsError> {
-    let wrong = |found: String| LpipsError::format(path, EXPECTED, found);
-    let io = |e| LpipsError::io(path, e);
+) -> Result<BTreeMap<String, StoredTensor>, Error> {
+    let wrong = |found: String| Error::weight_file(path, EXPECTED, found);
+    let io = |e| Error::io(path, READ_WEIGHTS, e);
     let mut start = Vec::new();
     file.seek(SeekFrom::Start(0)).map_err(io)?;
     file.by_ref()
@@ -40,7 +40,7 @@ pub(in super::super) fn directory(
     let mut rest = start
         .strip_prefix(&MAGIC)
         .ok_or_else(|| wrong("a pickle that is no weight file of PyTorch".into()))?;
-    let mut next = || -> Result<Pickle, LpipsError> {
+    let mut next = || -> Result<Pickle, Error> {
         let pickle = Pickle::load(rest).map_err(&wrong)?;
         rest = &rest[pickle.n_bytes..];
         Ok(pickle)

@@ -7,7 +7,7 @@ use burn::tensor::activation::relu;
 use burn::tensor::{Device, Tensor, TensorData};
 use dash_model::{MotionField, TrajectoryBasis};
 
-use crate::TrainError;
+use crate::Error;
 
 /// Numbers of a place.
 pub(in super::super) const NUMBERS: usize = 8;
@@ -81,7 +81,7 @@ impl Memory {
         basis: TrajectoryBasis,
         step: usize,
         device: &Device,
-    ) -> Result<Option<Tensor<1>>, TrainError> {
+    ) -> Result<Option<Tensor<1>>, Error> {
         let stride = self.0.len().div_ceil(ASKED).max(1);
         let asked: Vec<Place> = self
             .0

@@ -4,7 +4,7 @@ use dash_kernels::Camera;
 use glam::{DVec3, Vec3};
 use rayon::prelude::*;
 
-use crate::TrainError;
+use crate::Error;
 use crate::dataset::View;
 use crate::train::core::Run;
 use crate::train::core::sweep::{difference, smoothed};
@@ -53,7 +53,7 @@ impl Pair {
 }
 
 /// Pictures of some of the cameras that have them at both times.
-pub(super) fn pairs<M>(run: &Run<M>, times: [f32; 2]) -> Result<Vec<Pair>, TrainError> {
+pub(super) fn pairs<M>(run: &Run<M>, times: [f32; 2]) -> Result<Vec<Pair>, Error> {
     let views = |time: f32| {
         let views = run.train_views.iter();
         let views = views.map(|&index| &run.dataset.views[index]);

@@ -1,17 +1,16 @@
-//! `results.json` of a run.
+//! Scores of a finished run: its `results.json`.
 
 use std::fs;
 use std::io::Write;
-use std::path::Path;
 
 use burn::tensor::Device;
 use dash_model::scene_file::write_atomically;
 use serde::{Deserialize, Serialize};
 
-use super::measure::{Evaluation, evaluate};
-use super::perceptual::Perceptual;
-use crate::TrainError;
+use crate::Error;
 use crate::dataset::{Dataset, Split};
+use crate::evaluate::{Evaluation, Perceptual, evaluate, storage_bytes};
+use crate::process::peak_memory_bytes;
 use crate::train::{Preset, RunFolder};
 
 /// `results.json`.
@@ -39,7 +38,7 @@ pub struct Results {
     pub evaluation: Evaluation,
 }
 
-/// What the calling process has done so far, which decides whose memory is recorded.
+/// The calling process, whose memory is recorded.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Process {
     /// It has just trained the run.
@@ -51,11 +50,11 @@ pub enum Process {
 const TRAINING_MEMORY: &str = "most resident memory of the process that trained, dataset included";
 const EVALUATION_MEMORY: &str = "most resident memory of the process that evaluated, dataset included; that of training is not known";
 
-/// Scores a finished run over a split and writes its `results.json`, of training views its
-/// `results_train.json`; `perceptual` holds what LPIPS needs, by default nothing.
+/// Scores a finished run and writes `results.json` for its test views, `results_train.json` for its training
+/// views; `perceptual` holds what LPIPS needs, by default nothing.
 ///
 /// # Errors
-/// When the run is unfinished, the split has no views, or a file can't be read or written.
+/// When the run is unfinished, there are no such views, or a file can't be read or written.
 pub fn evaluate_run(
     run: &RunFolder,
     dataset: &Dataset,
@@ -63,7 +62,7 @@ pub fn evaluate_run(
     device: (&Device, &str),
     process: Process,
     perceptual: &Perceptual,
-) -> Result<Results, TrainError> {
+) -> Result<Results, Error> {
     let config = run.config()?;
     let scene = run.scene(device.0)?;
     // Before the evaluation adds its own.
@@ -88,8 +87,7 @@ pub fn evaluate_run(
         peak_memory_bytes: peak,
         evaluation,
     };
-    let json =
-        serde_json::to_vec_pretty(&results).map_err(|e| TrainError::Config(e.to_string()))?;
+    let json = serde_json::to_vec_pretty(&results).map_err(|e| Error::Config(e.to_string()))?;
     write_atomically(&run.scores_path(split), |mut file| file.write_all(&json))?;
     Ok(results)
 }
@@ -98,15 +96,15 @@ pub fn evaluate_run(
 ///
 /// # Errors
 /// When the file can't be read or is damaged.
-pub fn read_results(run: &RunFolder) -> Result<Option<Results>, TrainError> {
+pub fn read_results(run: &RunFolder) -> Result<Option<Results>, Error> {
     let path = run.results_path();
     let text = match fs::read(&path) {
         Ok(text) => text,
         Err(e) if e.kind() == std::io::ErrorKind::NotFound => return Ok(None),
-        Err(e) => return Err(TrainError::io(&path, "read", e)),
+        Err(e) => return Err(Error::io(&path, "read", e)),
     };
     serde_json::from_slice(&text).map(Some).map_err(|e| {
-        TrainError::run(
+        Error::run(
             &path,
             format!("expected a run's results, found {e}; write them again with `dash eval`"),
         )
@@ -119,39 +117,4 @@ fn recorded_training_peak(run: &RunFolder) -> Option<u64> {
     (before.evaluation.metric_settings.peak_memory == TRAINING_MEMORY)
         .then_some(before.peak_memory_bytes)
         .flatten()
-}
-
-/// Bytes of the files in a folder and its subfolders.
-///
-/// # Errors
-/// When something in it can't be read.
-pub fn storage_bytes(folder: &Path) -> Result<u64, TrainError> {
-    let io = |e| TrainError::io(folder, "list", e);
-    let mut bytes = 0;
-    for entry in fs::read_dir(folder).map_err(io)? {
-        let entry = entry.map_err(io)?;
-        let metadata = entry.metadata().map_err(io)?;
-        bytes += if metadata.is_dir() {
-            storage_bytes(&entry.path())?
-        } else {
-            metadata.len()
-        };
-    }
-    Ok(bytes)
-}
-
-/// Has [`peak_memory_bytes`] begin anew, as far as the system lets it.
-pub fn reset_peak_memory() {
-    // Where there is no such file, the peak is not known either.
-    let _ = fs::write("/proc/self/clear_refs", "5");
-}
-
-/// The most resident memory that this process has had; `None` where the system does not say.
-pub fn peak_memory_bytes() -> Option<u64> {
-    let status = fs::read_to_string("/proc/self/status").ok()?;
-    let line = status
-        .lines()
-        .find_map(|line| line.strip_prefix("VmHWM:"))?;
-    let kibibytes: u64 = line.trim().strip_suffix("kB")?.trim().parse().ok()?;
-    Some(kibibytes * 1024)
 }

@@ -1,17 +1,17 @@
-//! How well the decomposition finds what moves.
+//! Accuracy of the static/dynamic decomposition.
 
 use std::ops::{Add, AddAssign};
 
 /// A pixel counts as dynamic where the dynamic set's accumulated alpha is above this.
 pub const DYNAMIC_ALPHA_THRESHOLD: f32 = 0.5;
-/// How the split is scored, for `metric_settings`.
-pub const SPLIT_RULE: &str = "a pixel is marked where the dynamic set alone has alpha > 0.5; counts are summed over the \
+/// How the decomposition is scored, for `metric_settings`.
+pub const DECOMPOSITION_RULE: &str = "a pixel is marked where the dynamic set alone has alpha > 0.5; counts are summed over the \
      views before precision, recall and F1 are taken; each is 1 where there was nothing to find and \
      nothing was found";
 
-/// Pixels by whether they move and whether the dynamic set covers them, summed over views.
+/// A confusion matrix of pixels, summed over views: moving or still, covered by the dynamic set or not.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub struct SplitCounts {
+pub struct DecompositionCounts {
     /// Moving and marked.
     pub true_positives: u64,
     /// Still and marked.
@@ -20,7 +20,7 @@ pub struct SplitCounts {
     pub false_negatives: u64,
 }
 
-/// Compares the dynamic set's alpha with the pixels that really move, in one view.
+/// Compares the dynamic set's alpha with the true motion mask of one view.
 ///
 /// A NaN alpha marks nothing.
 ///
@@ -29,13 +29,13 @@ pub struct SplitCounts {
 ///
 /// # Panics
 /// When the sizes differ.
-pub fn split_scores(dynamic_alpha: &[f32], truth: &[bool]) -> SplitCounts {
+pub fn decomposition_counts(dynamic_alpha: &[f32], truth: &[bool]) -> DecompositionCounts {
     assert_eq!(
         dynamic_alpha.len(),
         truth.len(),
-        "split_scores: the alpha and the mask differ in size"
+        "decomposition_counts: the alpha and the mask differ in size"
     );
-    let mut counts = SplitCounts::default();
+    let mut counts = DecompositionCounts::default();
     for (alpha, moves) in dynamic_alpha.iter().zip(truth) {
         match (*alpha > DYNAMIC_ALPHA_THRESHOLD, *moves) {
             (true, true) => counts.true_positives += 1,
@@ -47,7 +47,7 @@ pub fn split_scores(dynamic_alpha: &[f32], truth: &[bool]) -> SplitCounts {
     counts
 }
 
-impl SplitCounts {
+impl DecompositionCounts {
     /// The share of the marked pixels that move. With nothing marked: 1 when nothing moves, else 0.
     pub fn precision(&self) -> f64 {
         self.share(self.true_positives + self.false_positives)
@@ -76,7 +76,7 @@ impl SplitCounts {
     }
 }
 
-impl Add for SplitCounts {
+impl Add for DecompositionCounts {
     type Output = Self;
 
     fn add(self, other: Self) -> Self {
@@ -88,13 +88,13 @@ impl Add for SplitCounts {
     }
 }
 
-impl AddAssign for SplitCounts {
+impl AddAssign for DecompositionCounts {
     fn add_assign(&mut self, other: Self) {
         *self = *self + other;
     }
 }
 
-impl std::iter::Sum for SplitCounts {
+impl std::iter::Sum for DecompositionCounts {
     fn sum<I: Iterator<Item = Self>>(views: I) -> Self {
         views.fold(Self::default(), Add::add)
     }
@@ -106,17 +106,17 @@ mod tests {
 
     #[test]
     fn counts_and_scores_of_two_small_views() {
-        let first = split_scores(&[0.9, 0.6, 0.2, 0.0], &[true, false, true, false]);
+        let first = decomposition_counts(&[0.9, 0.6, 0.2, 0.0], &[true, false, true, false]);
         assert_eq!(
             first,
-            SplitCounts {
+            DecompositionCounts {
                 true_positives: 1,
                 false_positives: 1,
                 false_negatives: 1
             }
         );
-        let second = split_scores(&[0.8, 0.7], &[true, true]);
-        let both: SplitCounts = [first, second].into_iter().sum();
+        let second = decomposition_counts(&[0.8, 0.7], &[true, true]);
+        let both: DecompositionCounts = [first, second].into_iter().sum();
         assert_eq!(both.precision(), 0.75);
         assert_eq!(both.recall(), 0.75);
         assert_eq!(both.f1(), 0.75);
@@ -124,7 +124,7 @@ mod tests {
 
     #[test]
     fn f1_is_the_harmonic_mean() {
-        let counts = SplitCounts {
+        let counts = DecompositionCounts {
             true_positives: 3,
             false_positives: 1,
             false_negatives: 5,
@@ -136,17 +136,17 @@ mod tests {
 
     #[test]
     fn nothing_moves() {
-        let right = split_scores(&[0.0, 0.5, f32::NAN], &[false; 3]);
+        let right = decomposition_counts(&[0.0, 0.5, f32::NAN], &[false; 3]);
         assert_eq!(
             (right.precision(), right.recall(), right.f1()),
             (1.0, 1.0, 1.0)
         );
-        let wrong = split_scores(&[1.0, 0.0], &[false; 2]);
+        let wrong = decomposition_counts(&[1.0, 0.0], &[false; 2]);
         assert_eq!(
             (wrong.precision(), wrong.recall(), wrong.f1()),
             (0.0, 0.0, 0.0)
         );
-        let missed = split_scores(&[0.0], &[true]);
+        let missed = decomposition_counts(&[0.0], &[true]);
         assert_eq!(
             (missed.precision(), missed.recall(), missed.f1()),
             (0.0, 0.0, 0.0)

@@ -1,0 +1,175 @@
+//! Trains the runs of a comparison, each for the budget.
+
+use std::fs;
+use std::io::Write;
+use std::path::Path;
+use std::sync::Arc;
+
+use burn::tensor::Device;
+use dash_model::scene_file::write_atomically;
+use serde::{Deserialize, Serialize};
+
+use super::gauge::Gauge;
+use super::{Budget, Comparison, Method, Observer};
+use crate::Error;
+use crate::dataset::{Dataset, Split};
+use crate::process::reset_peak_memory;
+use crate::results::{Process, Results, evaluate_run};
+use crate::train::{RunConfig, RunFolder, StepReport, TrainConfig, TrainOptions, train};
+
+/// How fast the machine was when a comparison began: `OUT/speed.toml`.
+#[derive(Debug, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Speed {
+    /// Seconds of a step of the reference run.
+    reference_step_secs: f64,
+}
+
+/// A comparison while its runs are trained.
+pub(super) struct Training<'a> {
+    pub(super) comparison: &'a Comparison,
+    pub(super) out: &'a Path,
+    pub(super) dataset: &'a Arc<Dataset>,
+    pub(super) device: &'a Device,
+    pub(super) observer: &'a mut dyn Observer,
+    /// The machine's speed, from the first run that is trained on.
+    pub(super) gauge: Option<Gauge>,
+}
+
+impl Training<'_> {
+    /// Trains a run of so many steps; without a number, of as many as the budget allows, again with another
+    /// number where the run misses it.
+    pub(super) fn run_within_budget(
+        &mut self,
+        method: Method,
+        seed: u64,
+        iterations: Option<usize>,
+        root: &Path,
+    ) -> Result<(RunFolder, Results), Error> {
+        if self.gauge.is_none() {
+            self.gauge = Some(self.measure_speed()?);
+        }
+        let budget = Budget {
+            seconds: self.comparison.budget_secs,
+        };
+        let mut config = method.of(&self.comparison.preset);
+        config.seed = seed;
+        config.iterations = match iterations {
+            Some(iterations) => iterations,
+            None => self.try_budget(budget, method, &config)?,
+        };
+        let mut tried = Vec::new();
+        loop {
+            self.observer.begin(method, seed, config.iterations, false);
+            let trained = self.train(config.clone(), root)?;
+            let secs = trained.1.train_seconds.unwrap_or(budget.seconds);
+            tried.push((config.iterations, secs));
+            match budget.corrected(&tried) {
+                Some(corrected) if iterations.is_none() => {
+                    config.iterations = corrected;
+                    fs::remove_dir_all(root).map_err(|e| Error::io(root, "remove", e))?;
+                }
+                _ => return Ok(trained),
+            }
+        }
+    }
+
+    /// Steps of a method that take about the budget, by short trials.
+    fn try_budget(
+        &mut self,
+        budget: Budget,
+        method: Method,
+        config: &TrainConfig,
+    ) -> Result<usize, Error> {
+        let observer = &mut *self.observer;
+        let mut told = |n: usize, step: Option<(&StepReport, f64)>| match step {
+            None => observer.begin(method, config.seed, n, true),
+            Some((report, secs)) => observer.step(report, secs),
+        };
+        let gauge = self.gauge.as_mut().expect("measured before any run");
+        budget.iterations(config, self.dataset, self.device, gauge, &mut told)
+    }
+
+    fn train(&mut self, config: TrainConfig, root: &Path) -> Result<(RunFolder, Results), Error> {
+        let data = &self.comparison.data;
+        let config = RunConfig::new(data.clone(), config);
+        if is_left_of(root, &config) {
+            fs::remove_dir_all(root).map_err(|e| Error::io(root, "remove", e))?;
+        }
+        let run = RunFolder::create(root, &config)?;
+        reset_peak_memory();
+        let gauge = self.gauge.as_mut().expect("measured before any run");
+        let options = TrainOptions {
+            resume: false,
+            curve: self.comparison.curve,
+            on_step: &mut |report, secs| self.observer.step(report, secs),
+            clock: Some(&mut |secs| gauge.paced(secs)),
+            additions: Default::default(),
+        };
+        train(
+            &run,
+            &config.train,
+            self.dataset.clone(),
+            self.device,
+            options,
+        )?;
+        let name = (self.device, data.device.as_str());
+        let results = evaluate_run(
+            &run,
+            self.dataset,
+            Split::Test,
+            name,
+            Process::Trained,
+            &Default::default(),
+        )?;
+        let checkpoints = run.checkpoints_path();
+        fs::remove_dir_all(&checkpoints).map_err(|e| Error::io(&checkpoints, "remove", e))?;
+        Ok((run, results))
+    }
+
+    /// The machine's speed, against that when the comparison began.
+    fn measure_speed(&self) -> Result<Gauge, Error> {
+        let path = self.out.join("speed.toml");
+        let known = match fs::read_to_string(&path) {
+            Ok(text) => {
+                let speed = toml::from_str::<Speed>(&text).ok();
+                let sound = speed
+                    .filter(|s| s.reference_step_secs > 0.0 && s.reference_step_secs.is_finite());
+                Some(sound.ok_or_else(|| {
+                    Error::run(
+                        &path,
+                        format!(
+                            "expected `reference_step_secs = SECONDS`, found `{}`; remove the file to measure \
+                             the runs that are missing by the machine's present speed",
+                            text.trim()
+                        ),
+                    )
+                })?)
+            }
+            Err(e) if e.kind() == std::io::ErrorKind::NotFound => None,
+            Err(e) => return Err(Error::io(&path, "read", e)),
+        };
+        let first = known.as_ref().map(|speed| speed.reference_step_secs);
+        let gauge = Gauge::new(&self.comparison.preset, self.dataset, self.device, first)?;
+        if known.is_none() {
+            let speed = Speed {
+                reference_step_secs: gauge.first(),
+            };
+            let text = toml::to_string(&speed).map_err(|e| Error::Config(e.to_string()))?;
+            write_atomically(&path, |mut file| file.write_all(text.as_bytes()))?;
+        }
+        Ok(gauge)
+    }
+}
+
+/// Whether a folder holds what an interrupted comparison left of this run. What is anything else is not
+/// touched.
+fn is_left_of(root: &Path, config: &RunConfig) -> bool {
+    let found = RunFolder::open(root).and_then(|run| run.config());
+    found.is_ok_and(|found| {
+        let mut found = found.as_begun();
+        // How many steps fit the budget is found anew.
+        found.train.iterations = config.train.iterations;
+        found == *config
+    })
+}
