@@ -7,7 +7,7 @@
 use std::path::Path;
 use std::sync::Arc;
 
-use dash_train::dataset::{self, Layout, LoadOptions, Split};
+use dash_train::dataset::{self, Layout, LoadOptions, Partition};
 use dash_train::device::DeviceChoice;
 use dash_train::evaluate::evaluate;
 use dash_train::process;
@@ -52,7 +52,7 @@ fn run() -> Result<(), Failure> {
     let scores = evaluate(
         scene,
         &dataset,
-        Split::Test,
+        Partition::Test,
         options.downscale,
         &Default::default(),
     )?;

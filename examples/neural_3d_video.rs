@@ -6,7 +6,7 @@
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-use dash_train::dataset::{self, Layout, LoadOptions, Split};
+use dash_train::dataset::{self, Layout, LoadOptions, Partition};
 use dash_train::device::DeviceChoice;
 use dash_train::evaluate::{Process, evaluate_run};
 use dash_train::process;
@@ -72,7 +72,7 @@ fn run() -> Result<(), Failure> {
     let results = evaluate_run(
         &run,
         &dataset,
-        Split::Test,
+        Partition::Test,
         (&device, name),
         Process::Trained,
         &Default::default(),

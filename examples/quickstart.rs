@@ -6,7 +6,7 @@
 use std::path::PathBuf;
 use std::sync::Arc;
 
-use dash_train::dataset::{self, LoadOptions, Split};
+use dash_train::dataset::{self, LoadOptions, Partition};
 use dash_train::device::DeviceChoice;
 use dash_train::evaluate::{Process, evaluate_run};
 use dash_train::process;
@@ -79,7 +79,7 @@ fn run() -> Result<(), Failure> {
     let results = evaluate_run(
         &run,
         &dataset,
-        Split::Test,
+        Partition::Test,
         (&device, &name),
         Process::Trained,
         &Default::default(),
@@ -114,7 +114,7 @@ fn run() -> Result<(), Failure> {
         PictureFormat::Png,
         &run.root().join("renders"),
     )?;
-    let views: Vec<_> = dataset.split(Split::Test).collect();
+    let views: Vec<_> = dataset.views_of(Partition::Test).collect();
     write_overview(scene, &views, &run.root().join("overview.png"))?;
     if ffmpeg_available() {
         let video = RenderJob {

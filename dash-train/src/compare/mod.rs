@@ -25,7 +25,7 @@ use gauge::Gauge;
 pub use method::Method;
 
 use crate::TrainError;
-use crate::dataset::{Dataset, Split};
+use crate::dataset::{Dataset, Partition};
 use crate::evaluate::{Process, Results, evaluate_run, read_results, reset_peak_memory};
 use crate::train::{
     DataConfig, RunConfig, RunFolder, StepReport, TrainConfig, TrainOptions, train,
@@ -89,7 +89,7 @@ impl Comparison {
         device: &Device,
         observer: &mut dyn Observer,
     ) -> Result<Vec<ComparedRun>, TrainError> {
-        if dataset.split(Split::Test).next().is_none() {
+        if dataset.views_of(Partition::Test).next().is_none() {
             return Err(TrainError::run(
                 &dataset.root,
                 "expected test views to compare methods on, found none; hold cameras out with \
@@ -189,7 +189,7 @@ impl Comparison {
         let results = evaluate_run(
             &run,
             dataset,
-            Split::Test,
+            Partition::Test,
             name,
             Process::Trained,
             &Default::default(),

@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 
 use dash_kernels::Camera;
 
-use super::blender_split::{drop_held_out, hold_out};
+use super::blender_partition::{drop_held_out, hold_out};
 use super::broken::{check_any, readable};
 use super::decode::dimensions;
 use super::distortion::Distortion;
@@ -15,7 +15,7 @@ use super::plan::{Context, Lens, PlannedView};
 use super::points::{Models, find_named_points};
 use super::sizes::Sizes;
 use super::transforms::{Frame, Transforms, parse, parse_any};
-use super::view::Split;
+use super::view::Partition;
 use super::{DatasetError, Parts, files, pose, times, unposed};
 
 const SINGLE: &str = "transforms.json";
@@ -121,7 +121,7 @@ pub(super) fn read(context: &Context) -> Result<Parts, DatasetError> {
             camera_index,
             frame,
             time,
-            split: Split::held_out(entry.held_out),
+            partition: Partition::held_out(entry.held_out),
             camera: entry.camera,
         });
     }

@@ -9,7 +9,7 @@ use super::image_files::find_image;
 use super::plan::{Context, Lens, PlannedView};
 use super::points::{Models, find_points};
 use super::sizes::Sizes;
-use super::view::Split;
+use super::view::Partition;
 use super::{DatasetError, Parts, every_eighth, files, unposed};
 
 const IMAGE_FOLDER: &str = "images";
@@ -67,7 +67,7 @@ pub(super) fn read(context: &Context) -> Result<Parts, DatasetError> {
             camera_index,
             frame: 0,
             time: 0.0,
-            split: Split::held_out(held_out[camera_index]),
+            partition: Partition::held_out(held_out[camera_index]),
             camera,
             lens,
             mask: None,

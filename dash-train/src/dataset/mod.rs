@@ -7,7 +7,7 @@
 //! | file | what |
 //! | --- | --- |
 //! | [`Layout::N3dv`]: `n3dv.rs`, `plain_order.rs`, `npy.rs`, `video.rs` | `poses_bounds.npy`, `camNN/` or `cam*.mp4` |
-//! | [`Layout::Blender`]: `blender.rs`, `blender_split.rs`, `transforms.rs` | `transforms*.json` |
+//! | [`Layout::Blender`]: `blender.rs`, `blender_partition.rs`, `transforms.rs` | `transforms*.json` |
 //! | [`Layout::Colmap`]: `colmap.rs`, `colmap_model.rs`, `colmap_binary.rs`, `colmap_text.rs` | `sparse/0`, `images/` |
 //! | [`Layout::Technicolor`]: `technicolor.rs`, `technicolor_parameters.rs` | `cameras_parameters.txt`, or `images/camNN/` and COLMAP |
 //! | [`Layout::Nerfies`]: `nerfies.rs`, `nerfies_camera.rs` | `dataset.json`, `camera/`, `rgb/` |
@@ -22,7 +22,7 @@
 //! | `image_size.rs`, `fuzzing.rs` | what a header may claim; the parsers by name, for tests |
 
 mod blender;
-mod blender_split;
+mod blender_partition;
 mod broken;
 mod colmap;
 mod colmap_binary;
@@ -83,13 +83,13 @@ pub use options::LoadOptions;
 pub(crate) use origin::FarScene;
 pub(crate) use points::known_point_file;
 pub(crate) use poses::poses_alone;
-pub use view::{Split, View};
+pub use view::{Partition, View};
 
 use crate::ply::PointCloud;
 use frames::{FrameStore, Pixels};
 use plan::Context;
 
-/// Without a stated split, one view of this many is held out (3DGS convention).
+/// Where nothing says which views are held out, one view of this many is held out (3DGS convention).
 const HOLD_OUT_EVERY: usize = 8;
 const WHITE: [f32; 3] = [1.0; 3];
 
@@ -119,8 +119,10 @@ pub struct Dataset {
 
 impl Dataset {
     /// The views of one split, in order.
-    pub fn split(&self, split: Split) -> impl Iterator<Item = &View> {
-        self.views.iter().filter(move |view| view.split == split)
+    pub fn split(&self, partition: Partition) -> impl Iterator<Item = &View> {
+        self.views
+            .iter()
+            .filter(move |view| view.partition == split)
     }
 
     /// Whether nothing moves, because there is only one time.
@@ -225,7 +227,11 @@ fn load_in(context: &Context) -> Result<Dataset, DatasetError> {
             .install(read)?,
     };
     let background = parts.views.iter().any(View::has_alpha).then_some(WHITE);
-    if !parts.views.iter().any(|view| view.split == Split::Train) {
+    if !parts
+        .views
+        .iter()
+        .any(|view| view.partition == Partition::Train)
+    {
         return Err(DatasetError::invalid(
             path,
             "at least one camera to train on",

@@ -12,7 +12,7 @@ use super::npy::{POSE_COLUMNS, parse_poses};
 use super::plan::{Context, PlannedView};
 use super::points::{Models, find_points};
 use super::sources::{self, FrameFile, Frames, RigCamera, Source, VIDEO_EXTENSIONS};
-use super::view::Split;
+use super::view::Partition;
 use super::{DatasetError, Parts, every_eighth, files, frames, plain_order, pose, rig};
 
 pub(super) const POSES_FILE: &str = "poses_bounds.npy";
@@ -146,7 +146,7 @@ fn read_llff(
             camera_index,
             frame: 0,
             time: 0.0,
-            split: Split::held_out(held_out[camera_index]),
+            partition: Partition::held_out(held_out[camera_index]),
             lens: None,
             mask: None,
         });

@@ -17,7 +17,7 @@ use super::nerfies_camera::CameraFile;
 use super::npy::parse_points;
 use super::plan::{Context, Lens, PlannedView};
 use super::points::{Models, colored, find_points};
-use super::view::Split;
+use super::view::Partition;
 use super::{DatasetError, Parts, every_eighth, files, frames, pose, sources, times};
 
 pub(super) const DATASET_FILE: &str = "dataset.json";
@@ -125,7 +125,7 @@ pub(super) fn read(context: &Context) -> Result<Parts, DatasetError> {
         camera_index,
         frame,
         time,
-        split: Split::held_out(item.held_out),
+        partition: Partition::held_out(item.held_out),
         camera: item.camera,
         lens: item.lens,
         mask: None,

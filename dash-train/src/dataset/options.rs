@@ -9,7 +9,7 @@ pub struct LoadOptions {
     pub layout: Option<Layout>,
     /// Images are loaded at `round(size / downscale)`; at least 1.
     pub downscale: f64,
-    /// Indices of the cameras to hold out, instead of the layout's own split.
+    /// Indices of the cameras to hold out, instead of those the layout holds out.
     pub test_cameras: Option<Vec<usize>>,
     /// Which frames; where `None`, those that results are published of, else all.
     pub frames: Option<FrameRange>,

@@ -15,7 +15,7 @@ use super::frames::{
 };
 use super::image::ImageData;
 use super::masks::{self, MASK_FOLDER};
-use super::view::{MotionFile, MotionMask, Split, View};
+use super::view::{MotionFile, MotionMask, Partition, View};
 use super::{DatasetError, LoadOptions};
 
 /// Folder with masks of what truly moves, which synthetic scenes carry.
@@ -31,7 +31,7 @@ pub(super) struct PlannedView {
     pub(super) camera_index: usize,
     pub(super) frame: usize,
     pub(super) time: f32,
-    pub(super) split: Split,
+    pub(super) partition: Partition,
     /// The camera at the size that the image must have.
     pub(super) camera: Camera,
     pub(super) lens: Option<Lens>,
@@ -234,9 +234,9 @@ impl<'a> Context<'a> {
         pixels: Pixels,
         on_demand: bool,
     ) -> Result<View, DatasetError> {
-        let motion = match view.split {
-            Split::Test => masks::beside(self.root, MOTION_FOLDER, &view),
-            Split::Train => None,
+        let motion = match view.partition {
+            Partition::Test => masks::beside(self.root, MOTION_FOLDER, &view),
+            Partition::Train => None,
         };
         let motion_mask = motion.map(|path| {
             MotionMask::File(Box::new(MotionFile {
@@ -260,7 +260,7 @@ impl<'a> Context<'a> {
             frame: view.frame,
             time: view.time,
             camera: camera.resized(width, height),
-            split: view.split,
+            partition: view.partition,
             name: view.name,
             pixels,
             bytes: recipe.bytes(),

@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use super::colmap_model::{MODEL_FOLDERS, read_model_points};
-use super::{DatasetError, Split, View, files};
+use super::{DatasetError, Partition, View, files};
 use crate::ply::{PointCloud, read_points};
 
 /// Files with initial points, in the order in which they are looked for.
@@ -123,7 +123,10 @@ pub(super) fn colored(
     positions: Vec<[f64; 3]>,
     views: &[View],
 ) -> Result<PointCloud, DatasetError> {
-    let train: Vec<&View> = views.iter().filter(|v| v.split == Split::Train).collect();
+    let train: Vec<&View> = views
+        .iter()
+        .filter(|v| v.partition == Partition::Train)
+        .collect();
     let step = train.len().div_ceil(COLORING_VIEWS).max(1);
     let mut seen: Vec<[Vec<u8>; 3]> = vec![Default::default(); positions.len()];
     for view in train.into_iter().step_by(step) {

@@ -9,7 +9,7 @@ use super::broken::{keep_readable, note};
 use super::plan::{Context, PlannedView};
 use super::sources::{RigCamera, at_size, same_count};
 use super::video::{VideoIndex, stamps};
-use super::view::Split;
+use super::view::Partition;
 use super::{DatasetError, frame_time, frames};
 
 /// Frames of different videos are of one time if their presentation times differ by no more than this
@@ -74,7 +74,7 @@ pub(super) fn plan(
                 camera_index,
                 frame,
                 time,
-                split: Split::held_out(held_out[camera_index]),
+                partition: Partition::held_out(held_out[camera_index]),
                 camera: camera.clone(),
                 lens: lens.clone(),
                 mask: None,

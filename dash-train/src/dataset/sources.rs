@@ -9,7 +9,7 @@ use super::broken::{first_size, note};
 use super::decode::turned;
 use super::distortion::Distortion;
 use super::plan::{Context, Lens, PlannedView};
-use super::view::{Split, View};
+use super::view::{Partition, View};
 use super::{DatasetError, files, frame_time, frames, recordings, times};
 
 /// Frames may differ from the poses' aspect ratio by this much and one pixel.
@@ -274,7 +274,7 @@ fn plan(
                 camera_index,
                 frame,
                 time,
-                split: Split::held_out(held_out[camera_index]),
+                partition: Partition::held_out(held_out[camera_index]),
                 camera: camera.clone(),
                 lens: lens.clone(),
                 mask: None,

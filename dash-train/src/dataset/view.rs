@@ -17,21 +17,21 @@ use super::plan::{Lens, without_distortion};
 /// What a view is for.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
-pub enum Split {
+pub enum Partition {
     /// Optimised against.
     Train,
     /// Only measured.
     Test,
 }
 
-impl Split {
-    /// [`Split::Test`] for a view that is held out.
+impl Partition {
+    /// [`Partition::Test`] for a view that is held out.
     pub(super) fn held_out(held_out: bool) -> Self {
         if held_out { Self::Test } else { Self::Train }
     }
 }
 
-impl fmt::Display for Split {
+impl fmt::Display for Partition {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str(match self {
             Self::Train => "train",
@@ -54,7 +54,7 @@ pub struct View {
     /// Pose and intrinsics at the loaded size.
     pub camera: Camera,
     /// Whether it is trained on or held out.
-    pub split: Split,
+    pub partition: Partition,
     /// The image's path below the dataset (for `camNN/images/0003.png`: `camNN/0003`), without extension.
     pub name: String,
     pub(crate) pixels: Pixels,
@@ -120,7 +120,7 @@ impl View {
             frame: 0,
             time,
             camera,
-            split: Split::Train,
+            partition: Partition::Train,
             name: name.to_string(),
             bytes: pixels.len() as u64,
             has_alpha: false,

@@ -17,7 +17,7 @@ use super::measure::{Evaluation, camera_moving_pixels, evaluate_views};
 use super::perceptual::Perceptual;
 use super::results::{peak_memory_bytes, storage_bytes};
 use crate::TrainError;
-use crate::dataset::{Dataset, Split, View};
+use crate::dataset::{Dataset, Partition, View};
 
 /// Most test views that a measurement scores.
 pub const MAX_CURVE_VIEWS: usize = 12;
@@ -75,7 +75,7 @@ impl CurveProbe {
     /// # Errors
     /// When it has no test views.
     pub fn check(dataset: &Dataset) -> Result<(), TrainError> {
-        if dataset.split(Split::Test).next().is_some() {
+        if dataset.views_of(Partition::Test).next().is_some() {
             return Ok(());
         }
         Err(TrainError::run(
@@ -100,7 +100,7 @@ impl CurveProbe {
     ) -> Result<Self, TrainError> {
         Self::check(&dataset)?;
         let all: Vec<usize> = (0..dataset.views.len())
-            .filter(|&i| dataset.views[i].split == Split::Test)
+            .filter(|&i| dataset.views[i].partition == Partition::Test)
             .collect();
         let views = spread(&all, MAX_CURVE_VIEWS);
         let mut moving = BTreeMap::new();
@@ -147,7 +147,7 @@ impl CurveProbe {
         let scores = evaluate_views(
             &scene,
             &self.dataset,
-            (Split::Test, &views),
+            (Partition::Test, &views),
             &mut self.moving,
             // The factor is for the record, which a line does not keep; LPIPS takes too long for this.
             (1.0, &Perceptual::default()),

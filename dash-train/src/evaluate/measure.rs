@@ -8,7 +8,7 @@ use serde::{Deserialize, Serialize};
 
 use super::perceptual::Perceptual;
 use crate::TrainError;
-use crate::dataset::{Dataset, Split, View};
+use crate::dataset::{Dataset, Partition, View};
 use crate::metrics::{
     MOVING_PIXELS_RULE, MS_SSIM_RULE, PSNR_RULE, SPLIT_RULE, SSIM_RULE, SplitCounts, masked_psnr,
     moving_pixels_by_bands, ms_ssim, ms_ssim_scales, n_bands, psnr, split_scores, ssim,
@@ -95,7 +95,7 @@ pub struct MetricSettings {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Evaluation {
     /// The split.
-    pub split: Split,
+    pub split: Partition,
     /// Static Gaussians.
     pub n_static: usize,
     /// Dynamic Gaussians.
@@ -130,11 +130,11 @@ pub struct Evaluation {
 pub fn evaluate(
     scene: &DynamicScene,
     dataset: &Dataset,
-    split: Split,
+    split: Partition,
     downscale: f64,
     perceptual: &Perceptual,
 ) -> Result<Evaluation, TrainError> {
-    let views: Vec<&View> = dataset.split(split).collect();
+    let views: Vec<&View> = dataset.views_of(split).collect();
     if views.is_empty() {
         return Err(TrainError::run(
             &dataset.root,
@@ -157,7 +157,7 @@ pub fn evaluate(
 pub(super) fn evaluate_views(
     scene: &DynamicScene,
     dataset: &Dataset,
-    (split, views): (Split, &[&View]),
+    (split, views): (Partition, &[&View]),
     masks: &mut BTreeMap<usize, Vec<bool>>,
     (downscale, perceptual): (f64, &Perceptual),
 ) -> Result<Evaluation, TrainError> {

@@ -11,7 +11,7 @@ use serde::{Deserialize, Serialize};
 use super::measure::{Evaluation, evaluate};
 use super::perceptual::Perceptual;
 use crate::TrainError;
-use crate::dataset::{Dataset, Split};
+use crate::dataset::{Dataset, Partition};
 use crate::train::{Preset, RunFolder};
 
 /// `results.json`.
@@ -59,7 +59,7 @@ const EVALUATION_MEMORY: &str = "most resident memory of the process that evalua
 pub fn evaluate_run(
     run: &RunFolder,
     dataset: &Dataset,
-    split: Split,
+    split: Partition,
     device: (&Device, &str),
     process: Process,
     perceptual: &Perceptual,

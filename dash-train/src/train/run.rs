@@ -20,7 +20,7 @@ use super::leave_out::Decision;
 use super::lines::{LogLine, append, read_lines, reopen_curve, reopen_log};
 use super::trainer::{StepReport, Trainer};
 use crate::TrainError;
-use crate::dataset::{Dataset, Split};
+use crate::dataset::{Dataset, Partition};
 use crate::evaluate::{CurveLine, CurveProbe};
 
 /// Steps between two lines of `log.jsonl`.
@@ -178,10 +178,10 @@ impl RunFolder {
     }
 
     /// The scores of a split's views: `results.json`, of those trained on `results_train.json`.
-    pub fn scores_path(&self, split: Split) -> PathBuf {
+    pub fn scores_path(&self, split: Partition) -> PathBuf {
         match split {
-            Split::Test => self.results_path(),
-            Split::Train => self.root.join("results_train.json"),
+            Partition::Test => self.results_path(),
+            Partition::Train => self.root.join("results_train.json"),
         }
     }
 

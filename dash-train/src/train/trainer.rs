@@ -26,7 +26,7 @@ use super::regularity::Times;
 use super::sampler::ViewSampler;
 use super::{coarse, matching, promote, review, statistics, update, validation};
 use crate::TrainError;
-use crate::dataset::{Dataset, Split, View};
+use crate::dataset::{Dataset, Partition, View};
 
 /// Steps between two times from which on what lies between makes the field coarser.
 const LONG_GAP: f32 = 3.5;
@@ -377,7 +377,7 @@ impl Trainer {
         self.dataset
             .views
             .iter()
-            .filter(|view| view.split == Split::Test)
+            .filter(|view| view.partition == Partition::Test)
     }
 }
 

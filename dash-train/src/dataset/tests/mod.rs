@@ -10,10 +10,10 @@ mod llff;
 mod masks;
 mod n3dv;
 mod nerfies;
+mod partition;
 mod real;
 mod rig;
 mod sizes;
-mod splits;
 mod technicolor;
 mod video_times;
 
@@ -347,11 +347,11 @@ fn damaged_bytes_never_panic() {
 #[test]
 fn views_can_be_made_without_a_folder() {
     let mut view = super::View::from_rgb8("made", camera(0), 0.5, vec![51; W * H * 3]);
-    view.split = super::Split::Test;
+    view.partition = super::Partition::Test;
     assert_eq!(view.rgb([1.0; 3]).expect("in memory"), vec![0.2; W * H * 3]);
     assert!(
         view.alpha().expect("in memory").is_none()
             && view.motion_mask().expect("reads").is_none()
-            && view.split.to_string() == "test"
+            && view.partition.to_string() == "test"
     );
 }

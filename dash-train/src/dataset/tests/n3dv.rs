@@ -3,7 +3,7 @@ use std::process::Command;
 use dash_kernels::Camera;
 
 use super::super::npy::tests::{npy, npy_f64};
-use super::super::{Dataset, Layout, LoadOptions, Split, known_poses};
+use super::super::{Dataset, Layout, LoadOptions, Partition, known_poses};
 use super::{Fixture, H, W, assert_cameras_equal, axis, camera, negated, write_model};
 use crate::ply::{PointCloud, write_points};
 
@@ -81,11 +81,11 @@ fn cameras_times_and_images_are_exact() {
         assert_eq!(view.camera_name, format!("cam{number}"));
         assert_eq!(view.name, format!("cam{number}/{frame:04}"));
         assert_eq!(
-            view.split,
+            view.partition,
             if camera_index == 0 {
-                Split::Test
+                Partition::Test
             } else {
-                Split::Train
+                Partition::Train
             }
         );
         let rgb = view.rgb([0.0; 3]).expect("in memory");
@@ -154,7 +154,7 @@ fn options_choose_size_frames_and_test_cameras() {
             ("cam0/0004", 2, 1.0)
         ]
     );
-    assert_eq!(dataset.split(Split::Train).count(), 3);
+    assert_eq!(dataset.views_of(Partition::Train).count(), 3);
     assert_cameras_equal(&dataset.views[3].camera, &camera(1).resized(5, 4));
     assert_eq!(
         dataset.views[3].rgb([0.0; 3]).expect("in memory").len(),
@@ -201,7 +201,7 @@ fn options_choose_size_frames_and_test_cameras() {
 fn a_single_camera_is_trained_on_unless_it_is_to_be_held_out() {
     let fixture = rig(1, 2);
     let dataset = fixture.load().expect("loads");
-    assert_eq!(dataset.split(Split::Train).count(), 2);
+    assert_eq!(dataset.views_of(Partition::Train).count(), 2);
     let held_out = LoadOptions {
         test_cameras: Some(vec![0]),
         ..LoadOptions::default()

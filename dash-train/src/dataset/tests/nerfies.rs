@@ -2,7 +2,7 @@ use dash_kernels::Camera;
 use serde_json::{Value, json};
 
 use super::super::npy::tests::npy;
-use super::super::{Layout, LoadOptions, Split};
+use super::super::{Layout, LoadOptions, Partition};
 use super::{Fixture, H, W, assert_cameras_equal, camera};
 
 const SCALE: f64 = 0.5;
@@ -100,7 +100,7 @@ fn cameras_times_splits_and_points_of_a_validation_rig() {
             (view.frame, view.time),
             (index / 2, (index / 2) as f32 / 2.0)
         );
-        assert_eq!(view.split == Split::Test, index % 2 == 1);
+        assert_eq!(view.partition == Partition::Test, index % 2 == 1);
         assert_eq!(view.rgb([0.0; 3]).expect("reads")[1], index as f32 / 255.0);
     }
     let points = dataset.points.expect("points.npy");
@@ -154,8 +154,11 @@ fn without_validation_ids_every_eighth_is_held_out() {
         json!({"ids": ["000000", "000010", "000020"]}).to_string(),
     );
     let dataset = fixture.load().expect("loads");
-    let splits: Vec<Split> = dataset.views.iter().map(|view| view.split).collect();
-    assert_eq!(splits, [Split::Test, Split::Train, Split::Train]);
+    let splits: Vec<Partition> = dataset.views.iter().map(|view| view.partition).collect();
+    assert_eq!(
+        splits,
+        [Partition::Test, Partition::Train, Partition::Train]
+    );
 }
 
 #[test]

@@ -1,7 +1,7 @@
 use dash_kernels::Camera;
 use serde_json::{Value, json};
 
-use super::super::{Layout, LoadOptions, Split};
+use super::super::{Layout, LoadOptions, Partition};
 use super::blender::matrix;
 use super::n3dv::write_video;
 use super::{Fixture, H, W, assert_cameras_equal, camera, write_model};
@@ -72,7 +72,7 @@ fn check(fixture: &Fixture) {
         let (index, frame) = (at / 2, at % 2);
         assert_eq!(view.name, format!("{}/{frame:03}", NAMES[index]));
         assert_eq!(view.time, frame as f32);
-        assert_eq!(view.split == Split::Test, index == 0);
+        assert_eq!(view.partition == Partition::Test, index == 0);
         assert_cameras_equal(&view.camera, &expected(index));
         let shade = [index as f32 / 255.0, frame as f32 / 255.0];
         assert_eq!(view.rgb([0.0; 3]).expect("reads")[..2], shade);

@@ -5,7 +5,7 @@ use super::super::sources::{Recording, find};
 use super::super::{LensChoice, PrepareConfig};
 use super::{Bench, H, W, assert_close, exists, known};
 use crate::dataset::known_poses;
-use crate::dataset::{Layout, LoadOptions, Split, load};
+use crate::dataset::{Layout, LoadOptions, Partition, load};
 use crate::video::ffmpeg_program;
 
 /// Random points with known poses: nothing that needs COLMAP.
@@ -44,7 +44,10 @@ fn image_folders_become_a_dataset_with_the_same_cameras() {
             "{}",
             view.name
         );
-        assert_eq!(view.split == Split::Test, view.camera_name == "cam0");
+        assert_eq!(
+            view.partition == Partition::Test,
+            view.camera_name == "cam0"
+        );
         assert_eq!(view.time, view.frame as f32 / 3.0);
     }
     let names: Vec<String> = (1..3).map(|index| format!("cam{index}")).collect();

@@ -2,15 +2,15 @@
 
 use serde_json::{Value, json};
 
-use super::super::{Dataset, LoadOptions, Split};
+use super::super::{Dataset, LoadOptions, Partition};
 use super::blender::{dnerf, file, frame, matrix, single, write_single};
 use super::{Fixture, H, W, camera};
 
 /// The names of views, and whether they are held out.
-fn splits(dataset: &Dataset) -> Vec<(&str, bool)> {
+fn partitions(dataset: &Dataset) -> Vec<(&str, bool)> {
     let views = dataset.views.iter();
     views
-        .map(|view| (view.name.as_str(), view.split == Split::Test))
+        .map(|view| (view.name.as_str(), view.partition == Partition::Test))
         .collect()
 }
 
@@ -29,7 +29,7 @@ fn pictures_that_are_held_out_are_not_trained_on() {
         ("test/r_0", true),
         ("train/r_1", true),
     ];
-    assert_eq!(splits(&dataset), expected);
+    assert_eq!(partitions(&dataset), expected);
 
     let all = [
         frame("train/r_0", 0.0, 0),
@@ -53,7 +53,7 @@ fn pictures_that_are_held_out_are_not_trained_on() {
         ("train/r_1", true),
         ("train/r_2", false),
     ];
-    assert_eq!(splits(&dataset), expected);
+    assert_eq!(partitions(&dataset), expected);
 }
 
 #[cfg(unix)]
@@ -69,7 +69,7 @@ fn links_to_pictures_that_are_trained_on_are_these() {
         ("train/r_2", false),
         ("test/r_0", true),
     ];
-    assert_eq!(splits(&dataset), expected);
+    assert_eq!(partitions(&dataset), expected);
 }
 
 #[test]
@@ -79,7 +79,7 @@ fn nerfstudios_list_of_what_to_train_on_is_kept_to() {
         indices.iter().map(name).collect()
     };
     // Five pictures by lists to train on, to validate with and to test with.
-    let split = |train: &[usize], val: &[usize], test: &[usize]| -> Vec<(usize, bool)> {
+    let partition = |train: &[usize], val: &[usize], test: &[usize]| -> Vec<(usize, bool)> {
         let lists = json!({
             "fl_x": 9.0,
             "train_filenames": names(train),
@@ -91,25 +91,25 @@ fn nerfstudios_list_of_what_to_train_on_is_kept_to() {
             let digits = name.trim_start_matches("images/");
             digits.parse().expect("a number")
         };
-        let listed = splits(&dataset).into_iter();
+        let listed = partitions(&dataset).into_iter();
         listed
             .map(|(name, held_out)| (number(name), held_out))
             .collect()
     };
     let (train, test) = (false, true);
     assert_eq!(
-        split(&[0, 1], &[2], &[3]),
+        partition(&[0, 1], &[2], &[3]),
         [(0, train), (1, train), (3, test)]
     );
     assert_eq!(
-        split(&[0, 1], &[2], &[]),
+        partition(&[0, 1], &[2], &[]),
         [(0, train), (1, train), (2, test)]
     );
     // In both lists it is held out.
-    assert_eq!(split(&[0, 1], &[], &[1]), [(0, train), (1, test)]);
+    assert_eq!(partition(&[0, 1], &[], &[1]), [(0, train), (1, test)]);
     // Validation serves for training only where it is not listed what does.
     let all_but_one = [(0, train), (1, train), (2, train), (3, test), (4, train)];
-    assert_eq!(split(&[], &[2], &[3]), all_but_one);
+    assert_eq!(partition(&[], &[2], &[3]), all_but_one);
 }
 
 /// Pictures with these names of cameras, indices of poses, and times.
