@@ -1,7 +1,7 @@
 //! Datasets, losses, training, evaluation, and the `dash` command line.
 //!
 //! # Map
-//! - `dataset`, `ply`: readers for camera rigs' folders; `cameras`: camera files and paths.
+//! - `dataset`, `ply`, `files`: readers for datasets; `cameras`: camera files and paths.
 //! - `prepare`: datasets from recordings of a rig.
 //! - `synth`: ray-traced scenes with exact truth.
 //! - `train`: configuration, stages, losses, density control, checkpoints, runs on disk.
@@ -22,6 +22,7 @@ pub mod device;
 pub mod doctor;
 mod error;
 pub mod evaluate;
+mod files;
 #[doc(hidden)]
 pub mod fuzzing;
 pub mod metrics;
@@ -32,6 +33,8 @@ pub mod render;
 pub mod report;
 pub mod stress;
 pub mod synth;
+#[cfg(test)]
+mod test_kit;
 pub mod train;
 pub mod video;
 

@@ -4,7 +4,8 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
 
 use super::finding::{Finding, listed};
-use crate::dataset::{Dataset, Layout, Partition, View, frame_numbers};
+use crate::dataset::{Dataset, Layout, Partition, View};
+use crate::files::frame_numbers;
 
 /// Files by which layouts are known.
 const MARKS: [(Layout, &str); 13] = [

@@ -4,7 +4,7 @@ use dash_kernels::Camera;
 use serde_json::{Value, json};
 
 use super::super::{Layout, LoadOptions, Partition};
-use super::{Fixture, H, W, assert_cameras_equal, axis, camera, negated};
+use crate::test_kit::{Fixture, H, W, assert_cameras_equal, axis, camera, negated};
 
 /// Camera-to-world with OpenGL axes.
 pub(super) fn matrix(camera: &Camera) -> Value {

@@ -1,7 +1,7 @@
 use dash_kernels::Camera;
 
 use super::super::{Layout, Partition};
-use super::{Fixture, H, W, assert_cameras_equal};
+use crate::test_kit::{Fixture, H, W, assert_cameras_equal};
 
 /// Camera model id, name and parameters; all have focal length 9 and a centred principal point.
 const MODELS: [(u32, &str, &[f64]); 6] = [

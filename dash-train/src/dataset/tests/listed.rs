@@ -5,7 +5,7 @@ use serde_json::{Value, json};
 use super::super::{LoadOptions, Partition};
 use super::blender::{dnerf, file, frame, matrix, single, write_single};
 use super::nerfies::capture;
-use super::{Fixture, H, W, camera, write_model};
+use crate::test_kit::{Fixture, H, W, camera, npy, write_model};
 
 fn names(fixture: &Fixture, options: &LoadOptions) -> Vec<String> {
     let dataset = fixture.load_with(options).expect("loads");
@@ -113,7 +113,7 @@ fn points_that_are_named_and_missing_are_no_error() {
     assert_eq!(fixture.load().expect("loads").points, None);
     let fixture = capture();
     let header = "{'descr': '<f8', 'fortran_order': False, 'shape': (0, 3), }";
-    fixture.write("points.npy", super::super::npy::tests::npy(header, &[]));
+    fixture.write("points.npy", npy(header, &[]));
     assert_eq!(fixture.load().expect("loads").points, None);
 }
 

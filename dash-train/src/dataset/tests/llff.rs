@@ -1,7 +1,6 @@
-use super::super::npy::tests::npy_f64;
 use super::super::{Layout, LoadOptions, Partition};
 use super::n3dv::{IN_PLAIN_ORDER, row, rows};
-use super::{Fixture, H, W, assert_cameras_equal, camera};
+use crate::test_kit::{Fixture, H, W, assert_cameras_equal, camera, npy_f64};
 
 pub(super) fn capture(n: usize) -> Fixture {
     let fixture = Fixture::new();

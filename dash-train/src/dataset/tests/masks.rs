@@ -2,7 +2,8 @@ use serde_json::json;
 
 use super::super::{Dataset, LoadOptions, Partition};
 use super::blender::{file, frame, matrix, single, write_single};
-use super::{Fixture, H, W, camera, nerfies, write_model};
+use super::nerfies;
+use crate::test_kit::{Fixture, H, W, camera, write_model};
 
 /// A mask whose left half counts, or its right half.
 fn half(fixture: &Fixture, name: &str, left: bool) {

@@ -1,9 +1,8 @@
 use dash_kernels::Camera;
 use serde_json::{Value, json};
 
-use super::super::npy::tests::npy;
 use super::super::{Layout, LoadOptions, Partition};
-use super::{Fixture, H, W, assert_cameras_equal, camera};
+use crate::test_kit::{Fixture, H, W, assert_cameras_equal, camera, npy, real_capture};
 
 const SCALE: f64 = 0.5;
 const CENTER: [f64; 3] = [1.0, -2.0, 0.25];
@@ -271,16 +270,14 @@ fn truncated_files_are_errors() {
     }
 }
 
-/// One file of the captures themselves, where it lies beside the repository.
+/// One file of the captures themselves.
 #[test]
 fn a_published_camera_is_read() {
-    let name = "../../shared/data/hypernerf_camera.json";
-    let path = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join(name);
-    let Ok(bytes) = std::fs::read(&path) else {
-        eprintln!("{} is not there: not tried", path.display());
+    let Some(path) = real_capture("hypernerf_camera.json") else {
         return;
     };
-    let file: super::super::nerfies_camera::CameraFile =
+    let bytes = std::fs::read(&path).expect("a file");
+    let file: super::super::poses::nerfies::CameraFile =
         serde_json::from_slice(&bytes).expect("a camera");
     let (camera, distortion) = file.camera(&path, |position| position).expect("sound");
     assert_eq!((camera.width, camera.height), (2448, 3264));

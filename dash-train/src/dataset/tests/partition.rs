@@ -4,7 +4,7 @@ use serde_json::{Value, json};
 
 use super::super::{Dataset, LoadOptions, Partition};
 use super::blender::{dnerf, file, frame, matrix, single, write_single};
-use super::{Fixture, H, W, camera};
+use crate::test_kit::{Fixture, H, W, camera};
 
 /// The names of views, and whether they are held out.
 fn partitions(dataset: &Dataset) -> Vec<(&str, bool)> {

@@ -1,29 +1,19 @@
-//! Real and simulated captures, which lie beside the repository where they are present at all.
+//! Real and simulated captures, where an environment variable names their folder.
 
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
-use super::super::colmap_binary::{Reader, cameras};
-use super::super::colmap_model::{pinhole, place};
+use super::super::poses::colmap::binary::{Reader, cameras};
+use super::super::poses::colmap::{pinhole, place};
 use super::super::{Dataset, Layout, LoadOptions, Partition, View, load};
 use crate::ply::PointCloud;
-
-fn capture(name: &str) -> Option<PathBuf> {
-    let path = Path::new(env!("CARGO_MANIFEST_DIR"))
-        .join("../../shared/data")
-        .join(name);
-    if !path.is_dir() {
-        eprintln!("{} is not there: not tried", path.display());
-        return None;
-    }
-    Some(path)
-}
+use crate::test_kit::real_capture;
 
 fn load_at(name: &str, downscale: f64) -> Option<Dataset> {
     let options = LoadOptions {
         downscale,
         ..LoadOptions::default()
     };
-    Some(load(&capture(name)?, &options).expect("a sound capture"))
+    Some(load(&real_capture(name)?, &options).expect("a sound capture"))
 }
 
 /// Of the points in front of the camera: the share inside the image, and of those the median
@@ -260,7 +250,7 @@ fn beer_can_points_project_onto_their_colors_after_undistortion() {
 /// COLMAP's observations against its points through the cameras and lenses as read here.
 #[test]
 fn beer_can_points_reproject_onto_their_observations() {
-    let Some(root) = capture("beer_can") else {
+    let Some(root) = real_capture("beer_can") else {
         return;
     };
     let read = |name: &str| std::fs::read(root.join("sparse/0").join(name)).expect("present");

@@ -3,8 +3,8 @@ use serde_json::{Value, json};
 
 use super::super::{Layout, LoadOptions, Partition};
 use super::blender::matrix;
-use super::n3dv::write_video;
-use super::{Fixture, H, W, assert_cameras_equal, camera, write_model};
+use super::videos::write_video;
+use crate::test_kit::{Fixture, H, W, assert_cameras_equal, camera, write_model};
 
 const NAMES: [&str; 3] = ["left", "middle", "right"];
 
@@ -196,9 +196,7 @@ fn videos_are_read_frame_by_frame_with_sizes_of_their_own() {
     let fixture = Fixture::new();
     std::fs::create_dir(fixture.root().join("videos")).expect("a folder");
     for (index, name) in NAMES.iter().enumerate() {
-        if !write_video(&fixture, &format!("videos/{name}.mp4"), 3, 20 + 10 * index) {
-            return;
-        }
+        write_video(&fixture, &format!("videos/{name}.mp4"), 3, 20 + 10 * index);
     }
     // Without a size in the file: the videos' 64x48.
     let frames: Vec<Value> = (0..3)

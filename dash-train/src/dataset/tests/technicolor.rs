@@ -1,7 +1,7 @@
 use dash_kernels::Camera;
 
 use super::super::{Layout, LoadOptions, Partition};
-use super::{Fixture, H, W, assert_cameras_equal, camera, quaternion, write_model};
+use crate::test_kit::{Fixture, H, W, assert_cameras_equal, camera, quaternion, write_model};
 
 /// Off-centre and with pixels that are not square.
 fn off_centre(index: usize) -> Camera {
