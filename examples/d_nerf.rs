@@ -9,7 +9,7 @@ mod common;
 use std::sync::Arc;
 
 use common::{Failure, print_scores, print_step, task};
-use dash_train::dataset::{self, LoadOptions, Split};
+use dash_train::dataset::{self, LoadOptions, Partition};
 use dash_train::evaluate::evaluate;
 use dash_train::process;
 use dash_train::render::{
@@ -37,7 +37,13 @@ fn run() -> Result<(), Failure> {
         print_step(&trainer.step()?, 0.0);
     }
     let scene = trainer.scene();
-    let scores = evaluate(scene, &dataset, Split::Test, downscale, &Default::default())?;
+    let scores = evaluate(
+        scene,
+        &dataset,
+        Partition::Test,
+        downscale,
+        &Default::default(),
+    )?;
     print_scores(Some(&scores));
 
     let shots = at_times(&test_shots(&dataset)[..1], 5);

@@ -22,7 +22,7 @@ use serde::{Deserialize, Serialize, Serializer};
 use serde_json::Value;
 
 use crate::Error;
-use crate::dataset::first_bytes::parse_json;
+use crate::files::parse_json;
 use transforms::TransformsFile;
 
 /// The largest image side that is accepted, so that a damaged file can't ask for all memory.

@@ -1,7 +1,7 @@
 //! Datasets, losses, training, evaluation, and the `dash` command line.
 //!
 //! # Map
-//! - `dataset`, `ply`: readers for datasets; `cameras`: camera files and paths.
+//! - `dataset`, `ply`, `files`: readers for datasets; `cameras`: camera files and paths.
 //! - `prepare`: datasets from recordings of a rig.
 //! - `synth`: ray-traced datasets with exact poses and motion masks.
 //! - `train`: configuration, stages, losses, density control, checkpoints, runs on disk.
@@ -31,6 +31,7 @@ pub mod device;
 pub mod doctor;
 mod error;
 pub mod evaluate;
+mod files;
 #[doc(hidden)]
 pub mod fuzzing;
 pub mod metrics;
@@ -45,6 +46,8 @@ pub mod report;
 pub mod results;
 pub mod stress;
 pub mod synth;
+#[cfg(test)]
+mod test_kit;
 pub mod train;
 pub mod video;
 

@@ -7,8 +7,7 @@ use std::path::Path;
 use serde::{Deserialize, Serialize};
 use serde_ply::{ElementDef, PlyFormat, PlyReader, PropertyType, ScalarType, SerializeOptions};
 
-use crate::dataset::DatasetError;
-use crate::dataset::first_bytes::refuse_pointer;
+use crate::files::{DatasetError, refuse_pointer};
 
 /// Colour of points whose file states none.
 const NEUTRAL_GRAY: u8 = 128;

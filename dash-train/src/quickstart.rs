@@ -3,7 +3,7 @@
 use std::path::Path;
 
 use crate::Error;
-use crate::dataset::Split;
+use crate::dataset::Partition;
 use crate::device::DeviceChoice;
 use crate::reconstruct::{ReconstructConfig, Reconstruction, reconstruct};
 use crate::render::{
@@ -82,7 +82,7 @@ fn show(done: &Reconstruction) -> Result<(), Error> {
         on_shot: &mut |_| {},
     };
     write_pictures(pictures, &layers, PictureFormat::Png, &root.join("renders"))?;
-    let views: Vec<_> = done.dataset.split(Split::Test).collect();
+    let views: Vec<_> = done.dataset.views_of(Partition::Test).collect();
     write_overview(scene, &views, &root.join("overview.png"))?;
     if ffmpeg_available() {
         let video = RenderJob {

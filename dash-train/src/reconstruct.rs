@@ -6,7 +6,7 @@ use std::sync::Arc;
 use dash_model::DynamicScene;
 
 use crate::Error;
-use crate::dataset::{self, Dataset, Layout, Split};
+use crate::dataset::{self, Dataset, Layout, Partition};
 use crate::device::DeviceChoice;
 use crate::evaluate::Evaluation;
 use crate::results::{Process, Results, evaluate_run};
@@ -100,12 +100,12 @@ pub fn reconstruct(
     let (trainer, _) = train(&run, &config.train, dataset.clone(), &device, options)?;
     let scene = trainer.scene().clone();
     drop(trainer);
-    let results = match dataset.split(Split::Test).next() {
+    let results = match dataset.views_of(Partition::Test).next() {
         None => None,
         Some(_) => Some(evaluate_run(
             &run,
             &dataset,
-            Split::Test,
+            Partition::Test,
             (&device, &name),
             Process::Trained,
             &Default::default(),

@@ -8,7 +8,7 @@ use dash_model::scene_file::write_atomically;
 use serde::{Deserialize, Serialize};
 
 use crate::Error;
-use crate::dataset::{Dataset, Split};
+use crate::dataset::{Dataset, Partition};
 use crate::evaluate::{Evaluation, Perceptual, evaluate, storage_bytes};
 use crate::process::peak_memory_bytes;
 use crate::train::{Preset, RunFolder};
@@ -58,7 +58,7 @@ const EVALUATION_MEMORY: &str = "most resident memory of the process that evalua
 pub fn evaluate_run(
     run: &RunFolder,
     dataset: &Dataset,
-    split: Split,
+    split: Partition,
     device: (&Device, &str),
     process: Process,
     perceptual: &Perceptual,

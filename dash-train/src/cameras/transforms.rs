@@ -6,10 +6,10 @@ use dash_kernels::Camera;
 
 use super::CameraEntry;
 use crate::Error;
-use crate::dataset::image_files::find_image;
-use crate::dataset::shrink::dimensions;
-use crate::dataset::transforms::{Frame, Transforms, parse};
+use crate::dataset::pixels::dimensions;
+use crate::dataset::poses::transforms::{Frame, Transforms, parse};
 use crate::dataset::{Dataset, DatasetError};
+use crate::files::find_image;
 
 /// By this share of the clip a time may lie outside it, as rounded ones do.
 const ROUNDING: f64 = 1e-6;

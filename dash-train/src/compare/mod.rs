@@ -25,7 +25,7 @@ pub use method::Method;
 use training::Training;
 
 use crate::Error;
-use crate::dataset::{Dataset, Split};
+use crate::dataset::{Dataset, Partition};
 use crate::numbers::median_and_range;
 use crate::results::{Results, read_results};
 use crate::train::{DataConfig, RunFolder, StepReport, TrainConfig};
@@ -90,7 +90,7 @@ impl Comparison {
         device: &Device,
         observer: &mut dyn Observer,
     ) -> Result<Vec<ComparedRun>, Error> {
-        if dataset.split(Split::Test).next().is_none() {
+        if dataset.views_of(Partition::Test).next().is_none() {
             return Err(Error::run(
                 &dataset.root,
                 "expected test views to compare methods on, found none; hold cameras out with \

@@ -12,7 +12,7 @@ use serde::{Deserialize, Serialize};
 use super::gauge::Gauge;
 use super::{Budget, Comparison, Method, Observer};
 use crate::Error;
-use crate::dataset::{Dataset, Split};
+use crate::dataset::{Dataset, Partition};
 use crate::process::reset_peak_memory;
 use crate::results::{Process, Results, evaluate_run};
 use crate::train::{RunConfig, RunFolder, StepReport, TrainConfig, TrainOptions, train};
@@ -117,7 +117,7 @@ impl Training<'_> {
         let results = evaluate_run(
             &run,
             self.dataset,
-            Split::Test,
+            Partition::Test,
             name,
             Process::Trained,
             &Default::default(),

@@ -1,81 +1,137 @@
-//! Images and videos that cannot be read: an error, or left out where the user asked for that.
+//! Images and videos that cannot be read: an error, or left out with `--skip-broken`.
 
 use std::path::Path;
 use std::sync::{Mutex, PoisonError};
 
-use super::DatasetError;
-use super::decode::dimensions;
-use super::plan::Context;
+use super::pixels::dimensions;
+use crate::files::DatasetError;
 
-/// What could be read of what is named, in order; with `skip_broken`, without what could not: each is noted in
-/// `broken`, or named in a warning where there is no such list.
-///
-/// # Errors
-/// The first reason, when something could not be read and is not to be skipped, or nothing is left.
-pub(super) fn keep_readable<T>(
-    results: Vec<(String, Result<T, DatasetError>)>,
-    skip_broken: bool,
-    broken: Option<&Mutex<Vec<DatasetError>>>,
-) -> Result<Vec<Option<T>>, DatasetError> {
-    let mut first_error = None;
-    let mut n_kept = 0;
-    let mut kept = Vec::with_capacity(results.len());
-    for (name, result) in results {
-        kept.push(match result {
-            Ok(value) => {
-                n_kept += 1;
-                Some(value)
-            }
-            Err(error) if !skip_broken => return Err(error),
-            Err(error) => {
-                if let Some(broken) = broken {
-                    note(broken, error);
-                } else {
+/// What becomes of images and videos that cannot be read.
+#[derive(Debug)]
+pub(crate) struct Broken {
+    /// Whether they are left out; otherwise the first one stops the loading.
+    skip: bool,
+    /// The errors of those left out; `None` warns of each instead.
+    noted: Option<Mutex<Vec<DatasetError>>>,
+}
+
+impl Broken {
+    /// Stops at the first broken file, or with `skip` warns and leaves it out.
+    pub(crate) fn stop_or_warn(skip: bool) -> Self {
+        Self { skip, noted: None }
+    }
+
+    /// Leaves broken files out and keeps their errors.
+    pub(crate) fn note_all() -> Self {
+        Self {
+            skip: true,
+            noted: Some(Mutex::default()),
+        }
+    }
+
+    /// Whether errors are kept. The caller then looks at every image itself.
+    pub(crate) fn is_noted(&self) -> bool {
+        self.noted.is_some()
+    }
+
+    /// Keeps an error, where errors are kept.
+    pub(crate) fn note(&self, error: DatasetError) {
+        if let Some(noted) = &self.noted {
+            noted
+                .lock()
+                .unwrap_or_else(PoisonError::into_inner)
+                .push(error);
+        }
+    }
+
+    /// The errors sorted by message: threads decode in any order.
+    pub(crate) fn into_noted(self) -> Vec<DatasetError> {
+        let noted = self.noted.unwrap_or_default().into_inner();
+        let mut noted = noted.unwrap_or_else(PoisonError::into_inner);
+        noted.sort_by_key(ToString::to_string);
+        noted
+    }
+
+    /// The readable ones of named results, in order; `None` for those left out.
+    ///
+    /// # Errors
+    /// The first error, unless broken files are left out and something remains.
+    pub(crate) fn keep_readable<T>(
+        &self,
+        results: Vec<(String, Result<T, DatasetError>)>,
+    ) -> Result<Vec<Option<T>>, DatasetError> {
+        let mut first_error = None;
+        let mut n_kept = 0;
+        let mut kept = Vec::with_capacity(results.len());
+        for (name, result) in results {
+            kept.push(match result {
+                Ok(value) => {
+                    n_kept += 1;
+                    Some(value)
+                }
+                Err(error) if !self.skip => return Err(error),
+                Err(error) if self.is_noted() => {
+                    self.note(error);
+                    None
+                }
+                Err(error) => {
                     tracing::warn!("left out {name}: {error}");
                     first_error.get_or_insert(error);
+                    None
                 }
-                None
+            });
+        }
+        match first_error {
+            Some(error) if n_kept == 0 => Err(error),
+            _ => Ok(kept),
+        }
+    }
+
+    /// A named result; `None` where it is left out.
+    ///
+    /// # Errors
+    /// Its error, unless broken files are left out.
+    pub(crate) fn readable<T>(
+        &self,
+        name: &str,
+        result: Result<T, DatasetError>,
+    ) -> Result<Option<T>, DatasetError> {
+        match result {
+            Ok(value) => Ok(Some(value)),
+            Err(error) if !self.skip => Err(error),
+            Err(error) if self.is_noted() => {
+                self.note(error);
+                Ok(None)
             }
-        });
-    }
-    match first_error {
-        Some(error) if n_kept == 0 => Err(error),
-        _ => Ok(kept),
-    }
-}
-
-/// What could be read of what is named; `None` where it is left out, which is noted or said as in
-/// [`keep_readable`].
-///
-/// # Errors
-/// The reason, when it is not to be skipped.
-pub(super) fn readable<T>(
-    context: &Context,
-    name: &str,
-    result: Result<T, DatasetError>,
-) -> Result<Option<T>, DatasetError> {
-    match (result, &context.broken) {
-        (Ok(value), _) => Ok(Some(value)),
-        (Err(error), _) if !context.options.skip_broken => Err(error),
-        (Err(error), Some(broken)) => {
-            note(broken, error);
-            Ok(None)
-        }
-        (Err(error), None) => {
-            tracing::warn!("left out {name}: {error}");
-            Ok(None)
+            Err(error) => {
+                tracing::warn!("left out {name}: {error}");
+                Ok(None)
+            }
         }
     }
-}
 
-/// Adds to what is broken.
-pub(super) fn note(broken: &Mutex<Vec<DatasetError>>, error: DatasetError) {
-    let mut broken = broken.lock().unwrap_or_else(PoisonError::into_inner);
-    broken.push(error);
+    /// The size of a camera's first image; of the first readable one where broken files are left out.
+    ///
+    /// # Errors
+    /// The first image's error, where no size is known.
+    pub(crate) fn first_size<'a>(
+        &self,
+        mut files: impl Iterator<Item = &'a Path>,
+    ) -> Option<Result<(usize, usize), DatasetError>> {
+        let first = dimensions(files.next()?);
+        if first.is_ok() || !self.skip {
+            return Some(first);
+        }
+        Some(
+            files
+                .find_map(|file| dimensions(file).ok())
+                .map_or(first, Ok),
+        )
+    }
 }
 
 /// Refuses a dataset of which nothing is left.
-pub(super) fn check_any(listed_in: &Path, any: bool) -> Result<(), DatasetError> {
+pub(crate) fn check_any(listed_in: &Path, any: bool) -> Result<(), DatasetError> {
     if any {
         return Ok(());
     }
@@ -85,23 +141,4 @@ pub(super) fn check_any(listed_in: &Path, any: bool) -> Result<(), DatasetError>
         "none",
         "put the images there, or write them again",
     ))
-}
-
-/// The size of the first of a camera's images; with `skip_broken`, of the first readable one.
-///
-/// # Errors
-/// The first image's reason when it, or with `skip_broken` every one, is unreadable.
-pub(super) fn first_size<'a>(
-    context: &Context,
-    mut files: impl Iterator<Item = &'a Path>,
-) -> Option<Result<(usize, usize), DatasetError>> {
-    let first = dimensions(files.next()?);
-    if first.is_ok() || !context.options.skip_broken {
-        return Some(first);
-    }
-    Some(
-        files
-            .find_map(|file| dimensions(file).ok())
-            .map_or(first, Ok),
-    )
 }

@@ -10,7 +10,7 @@ use serde::{Deserialize, Serialize};
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(try_from = "String", into = "String")]
 pub enum FrameRange {
-    /// All that there are, also where results are published of a part of them.
+    /// All of them, also where results are published for some.
     All,
     /// From one to another, both included.
     Between {

@@ -2,14 +2,15 @@
 
 use std::path::Path;
 
-use super::colmap_model::{ModelCamera, ModelImage, pinhole, place};
-use super::first_bytes::parse_json;
-use super::nerfies_camera::CameraFile;
-use super::plan::Lens;
-use super::{
-    DatasetError, colmap_binary, colmap_text, decode as images, files, npy as arrays,
-    technicolor_parameters,
+use super::pixels::decode as images;
+use super::pixels::lens::Lens;
+use super::poses::colmap::{ModelCamera, ModelImage};
+use super::poses::colmap::{binary, pinhole, place, text};
+use super::poses::nerfies::CameraFile;
+use super::poses::{
+    npy as arrays, technicolor as technicolor_parameters, transforms as transforms_files,
 };
+use crate::files::{self, DatasetError, parse_json};
 use crate::fuzzing::placed;
 
 /// `poses_bounds.npy`.
@@ -44,7 +45,7 @@ pub fn nerfies_camera(_: &Path, bytes: &[u8]) -> bool {
 /// `transforms.json`, its cameras, lenses and file names.
 pub fn transforms(scratch: &Path, bytes: &[u8]) -> bool {
     placed(scratch, "transforms.json", bytes, |path| {
-        let Ok(transforms) = super::transforms::parse(path) else {
+        let Ok(transforms) = transforms_files::parse(path) else {
             return false;
         };
         transforms.frames.iter().all(|frame| {
@@ -90,35 +91,35 @@ fn model_images(parsed: Result<Vec<ModelImage>, DatasetError>) -> bool {
 
 /// `cameras.bin` and its lenses.
 pub fn colmap_cameras_binary(_: &Path, bytes: &[u8]) -> bool {
-    cameras(colmap_binary::cameras(Path::new("cameras.bin"), bytes))
+    cameras(binary::cameras(Path::new("cameras.bin"), bytes))
 }
 
 /// `images.bin`, its poses and file names.
 pub fn colmap_images_binary(_: &Path, bytes: &[u8]) -> bool {
-    model_images(colmap_binary::images(Path::new("images.bin"), bytes))
+    model_images(binary::images(Path::new("images.bin"), bytes))
 }
 
 /// `points3D.bin`.
 pub fn colmap_points_binary(_: &Path, bytes: &[u8]) -> bool {
-    colmap_binary::points(Path::new("points3D.bin"), bytes).is_ok()
+    binary::points(Path::new("points3D.bin"), bytes).is_ok()
 }
 
 /// `cameras.txt` and its lenses.
 pub fn colmap_cameras_text(_: &Path, bytes: &[u8]) -> bool {
     std::str::from_utf8(bytes)
-        .is_ok_and(|text| cameras(colmap_text::cameras(Path::new("cameras.txt"), text)))
+        .is_ok_and(|text| cameras(text::cameras(Path::new("cameras.txt"), text)))
 }
 
 /// `images.txt`, its poses and file names.
 pub fn colmap_images_text(_: &Path, bytes: &[u8]) -> bool {
     std::str::from_utf8(bytes)
-        .is_ok_and(|text| model_images(colmap_text::images(Path::new("images.txt"), text)))
+        .is_ok_and(|text| model_images(text::images(Path::new("images.txt"), text)))
 }
 
 /// `points3D.txt`.
 pub fn colmap_points_text(_: &Path, bytes: &[u8]) -> bool {
     std::str::from_utf8(bytes)
-        .is_ok_and(|text| colmap_text::points(Path::new("points3D.txt"), text).is_ok())
+        .is_ok_and(|text| text::points(Path::new("points3D.txt"), text).is_ok())
 }
 
 /// A point cloud's PLY.

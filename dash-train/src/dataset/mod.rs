@@ -1,96 +1,62 @@
 //! Datasets: folders of images or videos with camera poses, read into memory.
 //!
-//! [`load`] recognises the layout by its files; each layout has a file of its own, which turns the
-//! folder's listing and poses into views. Cameras are converted to OpenCV axes, lens distortion is
-//! undone, times become [0, 1], and images are kept as 8-bit pixels at the loaded size.
+//! [`load`] asks each of the [`FORMATS`] whether it recognises a folder; the one that does hands back a
+//! [`Reader`] of it. Cameras are converted to OpenCV axes, lens distortion is undone, times become [0, 1],
+//! and images are kept as 8-bit pixels at the loaded size. Arrows between the rooms point downwards:
 //!
-//! | file | what |
+//! | room | what |
 //! | --- | --- |
-//! | [`Layout::N3dv`]: `n3dv.rs`, `plain_order.rs`, `npy.rs`, `video.rs` | `poses_bounds.npy`, `camNN/` or `cam*.mp4` |
-//! | [`Layout::Blender`]: `blender.rs`, `blender_split.rs`, `transforms.rs` | `transforms*.json` |
-//! | [`Layout::Colmap`]: `colmap.rs`, `colmap_model.rs`, `colmap_binary.rs`, `colmap_text.rs` | `sparse/0`, `images/` |
-//! | [`Layout::Technicolor`]: `technicolor.rs`, `technicolor_parameters.rs` | `cameras_parameters.txt`, or `images/camNN/` and COLMAP |
-//! | [`Layout::Nerfies`]: `nerfies.rs`, `nerfies_camera.rs` | `dataset.json`, `camera/`, `rgb/` |
-//! | [`Layout::Rig`]: `rig.rs` | `videos/` or `images/CAMERA/`, and poses by camera |
-//! | `sources.rs`, `recordings.rs`, `times.rs`, `points.rs`, `broken.rs`, `unposed.rs` | frames and videos of synchronised cameras, times, initial points, what is damaged, what has no pose |
-//! | `known_poses.rs`, `colmap_tracks.rs`, `shrink.rs` | what `prepare` makes a dataset from |
-//! | `layout.rs`, `options.rs`, `frame_range.rs`, `plan.rs` | which reader, what of it, and from its list to views |
-//! | `sizes.rs`, `view.rs`, `image.rs`, `decode.rs`, `distortion.rs`, `pose.rs`, `files.rs`, `error.rs` | what they share |
-//! | `frames.rs`, `frames/`, `video.rs` | images in memory or made on demand |
-//! | `image_files.rs`, `masks.rs`, `first_bytes.rs`, `origin.rs` | which files are meant, and what is odd about them or their world |
-//! | `poses.rs` | the cameras of a folder whose pictures can't be loaded |
-//! | `image_size.rs`, `fuzzing.rs` | what a header may claim; the parsers by name, for tests |
+//! | `formats/` | a file per layout: does it fit, and read |
+//! | `format.rs`, `loader.rs`, `broken.rs` | what a format offers and what it is given; what can't be read |
+//! | `multi_view/` | synchronised cameras: which of their frames show the same time |
+//! | `points.rs`, `unposed.rs`, `times.rs`, `origin.rs` | initial points, images without a pose, times, scenes far from the origin |
+//! | `poses/` | files of poses |
+//! | `view.rs`, `partition.rs`, `options.rs`, `frame_range.rs`, `layout.rs` | views, and what of a dataset is loaded |
+//! | `pixels/` | decoding, sizes, masks, distortion, the frame store |
+//! | `fuzzing.rs` | the parsers by name, for tests |
 
-mod blender;
-mod blender_split;
 mod broken;
-mod colmap;
-mod colmap_binary;
-mod colmap_model;
-mod colmap_text;
-mod colmap_tracks;
-mod decode;
-pub(crate) mod distortion;
-mod error;
-pub(crate) mod files;
-pub(crate) mod first_bytes;
+mod format;
+mod formats;
 mod frame_range;
-mod frames;
 pub(crate) mod fuzzing;
-mod image;
-pub(crate) mod image_files;
-mod image_size;
-pub(crate) mod known_poses;
 mod layout;
-pub(crate) mod masks;
-mod n3dv;
-mod nerfies;
-mod nerfies_camera;
-mod npy;
+mod loader;
+mod multi_view;
 mod options;
 mod origin;
-mod plain_order;
-mod plan;
+mod partition;
+pub(crate) mod pixels;
 mod points;
-mod pose;
-mod poses;
-mod recordings;
-mod rig;
-pub(crate) mod shrink;
-mod sizes;
-mod sources;
-mod technicolor;
-mod technicolor_parameters;
+pub(crate) mod poses;
 #[cfg(test)]
 mod tests;
 mod times;
-pub(crate) mod transforms;
 mod unposed;
-mod video;
 mod view;
 
 use std::path::{Path, PathBuf};
-use std::sync::{Mutex, PoisonError};
 
-pub(crate) use colmap_tracks::{TrackedPoint, read_tracked_points};
-pub use error::DatasetError;
-pub(crate) use files::frame_numbers;
+pub use crate::files::DatasetError;
+pub use format::{Capture, Folder, Format, Reader};
+pub use formats::FORMATS;
+pub(crate) use formats::poses_alone;
 pub use frame_range::FrameRange;
-pub use frames::FrameStatistics;
-pub(crate) use frames::{bytes_in_words, default_budget};
 pub use layout::Layout;
+pub use loader::{Loader, PlannedView};
 pub use options::LoadOptions;
 pub(crate) use origin::FarScene;
+pub use partition::Partition;
+pub use pixels::frames::FrameStatistics;
+pub(crate) use pixels::frames::{bytes_in_words, default_budget};
 pub(crate) use points::known_point_file;
-pub(crate) use poses::poses_alone;
-pub use view::{Split, View};
+pub use view::View;
 
+use crate::files;
 use crate::ply::PointCloud;
-use frames::{FrameStore, Pixels};
-use plan::Context;
+use broken::Broken;
+use pixels::frames::{FrameStore, Pixels};
 
-/// Without a stated split, one view of this many is held out (3DGS convention).
-const HOLD_OUT_EVERY: usize = 8;
 const WHITE: [f32; 3] = [1.0; 3];
 
 /// A capture: its views with images in memory, and points to start from.
@@ -110,26 +76,27 @@ pub struct Dataset {
     pub n_frames: usize,
     /// Number of distinct cameras (for a moving camera, of poses).
     pub n_cameras: usize,
-    /// The first and the last time as `transforms*.json` state them, where these were stretched over [0, 1]; `None`
-    /// where times are as stated, and where frames are only numbered or counted.
+    /// The first and the last time of `transforms*.json` before they were stretched over [0, 1]; `None` where
+    /// times are as stated, or frames are only numbered.
     pub stated_span: Option<[f64; 2]>,
     /// The colour behind transparent pixels: white when images have alpha, `None` otherwise.
     pub background: Option<[f32; 3]>,
 }
 
 impl Dataset {
-    /// The views of one split, in order.
-    pub fn split(&self, split: Split) -> impl Iterator<Item = &View> {
-        self.views.iter().filter(move |view| view.split == split)
+    /// The views to train on, or those to test on, in order.
+    pub fn views_of(&self, partition: Partition) -> impl Iterator<Item = &View> {
+        self.views
+            .iter()
+            .filter(move |view| view.partition == partition)
     }
 
-    /// Whether nothing moves, because there is only one time.
+    /// Whether the capture is static: it has one time only.
     pub fn is_static(&self) -> bool {
         self.n_frames == 1
     }
 
-    /// Says in which order views of this dataset will be asked for next, so that images that are made on
-    /// demand can be made ahead of that.
+    /// Announces the order in which views will be asked for, so that images on demand are decoded ahead.
     pub fn announce<'a>(&self, order: impl Iterator<Item = &'a View>) {
         if let Some(store) = self.frame_store() {
             store.announce(order.filter_map(|view| view.pixels.place()).collect());
@@ -154,26 +121,28 @@ impl Dataset {
     }
 }
 
-/// What a layout's reader hands back.
-struct Parts {
-    views: Vec<View>,
-    points: Option<PointCloud>,
-    n_frames: usize,
-    n_cameras: usize,
-    /// As [`Dataset::stated_span`].
-    stated_span: Option<[f64; 2]>,
-}
-
 /// Reads the dataset in the folder `path`.
 ///
 /// # Errors
 /// Names the file at fault: missing, damaged or inconsistent poses, images, videos or points, or
 /// an option that does not fit.
 pub fn load(path: &Path, options: &LoadOptions) -> Result<Dataset, DatasetError> {
-    load_in(&Context::new(path, options))
+    load_with(path, options, &FORMATS)
 }
 
-/// [`load`], but with views left out whose images can't be decoded; and for each of them why.
+/// [`load`] with formats of one's own: the first that recognises the folder reads it.
+///
+/// # Errors
+/// As [`load`].
+pub fn load_with(
+    path: &Path,
+    options: &LoadOptions,
+    formats: &[&dyn Format],
+) -> Result<Dataset, DatasetError> {
+    load_in(&Loader::new(path, options), formats)
+}
+
+/// [`load`] without the views whose images can't be decoded, and the reason for each of these.
 pub(crate) fn load_decodable(
     path: &Path,
     options: &LoadOptions,
@@ -182,38 +151,28 @@ pub(crate) fn load_decodable(
         skip_broken: true,
         ..options.clone()
     };
-    let mut context = Context::new(path, &options);
-    context.broken = Some(Mutex::default());
-    let loaded = load_in(&context);
-    let broken = context.broken.take().unwrap_or_default();
-    let mut broken = broken.into_inner().unwrap_or_else(PoisonError::into_inner);
-    // Threads decode in any order.
-    broken.sort_by_key(ToString::to_string);
+    let mut loader = Loader::new(path, &options);
+    loader.broken = Broken::note_all();
+    let loaded = load_in(&loader, &FORMATS);
+    let broken = loader.broken.into_noted();
     match loaded {
         Ok(dataset) => Ok((dataset, broken)),
-        // Without any view to train on, why there is none says more.
+        // With no view left to train on, the first broken image says more.
         Err(error) => Err(broken.into_iter().next().unwrap_or(error)),
     }
 }
 
-fn load_in(context: &Context) -> Result<Dataset, DatasetError> {
-    let (path, options) = (context.root, context.options);
+fn load_in(loader: &Loader, formats: &[&dyn Format]) -> Result<Dataset, DatasetError> {
+    let (path, options) = (loader.root, loader.options);
     options.validate()?;
     files::require_folder(path)?;
-    let layout = match options.layout {
-        Some(layout) => layout,
-        None => Layout::detect(path)?,
+    let folder = Folder::list(path)?;
+    let (layout, reader) = match options.layout {
+        Some(layout) => formats::open(layout, &folder, formats)?,
+        None => formats::recognise(&folder, formats)?,
     };
-    let read = || match layout {
-        Layout::N3dv => n3dv::read(context),
-        Layout::Blender => blender::read(context),
-        Layout::Colmap => colmap::read(context),
-        Layout::Technicolor => technicolor::read(context),
-        Layout::Nerfies => nerfies::read(context),
-        Layout::Rig => rig::read(context),
-    };
-    let parts = match options.threads {
-        None => read()?,
+    let capture = match options.threads {
+        None => reader.read(loader)?,
         Some(threads) => rayon::ThreadPoolBuilder::new()
             .num_threads(threads)
             .build()
@@ -222,23 +181,23 @@ fn load_in(context: &Context) -> Result<Dataset, DatasetError> {
                 expected: "as many threads as the system can start".into(),
                 found: format!("{threads} ({e})"),
             })?
-            .install(read)?,
+            .install(|| reader.read(loader))?,
     };
-    let background = parts.views.iter().any(View::has_alpha).then_some(WHITE);
-    if !parts.views.iter().any(|view| view.split == Split::Train) {
+    let is_train = |view: &View| view.partition == Partition::Train;
+    if !capture.views.iter().any(is_train) {
         return Err(DatasetError::invalid(
             path,
             "at least one camera to train on",
             format!(
                 "{} camera(s), all of them held out for testing",
-                parts.n_cameras
+                capture.n_cameras
             ),
             "add cameras, or hold out others (or none) with --test-cameras",
         ));
     }
-    // Those who note what is broken look at this, too.
-    if context.broken.is_none()
-        && let Some(far) = FarScene::of(&parts.views, parts.points.as_ref())
+    // Callers that collect broken images check this themselves.
+    if !loader.broken.is_noted()
+        && let Some(far) = FarScene::of(&capture.views, capture.points.as_ref())
     {
         tracing::warn!("{}: {}; {}", path.display(), far.text(), far.mend());
     }
@@ -251,27 +210,11 @@ fn load_in(context: &Context) -> Result<Dataset, DatasetError> {
             .into_owned(),
         root: path.to_path_buf(),
         layout,
-        views: parts.views,
-        points: parts.points,
-        n_frames: parts.n_frames,
-        n_cameras: parts.n_cameras,
-        stated_span: parts.stated_span,
-        background,
+        background: capture.views.iter().any(View::has_alpha).then_some(WHITE),
+        views: capture.views,
+        points: capture.points,
+        n_frames: capture.n_frames,
+        n_cameras: capture.n_cameras,
+        stated_span: capture.stated_span,
     })
-}
-
-/// A time in [0, 1] for each of `n` evenly spaced frames; 0 for a single one.
-fn frame_time(frame: usize, n: usize) -> f32 {
-    if n > 1 {
-        (frame as f64 / (n - 1) as f64) as f32
-    } else {
-        0.0
-    }
-}
-
-/// Every [`HOLD_OUT_EVERY`]-th of `n` views, unless there is only one.
-fn every_eighth(n: usize) -> Vec<bool> {
-    (0..n)
-        .map(|index| n > 1 && index.is_multiple_of(HOLD_OUT_EVERY))
-        .collect()
 }

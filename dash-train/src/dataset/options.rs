@@ -1,6 +1,8 @@
 //! What to load of a dataset, and how.
 
-use super::{DatasetError, FrameRange, Layout};
+use super::frame_range::FrameRange;
+use super::layout::Layout;
+use crate::files::DatasetError;
 
 /// What to load of a dataset, and how.
 #[derive(Debug, Clone, PartialEq)]
@@ -9,9 +11,9 @@ pub struct LoadOptions {
     pub layout: Option<Layout>,
     /// Images are loaded at `round(size / downscale)`; at least 1.
     pub downscale: f64,
-    /// Indices of the cameras to hold out, instead of the layout's own split.
+    /// Indices of the cameras to hold out, instead of those the layout holds out.
     pub test_cameras: Option<Vec<usize>>,
-    /// Which frames; where `None`, those that results are published of, else all.
+    /// Which frames; `None` for those of published results where the layout knows them, else all.
     pub frames: Option<FrameRange>,
     /// At most this many frames (distinct times), after `frames` and `frame_stride`.
     pub max_frames: Option<usize>,
@@ -19,12 +21,12 @@ pub struct LoadOptions {
     pub frame_stride: usize,
     /// Decoding threads; all of rayon's when `None`.
     pub threads: Option<usize>,
-    /// Memory that images may take, bytes; half of what is free when `None`. What does not fit is
-    /// decoded when it is needed.
+    /// Memory budget of the images, bytes; half of the free memory when `None`. Beyond it, images are decoded
+    /// on demand.
     pub memory: Option<u64>,
-    /// Whether images are decoded when they are needed even where all of them would fit.
+    /// Decode images on demand even if all of them would fit.
     pub on_demand: bool,
-    /// Whether white in the pictures of `masks/` marks what does not count, instead of what does.
+    /// Whether white in `masks/` marks the pixels to ignore, instead of those that count.
     pub invert_masks: bool,
     /// Leave out views whose image cannot be read, with a warning, instead of stopping.
     pub skip_broken: bool,
@@ -49,7 +51,7 @@ impl Default for LoadOptions {
 }
 
 impl LoadOptions {
-    pub(super) fn validate(&self) -> Result<(), DatasetError> {
+    pub(crate) fn validate(&self) -> Result<(), DatasetError> {
         let refuse = |option, expected: &str, found: String| {
             Err(DatasetError::Option {
                 option,
@@ -76,11 +78,11 @@ impl LoadOptions {
         Ok(())
     }
 
-    /// The places of the frames that are wanted, of frames with these numbers.
+    /// The indices of the wanted frames among frames with these numbers.
     ///
     /// # Errors
-    /// When none of them is in the range of frames that was asked for.
-    pub(super) fn wanted(&self, numbers: &[u64]) -> Result<Vec<usize>, DatasetError> {
+    /// When none of them is in the range of `--frames`.
+    pub(crate) fn wanted(&self, numbers: &[u64]) -> Result<Vec<usize>, DatasetError> {
         let in_range: Vec<usize> = (0..numbers.len())
             .filter(|&place| {
                 self.frames
@@ -100,10 +102,10 @@ impl LoadOptions {
         Ok(strided.take(most).collect())
     }
 
-    /// For each camera whether it is held out: those asked for, else those the layout suggests.
-    pub(super) fn held_out(&self, suggested: Vec<bool>) -> Result<Vec<bool>, DatasetError> {
+    /// For each camera whether it is held out: by `test_cameras`, else as the layout suggests.
+    pub(crate) fn held_out(&self, suggested: Vec<bool>) -> Result<Vec<bool>, DatasetError> {
         let Some(test_cameras) = &self.test_cameras else {
-            // As of single pictures, of a single camera nothing can be held out.
+            // A single camera is needed for training.
             if suggested == [true] {
                 tracing::warn!("one camera only: it is trained on, and nothing is held out");
                 return Ok(vec![false]);

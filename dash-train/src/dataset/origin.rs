@@ -1,10 +1,10 @@
-//! Scenes that are far from the origin, as maps and positioning systems have them.
+//! Scenes far from the origin, such as those in map coordinates.
 
-use super::View;
+use super::view::View;
 use crate::ply::PointCloud;
 
-/// Distance from the origin, in sizes of the scene, from which on single precision shows: positions are
-/// rounded to about a thousandth of the scene.
+/// At this distance from the origin, in sizes of the scene, single precision rounds positions to about a
+/// thousandth of the scene.
 const FAR: f64 = 1e4;
 
 /// A scene that is too far from the origin for positions in single precision.
@@ -16,8 +16,8 @@ pub(crate) struct FarScene {
 }
 
 impl FarScene {
-    /// The scene of cameras around their middle, and of points; `None` when it is near enough, or has no
-    /// size because all cameras stand in one place and there are no points.
+    /// The scene of these cameras and points; `None` when it is near enough, or all cameras stand in one place
+    /// and there are no points.
     pub(crate) fn of(views: &[View], points: Option<&PointCloud>) -> Option<Self> {
         let positions: Vec<[f64; 3]> = views.iter().map(|v| v.camera.position()).collect();
         let n = positions.len() as f64;

@@ -2,8 +2,10 @@
 
 use std::path::{Path, PathBuf};
 
-use super::colmap_model::{MODEL_FOLDERS, read_model_points};
-use super::{DatasetError, Split, View, files};
+use super::partition::Partition;
+use super::poses::colmap::{MODEL_FOLDERS, RIG_MODEL_FOLDERS, read_model_points};
+use super::view::View;
+use crate::files::{self, DatasetError};
 use crate::ply::{PointCloud, read_points};
 
 /// Files with initial points, in the order in which they are looked for.
@@ -16,24 +18,16 @@ const POINT_FILES: [&str; 7] = [
     "sparse_points.ply",
     "sparse_pc.ply",
 ];
-/// Where rigs have COLMAP models, apart from `colmap_FRAME/sparse/0`, one per frame.
-const RIG_MODELS: [&str; 5] = [
-    "sparse/0",
-    "sparse",
-    "colmap/sparse/0",
-    "colmap/sparse",
-    "colmap/dense/workspace/sparse",
-];
-/// Dense clouds of COLMAP, which serve last, since they are large.
+/// COLMAP's dense clouds; they come last, since they are large.
 const DENSE_CLOUDS: [&str; 2] = ["colmap/dense/workspace/fused.ply", "colmap/dense/fused.ply"];
 /// Points without colours take them from this many views.
 const COLORING_VIEWS: usize = 12;
 /// Colour of points that no view shows.
 const GRAY: u8 = 128;
 
-/// Which COLMAP results have the dataset's own world, so that their points can serve.
+/// Which COLMAP models share the world of the dataset's poses.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) enum Models {
+pub(crate) enum Models {
     /// None.
     Foreign,
     /// Those where COLMAP's own layout has them.
@@ -49,7 +43,7 @@ pub(crate) fn known_point_file(root: &Path) -> Option<PathBuf> {
 }
 
 /// The initial points of a dataset: the file its poses name, one of [`POINT_FILES`], or COLMAP's.
-pub(super) fn find_points(
+pub(crate) fn find_points(
     root: &Path,
     named: Option<&Path>,
     models: Models,
@@ -61,7 +55,10 @@ pub(super) fn find_points(
     let mut folders: Vec<PathBuf> = match models {
         Models::Foreign => Vec::new(),
         Models::Own => MODEL_FOLDERS.iter().map(|name| root.join(name)).collect(),
-        Models::Rig => RIG_MODELS.iter().map(|name| root.join(name)).collect(),
+        Models::Rig => RIG_MODEL_FOLDERS
+            .iter()
+            .map(|name| root.join(name))
+            .collect(),
     };
     if models == Models::Rig {
         folders.extend(first_frames_model(root)?);
@@ -82,12 +79,12 @@ pub(super) fn find_points(
     }
 }
 
-/// [`find_points`] where poses may name the file of points; none where they name one that is not there,
-/// which is said in a warning.
+/// [`find_points`] where the file of poses may name the points. If it names a missing file, there are none, with
+/// a warning.
 ///
 /// # Errors
 /// As [`find_points`], and when the file lies outside the dataset's folder.
-pub(super) fn find_named_points(
+pub(crate) fn find_named_points(
     root: &Path,
     (name, listed_in): (Option<&str>, &Path),
     models: Models,
@@ -107,7 +104,7 @@ pub(super) fn find_named_points(
     find_points(root, Some(&file), models)
 }
 
-/// The first of the models that are made of one frame each.
+/// The first of the models with one frame each.
 fn first_frames_model(root: &Path) -> Result<Option<PathBuf>, DatasetError> {
     let of_frame = |name: &String| {
         let frame = name.strip_prefix("colmap_");
@@ -117,13 +114,15 @@ fn first_frames_model(root: &Path) -> Result<Option<PathBuf>, DatasetError> {
     Ok(first.map(|name| root.join(name).join("sparse/0")))
 }
 
-/// Points with the median colour of the pixels that they project onto in some of the training
-/// views; gray where no view has them.
-pub(super) fn colored(
+/// Points with the median colour of their pixels in some training views; gray where no view shows them.
+pub(crate) fn colored(
     positions: Vec<[f64; 3]>,
     views: &[View],
 ) -> Result<PointCloud, DatasetError> {
-    let train: Vec<&View> = views.iter().filter(|v| v.split == Split::Train).collect();
+    let train: Vec<&View> = views
+        .iter()
+        .filter(|v| v.partition == Partition::Train)
+        .collect();
     let step = train.len().div_ceil(COLORING_VIEWS).max(1);
     let mut seen: Vec<[Vec<u8>; 3]> = vec![Default::default(); positions.len()];
     for view in train.into_iter().step_by(step) {

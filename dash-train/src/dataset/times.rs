@@ -1,23 +1,30 @@
 //! From the times that files state to frames and times in [0, 1].
 
-use super::{DatasetError, LoadOptions};
+use super::options::LoadOptions;
+use crate::files::DatasetError;
 
-/// Times closer than this are one frame's.
+/// Times closer than this are one frame.
 const SAME_TIME: f64 = 1e-6;
-/// So are times of different cameras within this share of the time between one camera's pictures, as clocks that
-/// are not quite the same give them,
+/// Clocks of different cameras jitter: times within this share of one camera's frame interval are one frame,
 const JITTER: f64 = 0.02;
-/// where frames are as many times farther apart. Cameras that take turns have evenly spaced times instead.
+/// if frames are as many times farther apart. Monocular captures have evenly spaced times instead.
 const APART: f64 = 10.0;
-/// Stated times that cover this share of [0, 1] are those of a whole clip and stay as they are: some captures
-/// end before 1 (frame / n, or a last frame that is left out: 0 to 0.983). What covers less is in seconds of a
-/// short clip or in shares of a longer one, and is stretched: the field's grid, following and smoothness take
-/// the clip to span [0, 1].
+/// Stated times that cover this share of [0, 1] stay as they are: some captures end before 1 (frame / n). Others
+/// are stretched, since the deformation field and its losses take the clip to span [0, 1].
 const WHOLE_CLIP: f64 = 0.9;
+
+/// A time in [0, 1] for each of `n` evenly spaced frames; 0 for a single one.
+pub(crate) fn frame_time(frame: usize, n: usize) -> f32 {
+    if n > 1 {
+        (frame as f64 / (n - 1) as f64) as f32
+    } else {
+        0.0
+    }
+}
 
 /// The time in [0, 1] of each of the frames with these numbers, as far apart as the numbers; `None` where
 /// these don't rise.
-pub(super) fn of_numbers(numbers: &[u64]) -> Option<Vec<f32>> {
+pub(crate) fn of_numbers(numbers: &[u64]) -> Option<Vec<f32>> {
     let (first, last) = (*numbers.first()?, *numbers.last()?);
     if !numbers.is_sorted_by(|a, b| a < b) {
         return None;
@@ -27,19 +34,19 @@ pub(super) fn of_numbers(numbers: &[u64]) -> Option<Vec<f32>> {
     Some(numbers.iter().map(time).collect())
 }
 
-/// Where pictures are in time.
+/// The frame and time of each image.
 #[derive(Debug)]
-pub(super) struct Placement {
-    /// For each picture its frame's index and its time in [0, 1]; `None` where the frame is not wanted.
-    pub(super) pictures: Vec<Option<(usize, f32)>>,
+pub(crate) struct Placement {
+    /// For each image its frame's index and its time in [0, 1]; `None` where the frame is not wanted.
+    pub(crate) pictures: Vec<Option<(usize, f32)>>,
     /// How many distinct times are wanted.
-    pub(super) n_frames: usize,
+    pub(crate) n_frames: usize,
     /// The first and the last wanted time as stated, where these were stretched over [0, 1].
-    pub(super) stated_span: Option<[f64; 2]>,
+    pub(crate) stated_span: Option<[f64; 2]>,
 }
 
-/// The time within which `stated` times, of the cameras with the indices `camera_of`, are one frame's.
-pub(super) fn same_time(stated: &[f64], camera_of: &[usize]) -> f64 {
+/// The tolerance within which `stated` times are one frame; `camera_of` has the index of each one's camera.
+pub(crate) fn same_time(stated: &[f64], camera_of: &[usize]) -> f64 {
     let mut sorted: Vec<(usize, f64)> = camera_of
         .iter()
         .copied()
@@ -74,22 +81,21 @@ pub(super) fn same_time(stated: &[f64], camera_of: &[usize]) -> f64 {
     }
 }
 
-/// Where each picture with a finite `stated` time is. Times are kept where they lie in [0, 1] and cover
-/// [`WHOLE_CLIP`] of it, and stretched over [0, 1] otherwise and when only some of the frames are loaded; a single
-/// one is 0.
+/// The frame and time of each image with a finite `stated` time. Times in [0, 1] that cover [`WHOLE_CLIP`] of it
+/// are kept. Others, and those of a part of the frames, are stretched over [0, 1]; a single one is 0.
 ///
 /// # Errors
 /// When none of them is wanted.
-pub(super) fn frames(options: &LoadOptions, stated: &[f64]) -> Result<Placement, DatasetError> {
+pub(crate) fn frames(options: &LoadOptions, stated: &[f64]) -> Result<Placement, DatasetError> {
     frames_within(options, stated, SAME_TIME)
 }
 
-/// [`frames`] with times that are one frame's where they differ by less than `same_time`; one frame's have the earliest of
-/// them where that is more than rounding.
+/// [`frames`] with a tolerance: times that differ by less than `same_time` are one frame. Where that is more than
+/// rounding, all of its images get the earliest time.
 ///
 /// # Errors
 /// When none of them is wanted.
-pub(super) fn frames_within(
+pub(crate) fn frames_within(
     options: &LoadOptions,
     stated: &[f64],
     same_time: f64,
@@ -146,7 +152,7 @@ mod tests {
             for (first, stride) in [(0, 1), (0, 2), (1, 1), (151, 1), (10, 7), (1, 1000)] {
                 let numbers: Vec<u64> = (0..n).map(|k| first + k * stride).collect();
                 let even: Vec<u32> = (0..n as usize)
-                    .map(|k| super::super::frame_time(k, n as usize).to_bits())
+                    .map(|k| frame_time(k, n as usize).to_bits())
                     .collect();
                 let times = of_numbers(&numbers).expect("rising");
                 let times: Vec<u32> = times.into_iter().map(f32::to_bits).collect();

@@ -1,25 +1,24 @@
-//! Images without a pose, and several frames per camera in a folder that is read as static: warnings on loading.
+//! Warnings: images without a pose, and several frames per camera in a folder that is read as static.
 
 use std::collections::HashSet;
 use std::path::{Path, PathBuf};
 
-use super::plan::Context;
-use super::sources::Frames;
-use super::{files, rig};
+use super::loader::Loader;
+use super::multi_view::camera::Frames;
+use super::multi_view::folders::{IMAGE_FOLDER, image_folders};
+use crate::files;
 
-const IMAGE_FOLDER: &str = "images";
-
-/// Warns where `images/` has more than the `posed` images that a file of poses lists.
-pub(super) fn warn_of_more(
-    context: &Context,
+/// Warns if `images/` has more images than the `posed` ones.
+pub(crate) fn warn_of_more(
+    loader: &Loader,
     listed_in: &Path,
     posed: &HashSet<PathBuf>,
     is_static: bool,
 ) {
-    let folder = context.root.join(IMAGE_FOLDER);
+    let folder = loader.root.join(IMAGE_FOLDER);
     if is_static
-        && context.options.layout.is_none()
-        && let Some(n_frames) = frames_per_camera(context.root)
+        && loader.options.layout.is_none()
+        && let Some(n_frames) = frames_per_camera(loader.root)
     {
         tracing::warn!(
             "{}: {n_frames} frames per camera; read as static; keep one pose per camera in {}, or use \
@@ -39,10 +38,9 @@ pub(super) fn warn_of_more(
     }
 }
 
-/// How many frames every camera has, where `images/` has a folder of them for each of several cameras, all
-/// of the same numbers.
+/// The number of frames per camera, if `images/` has several cameras' folders with the same frame numbers.
 fn frames_per_camera(root: &Path) -> Option<usize> {
-    let cameras = rig::image_folders(root).ok()?;
+    let cameras = image_folders(root).ok()?;
     let numbers = |frames: &Frames| -> Option<Vec<u64>> {
         match frames {
             Frames::Images(images) => images.iter().map(|image| image.number()).collect(),
@@ -56,7 +54,7 @@ fn frames_per_camera(root: &Path) -> Option<usize> {
     (several && others.iter().all(|other| other.as_ref() == Some(&first))).then_some(first.len())
 }
 
-/// How many images lie below `folder` beside some of the `posed` ones without being one of them, and the first.
+/// The number of images without a pose in the folders of the `posed` ones below `folder`, and the first of them.
 fn without_pose(folder: &Path, posed: &HashSet<PathBuf>) -> (usize, Option<PathBuf>) {
     let mut folders: Vec<&Path> = posed.iter().filter_map(|path| path.parent()).collect();
     folders.retain(|parent| parent.starts_with(folder));

@@ -1,44 +1,17 @@
 //! Views: a camera, a time and an image.
 
-use std::fmt;
 use std::ops::Range;
 use std::path::PathBuf;
 use std::sync::Arc;
 
 use dash_kernels::Camera;
-use serde::{Deserialize, Serialize};
 
-use super::DatasetError;
-use super::decode::decode_mask;
-use super::frames::Pixels;
-use super::image::ImageData;
-use super::plan::{Lens, without_distortion};
-
-/// What a view is for.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
-#[serde(rename_all = "lowercase")]
-pub enum Split {
-    /// Optimised against.
-    Train,
-    /// Only measured.
-    Test,
-}
-
-impl Split {
-    /// [`Split::Test`] for a view that is held out.
-    pub(super) fn held_out(held_out: bool) -> Self {
-        if held_out { Self::Test } else { Self::Train }
-    }
-}
-
-impl fmt::Display for Split {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str(match self {
-            Self::Train => "train",
-            Self::Test => "test",
-        })
-    }
-}
+use super::partition::Partition;
+use super::pixels::decode::decode_mask;
+use super::pixels::frames::Pixels;
+use super::pixels::image::ImageData;
+use super::pixels::lens::{Lens, without_distortion};
+use crate::files::DatasetError;
 
 /// One image of a capture. Clones share the image.
 #[derive(Debug, Clone)]
@@ -54,11 +27,11 @@ pub struct View {
     /// Pose and intrinsics at the loaded size.
     pub camera: Camera,
     /// Whether it is trained on or held out.
-    pub split: Split,
+    pub partition: Partition,
     /// The image's path below the dataset (for `camNN/images/0003.png`: `camNN/0003`), without extension.
     pub name: String,
     pub(crate) pixels: Pixels,
-    /// Memory that the image takes when it is there.
+    /// Memory of the decoded image.
     pub(crate) bytes: u64,
     pub(crate) has_alpha: bool,
     pub(crate) motion_mask: Option<MotionMask>,
@@ -73,22 +46,22 @@ pub(crate) struct SmallView {
     pub(crate) alpha: Option<Vec<f32>>,
 }
 
-/// A mask of what truly moves.
+/// The true motion mask of a synthetic view.
 #[derive(Debug, Clone)]
 pub(crate) enum MotionMask {
     /// `[H * W]` of 0 and 255.
     Ready(Arc<Vec<u8>>),
-    /// Read when it is asked for.
+    /// Read on demand.
     File(Box<MotionFile>),
 }
 
-/// The file of a mask of what truly moves, and what its image was taken with.
+/// The file of a motion mask, with the camera and lens of its image.
 #[derive(Debug, Clone)]
 pub(crate) struct MotionFile {
-    pub(super) path: PathBuf,
+    pub(crate) path: PathBuf,
     /// At the size of the image as captured.
-    pub(super) camera: Camera,
-    pub(super) lens: Option<Lens>,
+    pub(crate) camera: Camera,
+    pub(crate) lens: Option<Lens>,
 }
 
 impl MotionFile {
@@ -120,7 +93,7 @@ impl View {
             frame: 0,
             time,
             camera,
-            split: Split::Train,
+            partition: Partition::Train,
             name: name.to_string(),
             bytes: pixels.len() as u64,
             has_alpha: false,
@@ -135,7 +108,7 @@ impl View {
     /// `[H * W * 3]`, rows first, sRGB values in [0, 1].
     ///
     /// # Errors
-    /// When the image is read only now and is damaged or gone.
+    /// When an image on demand is damaged or gone.
     pub fn rgb(&self, background: [f32; 3]) -> Result<Vec<f32>, DatasetError> {
         Ok(self.pixels.get()?.rgb(background))
     }
@@ -182,8 +155,8 @@ impl View {
         })
     }
 
-    /// The image over `background` as [`rgb`](Self::rgb) gives it, and which pixels count, `[H * W]` of 1
-    /// and 0, `None` where all do.
+    /// The image over `background` as by [`rgb`](Self::rgb), and its mask: `[H * W]`, 1 for pixels that count and
+    /// 0 for others; `None` where all count.
     ///
     /// # Errors
     /// As [`rgb`](Self::rgb).
@@ -200,7 +173,7 @@ impl View {
         Ok((image.rgb(background), counted))
     }
 
-    /// What `work` makes of the image's bytes `[H * W * 3]`; `None` where it has alpha or pixels that do not count.
+    /// The result of `work` on the image's bytes `[H * W * 3]`; `None` for an image with alpha or a mask.
     ///
     /// # Errors
     /// As [`rgb`](Self::rgb).
@@ -218,8 +191,8 @@ impl View {
         self.has_alpha
     }
 
-    /// True motion `[H * W]`, 255 where the colour depends on something that moves, else 0. Only
-    /// test views of synthetic scenes have it.
+    /// The true motion mask `[H * W]`: 255 where a moving object affects the colour, else 0. Only test views of
+    /// synthetic scenes have one.
     ///
     /// # Errors
     /// As [`rgb`](Self::rgb).
@@ -234,7 +207,7 @@ impl View {
         }
     }
 
-    /// Memory that the image takes when it is there.
+    /// Memory of the decoded image, bytes.
     pub fn image_bytes(&self) -> u64 {
         self.bytes
     }

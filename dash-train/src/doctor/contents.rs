@@ -4,7 +4,8 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
 
 use super::finding::{Finding, listed};
-use crate::dataset::{Dataset, Layout, Split, View, frame_numbers};
+use crate::dataset::{Dataset, Layout, Partition, View};
+use crate::files::frame_numbers;
 
 /// Files by which layouts are known.
 const MARKS: [(Layout, &str); 13] = [
@@ -54,11 +55,11 @@ pub(super) fn contents(dataset: &Dataset, complete: bool) -> Vec<Finding> {
 
 fn counts(dataset: &Dataset) -> Finding {
     let held_out: BTreeSet<&str> = dataset
-        .split(Split::Test)
+        .views_of(Partition::Test)
         .map(|view| view.camera_name.as_str())
         .collect();
     let held_out: Vec<&str> = held_out.into_iter().collect();
-    let n_test = dataset.split(Split::Test).count();
+    let n_test = dataset.views_of(Partition::Test).count();
     let text = format!(
         "{} camera{} x {} frame{}: {} views to train on, {n_test} to test ({})",
         dataset.n_cameras,

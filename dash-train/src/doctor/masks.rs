@@ -3,7 +3,7 @@
 use super::finding::{Finding, percent};
 use super::tracks::{Look, Tracks};
 use crate::dataset::Dataset;
-use crate::dataset::masks::{HARDLY_ANY, unused_folder};
+use crate::dataset::pixels::masks::{HARDLY_ANY, unused_folder};
 
 /// The masks of the pictures that were looked at; nothing where there are none.
 pub(super) fn check(dataset: &Dataset, looked: &Tracks) -> Option<Finding> {

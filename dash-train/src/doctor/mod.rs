@@ -39,7 +39,8 @@ pub use finding::{Finding, Severity};
 pub use timing::TimedOn;
 
 use crate::dataset::{
-    Dataset, DatasetError, FarScene, Layout, LoadOptions, Split, View, load_decodable, poses_alone,
+    Dataset, DatasetError, FarScene, Layout, LoadOptions, Partition, View, load_decodable,
+    poses_alone,
 };
 use crate::video::{VideoError, write_png};
 use cloud::Cloud;
@@ -235,7 +236,7 @@ fn check_geometry(dataset: &Dataset, findings: &mut Vec<Finding>) -> (Sketch, Ve
     };
     let drawn = cameras.iter().map(|(index, view)| DrawnCamera {
         camera: view.camera.clone(),
-        held_out: view.split == Split::Test,
+        held_out: view.partition == Partition::Test,
         doubtful: verdict.doubtful.contains(index),
     });
     let (positions, colors) =

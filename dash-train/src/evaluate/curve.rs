@@ -18,7 +18,7 @@ use super::perceptual::Perceptual;
 use super::scores::Evaluation;
 use super::storage::storage_bytes;
 use crate::Error;
-use crate::dataset::{Dataset, Split, View};
+use crate::dataset::{Dataset, Partition, View};
 use crate::process::peak_memory_bytes;
 
 /// Most test views that a measurement scores.
@@ -77,7 +77,7 @@ impl CurveProbe {
     /// # Errors
     /// When it has no test views.
     pub fn check(dataset: &Dataset) -> Result<(), Error> {
-        if dataset.split(Split::Test).next().is_some() {
+        if dataset.views_of(Partition::Test).next().is_some() {
             return Ok(());
         }
         Err(Error::run(
@@ -102,7 +102,7 @@ impl CurveProbe {
     ) -> Result<Self, Error> {
         Self::check(&dataset)?;
         let all: Vec<usize> = (0..dataset.views.len())
-            .filter(|&i| dataset.views[i].split == Split::Test)
+            .filter(|&i| dataset.views[i].partition == Partition::Test)
             .collect();
         let views = spread(&all, MAX_CURVE_VIEWS);
         let mut moving = BTreeMap::new();
@@ -149,7 +149,7 @@ impl CurveProbe {
         let scores = evaluate_views(
             &scene,
             &self.dataset,
-            (Split::Test, &views),
+            (Partition::Test, &views),
             &mut self.moving,
             // The factor is for the record, which a line does not keep; LPIPS takes too long for this.
             (1.0, &Perceptual::default()),

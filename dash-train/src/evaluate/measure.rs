@@ -8,7 +8,7 @@ use dash_model::{DynamicScene, Layer};
 use super::perceptual::Perceptual;
 use super::scores::{DecompositionScores, Evaluation, MetricSettings, ViewScores};
 use crate::Error;
-use crate::dataset::{Dataset, Split, View};
+use crate::dataset::{Dataset, Partition, View};
 use crate::metrics::{
     DecompositionCounts, decomposition_counts, masked_psnr, moving_pixels_by_bands, ms_ssim,
     n_bands, psnr, ssim,
@@ -29,11 +29,11 @@ const LEVELS: f32 = 255.0;
 pub fn evaluate(
     scene: &DynamicScene,
     dataset: &Dataset,
-    split: Split,
+    split: Partition,
     downscale: f64,
     perceptual: &Perceptual,
 ) -> Result<Evaluation, Error> {
-    let views: Vec<&View> = dataset.split(split).collect();
+    let views: Vec<&View> = dataset.views_of(split).collect();
     if views.is_empty() {
         return Err(Error::run(
             &dataset.root,
@@ -56,7 +56,7 @@ pub fn evaluate(
 pub(super) fn evaluate_views(
     scene: &DynamicScene,
     dataset: &Dataset,
-    (split, views): (Split, &[&View]),
+    (split, views): (Partition, &[&View]),
     masks: &mut BTreeMap<usize, Vec<bool>>,
     (downscale, perceptual): (f64, &Perceptual),
 ) -> Result<Evaluation, Error> {

@@ -3,7 +3,7 @@
 use serde::{Deserialize, Serialize};
 
 use super::perceptual::Perceptual;
-use crate::dataset::Split;
+use crate::dataset::Partition;
 use crate::metrics::{
     DECOMPOSITION_RULE, MOVING_PIXELS_RULE, MS_SSIM_RULE, PSNR_RULE, SSIM_RULE, ms_ssim_scales,
 };
@@ -82,7 +82,7 @@ pub struct MetricSettings {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Evaluation {
     /// Which views.
-    pub split: Split,
+    pub split: Partition,
     /// Static Gaussians.
     pub n_static: usize,
     /// Dynamic Gaussians.

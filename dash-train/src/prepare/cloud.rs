@@ -5,7 +5,7 @@ use std::collections::HashMap;
 use kiddo::{ImmutableKdTree, SquaredEuclidean};
 use rayon::prelude::*;
 
-use crate::dataset::TrackedPoint;
+use crate::dataset::poses::colmap::TrackedPoint;
 use crate::ply::PointCloud;
 
 /// Points must be seen in this many images, if enough are.
@@ -14,27 +14,26 @@ const TRUSTED_IMAGES: usize = 3;
 const ENOUGH_TRUSTED: usize = 2000;
 /// Largest mean reprojection error that is kept, in pixels.
 const MAX_ERROR_PX: f64 = 2.0;
-/// Neighbours whose mean distance tells whether a point stands alone.
+/// Neighbours whose mean distance tells whether a point is an outlier.
 const N_NEIGHBOURS: usize = 8;
-/// Points are outliers this many robust standard deviations above the typical distance, in logarithms:
-/// distances between points differ by orders of magnitude between the subject and what is behind it. At 3,
-/// every seventh point of a phone's capture goes, most of them background seen in many images.
+/// Points are outliers this many robust standard deviations above the median log distance to their neighbours.
+/// Logarithms, since the background is sparser by orders of magnitude.
 const OUTLIER_DEVIATIONS: f64 = 5.0;
 /// From the median absolute deviation to a standard deviation, for a normal distribution.
 const MAD_TO_DEVIATION: f64 = 1.4826;
-/// Smallest standard deviation of the logarithms that is reckoned with.
+/// Smallest standard deviation of the log distances.
 const MIN_DEVIATION: f64 = 0.1;
 /// Halvings with which the voxels' size is found.
 const SIZE_STEPS: usize = 40;
 
-/// How many points were there, and why some are not any more.
+/// How many points were found, left out, merged and kept.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct CloudCounts {
     /// Triangulated.
     pub found: usize,
     /// Left out for a short track or a large error.
     pub doubtful: usize,
-    /// Left out because they stand alone.
+    /// Left out as outliers.
     pub outliers: usize,
     /// Merged with others into one.
     pub merged: usize,
@@ -75,7 +74,7 @@ fn reliable(points: &[TrackedPoint]) -> PointCloud {
     cloud
 }
 
-/// Without the points that are much further from their neighbours than points usually are.
+/// Without the points that are much further from their neighbours than most.
 fn without_outliers(cloud: &PointCloud) -> PointCloud {
     if cloud.len() <= N_NEIGHBOURS {
         return cloud.clone();
@@ -110,8 +109,7 @@ fn median(mut values: Vec<f64>) -> f64 {
     values.get(values.len() / 2).copied().unwrap_or(0.0)
 }
 
-/// At most `max_points`: where there are more, the means of those that share a voxel, whose size is
-/// found so that nearly as many are left.
+/// At most `max_points`: more are averaged by voxel, with the voxel size that leaves nearly `max_points`.
 fn thin(cloud: &PointCloud, max_points: usize) -> PointCloud {
     if cloud.len() <= max_points {
         return cloud.clone();

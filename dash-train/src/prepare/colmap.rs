@@ -1,4 +1,4 @@
-//! The program `colmap`: where it is, how it is asked, and what it says when it fails.
+//! The program `colmap`: where it is, how it starts, how it fails. Nothing else starts it.
 
 use std::ffi::{OsStr, OsString};
 use std::fs::{self, File};
@@ -12,16 +12,16 @@ use super::PrepareError;
 pub const COLMAP: &str = "colmap";
 /// The environment variable that names another program or path for [`COLMAP`].
 pub const COLMAP_VARIABLE: &str = "DASH_COLMAP";
-/// As many of its last lines are quoted when it fails.
+/// An error quotes so many of its last lines.
 const QUOTED_LINES: usize = 4;
 const MAX_QUOTED_CHARS: usize = 600;
-/// What the mapper says when there is too little to begin with.
+/// The mapper's words when it finds no initial pair.
 const NO_MODEL: [&str; 2] = [
     "failed to create sparse model",
     "No good initial image pair",
 ];
 
-/// How pictures relate to lenses.
+/// The lenses of the images.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) struct Lenses<'a> {
     /// COLMAP's name of the camera model.
@@ -122,8 +122,7 @@ impl Colmap {
             )
             .value(&format!("--{section}.use_gpu"), 0)
             .value(&format!("--{section}.num_threads"), self.n_threads)
-            // Slower features that stay themselves over wider angles: the cameras of a rig are far
-            // apart, and there is only one picture of each.
+            // Slower features that match over wider baselines: a rig has one image per camera, far apart.
             .value("--SiftExtraction.estimate_affine_shape", 1)
             .value("--SiftExtraction.domain_size_pooling", 1)
             .value("--SiftExtraction.peak_threshold", "0.003");
@@ -144,8 +143,7 @@ impl Colmap {
         args.0
     }
 
-    /// Structure from motion; the folders of the models it made, none where there was too little to
-    /// begin with.
+    /// Structure from motion; the folders of its models, none where it found no initial pair.
     pub(super) fn map(&self, database: &Path, images: &Path) -> Result<Vec<PathBuf>, PrepareError> {
         let out = self.fresh_folder("models")?;
         let mut args = Arguments::default();
@@ -153,8 +151,8 @@ impl Colmap {
             .path("--image_path", images)
             .path("--output_path", &out)
             .value("--Mapper.num_threads", self.n_threads)
-            // A third of the default, for rigs with few pictures. The number that a further camera
-            // needs is left as it is: with fewer, wrong poses get in.
+            // A third of the default, for rigs with few images. The number for a further camera keeps its
+            // default: with fewer inliers, wrong poses get in.
             .value("--Mapper.init_min_num_inliers", 30)
             .value("--Mapper.init_min_tri_angle", 4);
         let remedy = "give known poses with --poses";
@@ -195,7 +193,7 @@ impl Colmap {
             .value("--Mapper.num_threads", self.n_threads)
             .value("--Mapper.ba_refine_focal_length", 0)
             .value("--Mapper.ba_refine_extra_params", 0)
-            // A rig's points are often in two pictures only.
+            // Many points of a rig have tracks of two images.
             .value("--Mapper.tri_ignore_two_view_tracks", 0);
         let remedy = "check that the poses belong to these pictures, or write random points with --random-points";
         self.run("point_triangulator", &args.0, remedy)?;
@@ -222,7 +220,7 @@ impl Colmap {
         remedy: &'static str,
     ) -> Result<(), PrepareError> {
         let path = self.log(step);
-        // One file for both, since it complains on either; a file, since it writes megabytes.
+        // COLMAP complains on either stream and writes megabytes.
         let log = File::create(&path).map_err(PrepareError::io(&path))?;
         let complaints = log.try_clone().map_err(PrepareError::io(&path))?;
         let status = headless(&self.program)
@@ -254,7 +252,7 @@ fn headless(program: &OsStr) -> Command {
     command
 }
 
-/// The last lines that say something, without stack traces.
+/// The last lines without stack traces.
 fn last_words(log: &str) -> String {
     let says_something = |line: &&str| {
         !line.is_empty()

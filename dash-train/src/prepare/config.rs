@@ -1,4 +1,4 @@
-//! What is asked for.
+//! The settings of `prepare`.
 
 use std::collections::BTreeMap;
 use std::fs;
@@ -8,7 +8,7 @@ use clap::ValueEnum;
 
 use super::PrepareError;
 use super::frames::FrameSize;
-use crate::dataset::first_bytes::parse_json;
+use crate::files::parse_json;
 
 /// COLMAP's camera models that datasets are read with.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, ValueEnum)]
@@ -42,7 +42,7 @@ impl CameraModel {
 /// Whether cameras share one lens.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, ValueEnum)]
 pub enum LensChoice {
-    /// Shared where all pictures have one size; where that fails, one for each camera.
+    /// Shared if all images have one size; if that fails, one for each camera.
     #[default]
     Auto,
     /// All cameras have the same lens at the same zoom.
@@ -51,20 +51,20 @@ pub enum LensChoice {
     Own,
 }
 
-/// What `prepare` makes of the recordings.
+/// The settings of `prepare`.
 #[derive(Debug, Clone, PartialEq)]
 pub struct PrepareConfig {
     /// Frames a second; the lowest rate among the recordings when `None`.
     pub fps: Option<f64>,
-    /// Frames a second of folders of images, which don't say.
+    /// Frames a second of folders of images.
     pub image_rate: f64,
     /// Size of the frames.
     pub size: FrameSize,
-    /// First second that is taken, in the rig's time.
+    /// Start of the clip in the rig's time, seconds.
     pub start: Option<f64>,
-    /// Last second that is taken.
+    /// End of the clip, seconds.
     pub end: Option<f64>,
-    /// JSON file of seconds by camera name: how much later a recording's own time is than the rig's.
+    /// JSON file of seconds by camera name: the recording's own time minus the rig's time.
     pub offsets: Option<PathBuf>,
     /// Known poses: `poses_bounds.npy`, `transforms.json` or the folder of a COLMAP model.
     pub poses: Option<PathBuf>,
@@ -72,7 +72,7 @@ pub struct PrepareConfig {
     pub camera_model: CameraModel,
     /// Whether cameras share it.
     pub lens: LensChoice,
-    /// As many random points instead of triangulated ones.
+    /// This many random points instead of triangulated ones.
     pub random_points: Option<usize>,
     /// At most this many points are kept.
     pub max_points: usize,

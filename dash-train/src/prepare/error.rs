@@ -1,9 +1,9 @@
-//! What can go wrong while a dataset is prepared.
+//! Why a dataset can't be prepared.
 
 use std::path::{Path, PathBuf};
 use std::process::ExitStatus;
 
-use crate::dataset::DatasetError;
+use crate::files::DatasetError;
 
 /// Why a dataset could not be prepared.
 #[derive(Debug, thiserror::Error)]

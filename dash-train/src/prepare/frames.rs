@@ -6,11 +6,12 @@ use std::path::{Path, PathBuf};
 use rayon::prelude::*;
 
 use super::PrepareError;
-use super::ffmpeg::{self, Selection};
 use super::schedule::{Schedule, Timeline};
 use super::sources::{Recording, Source, image_times};
-use crate::dataset::files;
-use crate::dataset::shrink::{dimensions, write_resized};
+use crate::dataset::pixels::dimensions;
+use crate::dataset::pixels::shrink::write_resized;
+use crate::files;
+use crate::video::{Selection, frame_times, write_frames};
 
 /// How large the frames are to be.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
@@ -67,7 +68,7 @@ pub(super) fn timelines(
         .map(|((source, list), &offset)| {
             let times = match (list, &source.recording) {
                 (Some(times), _) => times,
-                (None, Recording::Video(video)) => ffmpeg::frame_times(video)?,
+                (None, Recording::Video(video)) => frame_times(video)?,
                 (None, Recording::Images(_)) => Vec::new(),
             };
             Ok(Timeline { times, offset })
@@ -98,7 +99,7 @@ pub(super) fn first_frames(
             Recording::Video(video) => {
                 let own = folder.join(format!("{index:04}"));
                 fs::create_dir(&own).map_err(PrepareError::io(&own))?;
-                ffmpeg::write_frames(video, &own, &selection(timeline, schedule, 1, None))?;
+                write_frames(video, &own, &selection(timeline, schedule, 1, None))?;
                 let (from, to) = (own.join("0000.png"), folder.join(format!("{index:04}.png")));
                 if !from.is_file() {
                     return Err(no_frame(video, schedule.start));
@@ -111,9 +112,8 @@ pub(super) fn first_frames(
         .collect()
 }
 
-/// Writes every camera's frames to `dataset/NAME/images/0000.png` and so on, and returns them by camera:
-/// as many for each, which can be fewer than planned where a video ends early; and the index of the
-/// camera that had the fewest.
+/// Writes every camera's frames to `dataset/NAME/images/0000.png` and so on. Returns equally many for each camera,
+/// fewer than planned if a video ends early, and the index of the camera with the fewest.
 pub(super) fn write_all(
     sources: &[Source],
     timelines: &[Timeline],
@@ -133,7 +133,7 @@ pub(super) fn write_all(
                 Recording::Images(images) => copy_images(images, timeline, schedule, size, &folder),
                 Recording::Video(video) => {
                     let selection = selection(timeline, schedule, schedule.n_frames, size);
-                    ffmpeg::write_frames(video, &folder, &selection)?;
+                    write_frames(video, &folder, &selection)?;
                     let frames = files::list_images(&folder)?;
                     if frames.is_empty() {
                         return Err(no_frame(video, schedule.start));

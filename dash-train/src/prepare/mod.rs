@@ -1,20 +1,19 @@
 //! From a rig's recordings to a dataset: frames of all cameras at the same times, poses and points of
-//! the first frame, and the files that say so.
+//! the first frame, and the dataset's files.
 //!
 //! | file | what |
 //! | --- | --- |
-//! | `config.rs`, `summary.rs`, `error.rs` | what is asked for, what was done, what can go wrong |
-//! | `sources.rs`, `schedule.rs` | the cameras of a folder; which times they have in common |
-//! | `ffmpeg.rs`, `frames.rs` | frames of videos and of folders of images |
+//! | `config.rs`, `summary.rs`, `error.rs` | settings, summary, errors |
+//! | `sources.rs`, `schedule.rs` | the cameras of a folder; their common times |
+//! | `frames.rs` | frames of videos and of folders of images |
 //! | `colmap.rs`, `reconstruct.rs` | poses and points by the program `colmap` |
-//! | `cloud.rs`, `random.rs` | points that are worth starting from |
+//! | `cloud.rs`, `random.rs` | initial points |
 //! | `write.rs`, `output.rs` | the dataset's files; all of them or none |
 
 mod cloud;
 mod colmap;
 mod config;
 mod error;
-mod ffmpeg;
 mod frames;
 mod output;
 mod random;
@@ -36,7 +35,7 @@ pub use error::PrepareError;
 pub use frames::FrameSize;
 pub use summary::PrepareSummary;
 
-use crate::dataset::known_poses::{self, KnownCamera};
+use crate::dataset::poses::known::{self, KnownCamera};
 use crate::dataset::{DatasetError, LoadOptions, load};
 use crate::ply::PointCloud;
 use colmap::Colmap;
@@ -45,7 +44,7 @@ use output::Output;
 use schedule::{Wanted, schedule};
 use write::WrittenCamera;
 
-/// With fewer points than this, the user is told what may be wrong.
+/// With fewer points than this, the summary warns.
 const FEW_POINTS: usize = 100;
 
 /// Makes a dataset in the folder `out` of the recordings in the folder `input`.
@@ -79,7 +78,7 @@ fn prepare_with(
         None => vec![0.0; names.len()],
     };
     let output = Output::create(out)?;
-    // Before minutes of work that would be in vain.
+    // Before minutes of work.
     let colmap = match config.random_points {
         Some(_) => None,
         None => Some(find_colmap(&output.workspace(), config, program)?),
@@ -102,7 +101,7 @@ fn prepare_with(
 
     let known = config.poses.as_deref();
     let known = known
-        .map(|path| known_poses::read(path, &names, &recorded_sizes))
+        .map(|path| known::read(path, &names, &recorded_sizes))
         .transpose()?;
     let found = find_cameras_and_points(
         config,
@@ -291,7 +290,7 @@ fn check_lenses(
     }
 }
 
-/// Loads the first frame of every camera as training will, so that what can't be read is an error now.
+/// Loads the first frame of every camera as training will, so that unreadable files are an error now.
 fn check(dataset: &Path) -> Result<(), DatasetError> {
     let options = LoadOptions {
         max_frames: Some(1),

@@ -1,4 +1,4 @@
-//! The folder that is made: whole, or not at all.
+//! The output folder: whole, or not at all.
 
 use std::fs;
 use std::io::ErrorKind;

@@ -1,4 +1,4 @@
-//! Random points where the cameras look, for want of triangulated ones.
+//! Random initial points where the cameras look.
 
 use dash_kernels::Camera;
 use glam::DVec3;
@@ -19,8 +19,8 @@ const DRAWS_PER_POINT: usize = 200;
 /// Smallest reach that is drawn from, in world units, where all cameras stand in one place.
 const MIN_REACH: f64 = 1e-3;
 
-/// Up to `n` points of random colours, in a box around the point where the cameras' axes meet, each
-/// seen by at least two cameras; fewer where hardly any two cameras see the same.
+/// Up to `n` points of random colours in a box around the point where the cameras' axes meet. Each is seen by at
+/// least two cameras; there are fewer if view frusta hardly overlap.
 pub(super) fn random_points(cameras: &[Camera], n: usize, seed: u64) -> PointCloud {
     let focus = DVec3::from(focus_point(cameras));
     let distances = cameras

@@ -8,11 +8,12 @@ use glam::{DMat3, DQuat};
 use super::PrepareError;
 use super::colmap::{Colmap, Lenses};
 use super::config::{CameraModel, LensChoice};
-use crate::dataset::known_poses::{KnownCamera, model_cameras};
-use crate::dataset::{DatasetError, TrackedPoint, read_tracked_points};
+use crate::dataset::poses::colmap::{TrackedPoint, read_tracked_points};
+use crate::dataset::poses::known::{KnownCamera, model_cameras};
+use crate::files::DatasetError;
 
-/// The camera model with which cameras are tried once more, each with a lens of its own. With more
-/// parameters one picture per camera is too little to tell them apart.
+/// The camera model of the second attempt, which gives each camera its own lens. One image per camera does not
+/// determine more parameters.
 const SECOND_MODEL: CameraModel = CameraModel::SimpleRadial;
 
 /// Cameras at the size of the first frames, in the cameras' order, and points.

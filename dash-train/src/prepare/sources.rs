@@ -3,11 +3,9 @@
 use std::path::{Path, PathBuf};
 
 use super::PrepareError;
-use crate::dataset::files;
+use crate::files::{self, VIDEO_EXTENSIONS};
 
-/// Extensions of video files.
-const VIDEO_EXTENSIONS: [&str; 5] = ["mp4", "mov", "mkv", "webm", "avi"];
-/// Folders in which cameras are looked for where the input has none itself.
+/// Folders that are searched for cameras if the input has none itself.
 const INNER_FOLDERS: [&str; 2] = ["videos", "images"];
 
 /// A camera of the rig.
@@ -111,7 +109,7 @@ fn image_folders(folder: &Path) -> Result<Vec<Source>, PrepareError> {
             });
         }
     }
-    // A lone folder `images` is one that holds all cameras' pictures.
+    // A lone folder `images` holds the images of all cameras.
     if let [only] = &sources[..]
         && INNER_FOLDERS.contains(&only.name.as_str())
     {

@@ -5,7 +5,7 @@ use std::path::PathBuf;
 
 use super::CloudCounts;
 
-/// What is in the dataset that was prepared, and what was assumed to make it.
+/// A prepared dataset, and the assumptions behind it.
 #[derive(Debug, Clone, PartialEq)]
 pub struct PrepareSummary {
     /// The dataset's folder.
@@ -18,7 +18,7 @@ pub struct PrepareSummary {
     pub fps: f64,
     /// Where the poses come from.
     pub poses: String,
-    /// What became of the triangulated points; `None` for random ones.
+    /// Counts of the triangulated points; `None` for random ones.
     pub cloud: Option<CloudCounts>,
     /// Number of points that were written.
     pub n_points: usize,

@@ -8,7 +8,7 @@ use serde::Serialize;
 use super::PrepareError;
 use super::schedule::Schedule;
 use crate::dataset::DatasetError;
-use crate::dataset::known_poses::KnownCamera;
+use crate::dataset::poses::known::KnownCamera;
 use crate::ply::{PointCloud, write_points};
 
 const POINTS: &str = "points3d.ply";

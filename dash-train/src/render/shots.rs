@@ -4,7 +4,7 @@ use dash_kernels::Camera;
 
 use crate::Error;
 use crate::cameras::{CameraFile, DatasetTerms, spiral};
-use crate::dataset::{Dataset, Layout, Split};
+use crate::dataset::{Dataset, Layout, Partition};
 
 /// One picture to take.
 #[derive(Debug, Clone, PartialEq)]
@@ -22,7 +22,7 @@ pub struct Shot {
 /// The test views of a dataset, at their own times.
 pub fn test_shots(dataset: &Dataset) -> Vec<Shot> {
     dataset
-        .split(Split::Test)
+        .views_of(Partition::Test)
         .map(|view| Shot {
             camera_name: view.camera_name.clone(),
             name: match dataset.layout {

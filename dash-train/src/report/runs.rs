@@ -27,7 +27,7 @@ impl RunRecord {
     /// the test views, else from the last line of the curve.
     pub(super) fn end(&self) -> Option<End> {
         let results = self.results.as_ref();
-        let of_test = results.filter(|r| r.evaluation.split == crate::dataset::Split::Test);
+        let of_test = results.filter(|r| r.evaluation.split == crate::dataset::Partition::Test);
         if let Some(results) = of_test {
             let scores = &results.evaluation;
             return Some(End {

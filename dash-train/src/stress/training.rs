@@ -10,7 +10,7 @@ use super::Case;
 use super::inputs::{rng, uniform};
 use super::measured::Measured;
 use crate::Error;
-use crate::dataset::{Dataset, LoadOptions, Split, load};
+use crate::dataset::{Dataset, LoadOptions, Partition, load};
 use crate::synth::{self, SceneKind, SynthConfig};
 use crate::train::{Preset, TrainConfig, Trainer};
 
@@ -313,9 +313,13 @@ fn trained(
     steps: usize,
     device: &Device,
 ) -> Result<Measured, Error> {
-    if !dataset.views.iter().any(|view| view.split == Split::Train) {
+    if !dataset
+        .views
+        .iter()
+        .any(|view| view.partition == Partition::Train)
+    {
         for view in &mut dataset.views {
-            view.split = Split::Train;
+            view.partition = Partition::Train;
         }
     }
     let mut measured = Measured::default();

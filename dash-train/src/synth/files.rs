@@ -2,7 +2,7 @@
 
 use super::cloud::CloudPoint;
 use crate::Error;
-use crate::video::{Encoding, VideoWriter};
+use crate::video::{Encoding, VideoWriter, version_status};
 use image::codecs::png::{CompressionType, FilterType, PngEncoder};
 use image::{ExtendedColorType, ImageEncoder};
 use npyz::WriterBuilder;
@@ -10,7 +10,6 @@ use serde::Serialize;
 use std::fs::File;
 use std::io::{self, BufWriter, Write};
 use std::path::Path;
-use std::process::{Command, Stdio};
 
 /// Frame rate of the videos; the Neural 3D Video clips have it.
 const VIDEO_FRAMES_PER_SECOND: f64 = 30.0;
@@ -104,12 +103,7 @@ pub(super) fn write_bytes(path: &Path, bytes: &[u8]) -> Result<(), Error> {
 
 /// Fails unless `program` starts: before minutes of rendering, not after.
 pub(super) fn check_ffmpeg(program: &str) -> Result<(), Error> {
-    Command::new(program)
-        .arg("-version")
-        .stdin(Stdio::null())
-        .stdout(Stdio::null())
-        .stderr(Stdio::null())
-        .status()
+    version_status(program.as_ref())
         .map(|_| ())
         .map_err(|source| Error::FfmpegMissing {
             program: program.to_owned(),

@@ -13,7 +13,7 @@ use super::core::{
 };
 use super::paper::Dash;
 use crate::Error;
-use crate::dataset::{Dataset, Split, View};
+use crate::dataset::{Dataset, Partition, View};
 
 /// A training run in memory.
 pub struct Trainer {
@@ -147,7 +147,7 @@ impl Trainer {
     /// Views of the dataset's test partition.
     pub fn test_views(&self) -> impl Iterator<Item = &View> {
         let views = self.run.dataset.views.iter();
-        views.filter(|view| view.split == Split::Test)
+        views.filter(|view| view.partition == Partition::Test)
     }
 
     /// Replaces the first Gaussians of a run that has not begun.

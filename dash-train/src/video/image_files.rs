@@ -9,7 +9,7 @@ use image::codecs::png::PngEncoder;
 use image::{ExtendedColorType, ImageEncoder, ImageError};
 use tempfile::NamedTempFile;
 
-use super::VideoError;
+use super::error::VideoError;
 
 /// 8-bit values of an image in [0, 1], rounded; what is below or above is clamped, NaN is 0.
 pub fn rgb8(image: &[f32]) -> Vec<u8> {

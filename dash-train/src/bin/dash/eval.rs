@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 
 use clap::{Args, ValueEnum};
-use dash_train::dataset::Split;
+use dash_train::dataset::Partition;
 use dash_train::results::{Process, evaluate_run};
 use dash_train::train::RunFolder;
 
@@ -60,8 +60,8 @@ pub fn run(args: &EvalArgs, shared: &Shared) -> Result<String, Failure> {
     let perceptual = args.lpips.files().load(&device)?;
     let dataset = dataset_of(&config.data, args.dataset.as_deref(), false)?;
     let split = match args.split {
-        SplitName::Test => Split::Test,
-        SplitName::Train => Split::Train,
+        SplitName::Test => Partition::Test,
+        SplitName::Train => Partition::Train,
     };
     let name = choice.to_string();
     let results = evaluate_run(

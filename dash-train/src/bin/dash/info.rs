@@ -6,7 +6,7 @@ use burn::tensor::Device;
 use clap::Args;
 use dash_kernels::splats::NEAR_PLANE;
 use dash_model::{GaussianRows, read_splat_ply};
-use dash_train::dataset::{Dataset, FrameRange, Layout, LoadOptions, Split, load};
+use dash_train::dataset::{Dataset, FrameRange, Layout, LoadOptions, Partition, load};
 use dash_train::evaluate::storage_bytes;
 use dash_train::ply::{PointCloud, read_points};
 use dash_train::results::read_results;
@@ -180,7 +180,7 @@ fn dataset(dataset: &Dataset) -> Table {
             [low.min(time), high.max(time)]
         });
     let held_out: std::collections::BTreeSet<&str> = dataset
-        .split(Split::Test)
+        .views_of(Partition::Test)
         .map(|view| view.camera_name.as_str())
         .collect();
     let held_out: Vec<&str> = held_out.into_iter().collect();
@@ -201,8 +201,8 @@ fn dataset(dataset: &Dataset) -> Table {
             "views",
             format!(
                 "{} to train on, {} to test",
-                dataset.split(Split::Train).count(),
-                dataset.split(Split::Test).count()
+                dataset.views_of(Partition::Train).count(),
+                dataset.views_of(Partition::Test).count()
             ),
         )
         .row("test cameras", listed(&held_out))

@@ -6,7 +6,7 @@ use std::sync::Arc;
 
 use clap::Args;
 use dash_train::compare::Method;
-use dash_train::dataset::{Dataset, Split};
+use dash_train::dataset::{Dataset, Partition};
 use dash_train::device::DeviceChoice;
 use dash_train::evaluate::{CurveProbe, PerceptualFiles};
 use dash_train::results::{Process, evaluate_run};
@@ -148,7 +148,7 @@ fn start(
 
 /// Says which cameras are held out.
 fn tell_held_out(dataset: &Dataset) {
-    let views = dataset.split(Split::Test);
+    let views = dataset.views_of(Partition::Test);
     let names: BTreeMap<usize, &str> = views
         .map(|view| (view.camera_index, view.camera_name.as_str()))
         .collect();
@@ -260,7 +260,7 @@ fn finish(
     perceptual: &PerceptualFiles,
 ) -> Result<String, Failure> {
     let root = run.root().display();
-    if dataset.split(Split::Test).next().is_none() {
+    if dataset.views_of(Partition::Test).next().is_none() {
         let (n_static, n_dynamic) = run.scene(device.0)?.counts();
         let mut table = Table::default();
         table
@@ -282,7 +282,7 @@ fn finish(
     let results = evaluate_run(
         run,
         dataset,
-        Split::Test,
+        Partition::Test,
         device,
         Process::Trained,
         &perceptual,

@@ -3,8 +3,8 @@ use std::f64::consts::FRAC_PI_2;
 use dash_kernels::Camera;
 use serde_json::{Value, json};
 
-use super::super::{Layout, LoadOptions, Split};
-use super::{Fixture, H, W, assert_cameras_equal, axis, camera, negated};
+use super::super::{Layout, LoadOptions, Partition};
+use crate::test_kit::{Fixture, H, W, assert_cameras_equal, axis, camera, negated};
 
 /// Camera-to-world with OpenGL axes.
 pub(super) fn matrix(camera: &Camera) -> Value {
@@ -80,15 +80,23 @@ fn dnerf_cameras_times_splits_and_transparency() {
     let listed: Vec<_> = dataset
         .views
         .iter()
-        .map(|v| (v.name.as_str(), v.camera_index, v.frame, v.time, v.split))
+        .map(|v| {
+            (
+                v.name.as_str(),
+                v.camera_index,
+                v.frame,
+                v.time,
+                v.partition,
+            )
+        })
         .collect();
     assert_eq!(
         listed,
         [
-            ("train/r_0", 0, 0, 0.0, Split::Train),
-            ("train/r_1", 1, 1, 0.3, Split::Train),
-            ("train/r_2", 0, 2, 1.0, Split::Train),
-            ("test/r_0", 2, 1, 0.3, Split::Test),
+            ("train/r_0", 0, 0, 0.0, Partition::Train),
+            ("train/r_1", 1, 1, 0.3, Partition::Train),
+            ("train/r_2", 0, 2, 1.0, Partition::Train),
+            ("test/r_0", 2, 1, 0.3, Partition::Test),
         ]
     );
     for view in &dataset.views {
@@ -120,7 +128,7 @@ fn test_cameras_override_the_files() {
     let tested: Vec<bool> = dataset
         .views
         .iter()
-        .map(|v| v.split == Split::Test)
+        .map(|v| v.partition == Partition::Test)
         .collect();
     assert_eq!(tested, [true, false, true, false]);
     let options = LoadOptions {
@@ -227,7 +235,7 @@ fn nerfstudios_lists_say_what_is_held_out() {
         let lists = json!({"fl_x": 9.0, key: ["./images/1.png", "images/2.png", "../x.png"]});
         let dataset = single(4, lists).load().expect("loads");
         let listed: Vec<usize> = (0..4)
-            .filter(|&index| dataset.views[index].split == Split::Test)
+            .filter(|&index| dataset.views[index].partition == Partition::Test)
             .collect();
         // Without lists of what to hold out: what is not to be trained on.
         let expected = if held_out { [1, 2] } else { [0, 3] };
@@ -266,7 +274,7 @@ fn without_times_it_is_static_and_every_eighth_name_is_held_out() {
     assert!(dataset.is_static() && dataset.views.iter().all(|v| v.time == 0.0 && v.frame == 0));
     assert_eq!((dataset.n_cameras, dataset.background), (17, None));
     let held_out: Vec<&str> = dataset
-        .split(Split::Test)
+        .views_of(Partition::Test)
         .map(|v| v.name.as_str())
         .collect();
     // Natural order: 8 and 16, not 15 (which is eighth in plain order).
@@ -274,7 +282,7 @@ fn without_times_it_is_static_and_every_eighth_name_is_held_out() {
     let alone = single(1, json!({"fl_x": 9.0}))
         .load()
         .expect("one view to train on");
-    assert_eq!(alone.split(Split::Train).count(), 1);
+    assert_eq!(alone.views_of(Partition::Train).count(), 1);
 }
 
 #[test]

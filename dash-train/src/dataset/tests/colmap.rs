@@ -1,7 +1,7 @@
 use dash_kernels::Camera;
 
-use super::super::{Layout, Split};
-use super::{Fixture, H, W, assert_cameras_equal};
+use super::super::{Layout, Partition};
+use crate::test_kit::{Fixture, H, W, assert_cameras_equal};
 
 /// Camera model id, name and parameters; all have focal length 9 and a centred principal point.
 const MODELS: [(u32, &str, &[f64]); 6] = [
@@ -98,11 +98,11 @@ fn binary_models_in_either_folder() {
         let listed: Vec<_> = dataset
             .views
             .iter()
-            .map(|v| (v.name.as_str(), v.split))
+            .map(|v| (v.name.as_str(), v.partition))
             .collect();
         assert_eq!(
             listed,
-            [("a", Split::Test), ("b", Split::Train)],
+            [("a", Partition::Test), ("b", Partition::Train)],
             "in the order of names"
         );
         assert_eq!(
@@ -186,7 +186,7 @@ fn text_models_equal_binary_ones() {
     let text = fixture.load().expect("loads");
     assert_eq!(text.points, binary.points);
     for (a, b) in text.views.iter().zip(&binary.views) {
-        assert_eq!((&a.name, a.split), (&b.name, b.split));
+        assert_eq!((&a.name, a.partition), (&b.name, b.partition));
         assert_cameras_equal(&a.camera, &b.camera);
     }
     let spaces = images.replace("png\n\n", "png\n \t\n");

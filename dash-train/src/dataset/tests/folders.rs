@@ -1,7 +1,7 @@
 //! Folders that are no dataset that can be read, and what is said of them.
 
 use super::super::{Layout, LoadOptions, load};
-use super::Fixture;
+use crate::test_kit::Fixture;
 
 #[test]
 fn unknown_folders_say_what_was_looked_for() {

@@ -3,11 +3,10 @@
 use dash_kernels::Camera;
 use serde_json::json;
 
-use super::super::npy::tests::npy_f64;
 use super::super::{Dataset, Layout, LoadOptions, load_decodable};
 use super::blender::{matrix, write_single};
 use super::n3dv::rows;
-use super::{Fixture, H, W, assert_cameras_equal, camera, write_model};
+use crate::test_kit::{Fixture, H, W, assert_cameras_equal, camera, npy_f64, write_model};
 
 /// Two cameras with these images.
 fn rig(names: [&[&str]; 2]) -> Fixture {

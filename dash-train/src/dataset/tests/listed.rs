@@ -2,10 +2,10 @@
 
 use serde_json::{Value, json};
 
-use super::super::{LoadOptions, Split};
+use super::super::{LoadOptions, Partition};
 use super::blender::{dnerf, file, frame, matrix, single, write_single};
 use super::nerfies::capture;
-use super::{Fixture, H, W, camera, write_model};
+use crate::test_kit::{Fixture, H, W, camera, npy, write_model};
 
 fn names(fixture: &Fixture, options: &LoadOptions) -> Vec<String> {
     let dataset = fixture.load_with(options).expect("loads");
@@ -78,7 +78,7 @@ fn paths_with_backslashes_and_paths_that_lead_back_are_read() {
     let listed: Vec<_> = dataset
         .views
         .iter()
-        .map(|v| (v.name.as_str(), v.split == Split::Test))
+        .map(|v| (v.name.as_str(), v.partition == Partition::Test))
         .collect();
     let expected = [("images/0", true), ("images/1", false), ("images/2", true)];
     assert_eq!(listed, expected);
@@ -113,7 +113,7 @@ fn points_that_are_named_and_missing_are_no_error() {
     assert_eq!(fixture.load().expect("loads").points, None);
     let fixture = capture();
     let header = "{'descr': '<f8', 'fortran_order': False, 'shape': (0, 3), }";
-    fixture.write("points.npy", super::super::npy::tests::npy(header, &[]));
+    fixture.write("points.npy", npy(header, &[]));
     assert_eq!(fixture.load().expect("loads").points, None);
 }
 
@@ -127,7 +127,7 @@ fn files_of_test_views_without_frames_are_as_if_absent() {
     );
     let held_out = |fixture: &Fixture| -> Vec<String> {
         let dataset = fixture.load().expect("loads");
-        let views = dataset.split(Split::Test);
+        let views = dataset.views_of(Partition::Test);
         views.map(|view| view.name.clone()).collect()
     };
     assert_eq!(held_out(&fixture), ["test/r_0"]);

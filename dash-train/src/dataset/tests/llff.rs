@@ -1,7 +1,6 @@
-use super::super::npy::tests::npy_f64;
-use super::super::{Layout, LoadOptions, Split};
+use super::super::{Layout, LoadOptions, Partition};
 use super::n3dv::{IN_PLAIN_ORDER, row, rows};
-use super::{Fixture, H, W, assert_cameras_equal, camera};
+use crate::test_kit::{Fixture, H, W, assert_cameras_equal, camera, npy_f64};
 
 pub(super) fn capture(n: usize) -> Fixture {
     let fixture = Fixture::new();
@@ -23,7 +22,7 @@ fn one_image_per_row_is_a_static_capture_with_every_eighth_held_out() {
         assert_eq!(view.name, format!("IMG_{number}"));
         assert_cameras_equal(&view.camera, &camera(index));
         assert_eq!(view.rgb([0.0; 3]).expect("reads")[0], number as f32 / 255.0);
-        assert_eq!(view.split == Split::Test, index % 8 == 0);
+        assert_eq!(view.partition == Partition::Test, index % 8 == 0);
     }
 }
 

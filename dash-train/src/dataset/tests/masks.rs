@@ -1,8 +1,9 @@
 use serde_json::json;
 
-use super::super::{Dataset, LoadOptions, Split};
+use super::super::{Dataset, LoadOptions, Partition};
 use super::blender::{file, frame, matrix, single, write_single};
-use super::{Fixture, H, W, camera, nerfies, write_model};
+use super::nerfies;
+use crate::test_kit::{Fixture, H, W, camera, write_model};
 
 /// A mask whose left half counts, or its right half.
 fn half(fixture: &Fixture, name: &str, left: bool) {
@@ -116,7 +117,10 @@ fn masks_of_what_moves_are_undistorted_as_their_pictures_are() {
             ..LoadOptions::default()
         };
         let dataset = fixture.load_with(&options).expect("loads");
-        let view = dataset.split(Split::Test).next().expect("one of two");
+        let view = dataset
+            .views_of(Partition::Test)
+            .next()
+            .expect("one of two");
         let rgb = view.rgb([0.0; 3]).expect("reads");
         let white: Vec<bool> = rgb.iter().step_by(3).map(|&v| v > 0.5).collect();
         let mask = view.motion_mask().expect("reads").expect("a mask");
@@ -140,7 +144,7 @@ fn masks_may_be_of_another_size_than_their_pictures() {
     }
     let dataset = fixture.load().expect("loads");
     assert_eq!(counted(&dataset)[..2], [Some([1.0, 0.0]), None]);
-    let view = dataset.split(Split::Test).next().expect("held out");
+    let view = dataset.views_of(Partition::Test).next().expect("held out");
     assert_eq!(view.name, "000010");
     let mask = view.motion_mask().expect("reads").expect("a mask");
     assert_eq!(mask[..W], [255, 255, 255, 255, 0, 0, 0, 0]);

@@ -10,58 +10,21 @@ mod llff;
 mod masks;
 mod n3dv;
 mod nerfies;
+mod partition;
 mod real;
 mod rig;
 mod sizes;
-mod splits;
 mod technicolor;
 mod video_times;
+mod videos;
 
 use std::fs;
-use std::path::{Path, PathBuf};
-
-use dash_kernels::Camera;
-use tempfile::TempDir;
+use std::path::Path;
 
 use super::{Dataset, DatasetError, LoadOptions, load};
-
-/// Size of the fixtures' images.
-const W: usize = 8;
-const H: usize = 6;
-
-/// A folder that is removed at the end of the test.
-struct Fixture(TempDir);
+use crate::test_kit::{Fixture, H, W, camera, npy_f64};
 
 impl Fixture {
-    fn new() -> Self {
-        Self(tempfile::tempdir().expect("temporary folder"))
-    }
-
-    fn root(&self) -> &Path {
-        self.0.path()
-    }
-
-    fn path(&self, name: &str) -> PathBuf {
-        let path = self.root().join(name);
-        fs::create_dir_all(path.parent().expect("below the root")).expect("folders");
-        path
-    }
-
-    fn write(&self, name: &str, bytes: impl AsRef<[u8]>) {
-        fs::write(self.path(name), bytes).expect("fixture file");
-    }
-
-    fn remove(&self, name: &str) {
-        fs::remove_file(self.root().join(name)).expect("fixture file");
-    }
-
-    /// An RGB image of one shade.
-    fn image(&self, name: &str, width: usize, height: usize, shade: [u8; 3]) {
-        image::RgbImage::from_pixel(width as u32, height as u32, image::Rgb(shade))
-            .save(self.path(name))
-            .expect("fixture image");
-    }
-
     fn load(&self) -> Result<Dataset, DatasetError> {
         self.load_with(&LoadOptions::default())
     }
@@ -162,78 +125,6 @@ fn damaged_files_of_every_layout_never_panic() {
     }
 }
 
-#[track_caller]
-fn assert_cameras_equal(got: &Camera, expected: &Camera) {
-    assert_eq!((got.width, got.height), (expected.width, expected.height));
-    let numbers = |c: &Camera| {
-        let mut all: Vec<f64> = c.rotation.iter().flatten().copied().collect();
-        all.extend(c.translation);
-        all.extend([c.fx, c.fy, c.cx, c.cy]);
-        all
-    };
-    for (index, (g, e)) in numbers(got).into_iter().zip(numbers(expected)).enumerate() {
-        assert!(
-            (g - e).abs() < 1e-9,
-            "number {index}: got {g}, expected {e}"
-        );
-    }
-}
-
-/// A camera in general position, looking at the origin.
-fn camera(index: usize) -> Camera {
-    let angle = 0.7 * index as f64;
-    let eye = [
-        3.0 * angle.cos(),
-        0.5 + 0.2 * index as f64,
-        3.0 * angle.sin(),
-    ];
-    Camera::new(9.0, 9.0, W as f64 / 2.0, H as f64 / 2.0, W, H).look_at(
-        eye,
-        [0.0; 3],
-        [0.0, 1.0, 0.0],
-    )
-}
-
-/// The rotation as a quaternion (w, x, y, z).
-fn quaternion(camera: &Camera) -> [f64; 4] {
-    let rows = glam::DMat3::from_cols_array_2d(&camera.rotation);
-    let q = glam::DQuat::from_mat3(&rows.transpose());
-    [q.w, q.x, q.y, q.z]
-}
-
-/// Writes a COLMAP text model of these images and one point.
-fn write_model(fixture: &Fixture, folder: &str, images: &[(&str, Camera)]) {
-    let (mut cameras, mut poses) = (String::from("# Cameras\n"), String::from("# Images\n"));
-    for (index, (name, camera)) in images.iter().enumerate() {
-        let id = index + 1;
-        let Camera {
-            fx,
-            fy,
-            cx,
-            cy,
-            width,
-            height,
-            ..
-        } = camera;
-        cameras += &format!("{id} PINHOLE {width} {height} {fx} {fy} {cx} {cy}\n");
-        let numbers = quaternion(camera).into_iter().chain(camera.translation);
-        let pose: Vec<String> = numbers.map(|v| v.to_string()).collect();
-        poses += &format!("{id} {} {id} {name}\n\n", pose.join(" "));
-    }
-    fixture.write(&format!("{folder}/cameras.txt"), cameras);
-    fixture.write(&format!("{folder}/images.txt"), poses);
-    fixture.write(&format!("{folder}/points3D.txt"), "1 1 2 3 4 5 6 0.5\n");
-}
-
-/// The camera's axis (right, down, forward: 0, 1, 2) in the world.
-fn axis(camera: &Camera, index: usize) -> [f64; 3] {
-    camera.rotation[index]
-}
-
-fn negated(v: [f64; 3]) -> [f64; 3] {
-    v.map(|c| -c)
-}
-
 #[test]
 fn options_out_of_range_are_refused() {
     let fixture = Fixture::new();
@@ -323,7 +214,7 @@ fn damaged_bytes_never_panic() {
         "ascii.ply",
         format!("ply\nformat ascii 1.0\n{header}1 2 7 7 2 3\n4 0 5 6\n"),
     );
-    fixture.write("poses.npy", super::npy::tests::npy_f64(&[[0.25; 17]; 2]));
+    fixture.write("poses.npy", npy_f64(&[[0.25; 17]; 2]));
     let mut random = rand_pcg::Pcg32::seed_from_u64(7);
     for name in ["a.png", "a.jpg", "binary.ply", "ascii.ply", "poses.npy"] {
         let path = fixture.path(name);
@@ -337,8 +228,8 @@ fn damaged_bytes_never_panic() {
             fs::write(&path, &bytes).expect("fixture file");
             match name.rsplit('.').next() {
                 Some("ply") => drop(crate::ply::read_points_counting(&path)),
-                Some("npy") => drop(super::npy::parse_poses(&path, &bytes)),
-                _ => drop(super::decode::decode(&path)),
+                Some("npy") => drop(super::poses::npy::parse_poses(&path, &bytes)),
+                _ => drop(super::pixels::decode::decode(&path)),
             }
         }
     }
@@ -347,11 +238,33 @@ fn damaged_bytes_never_panic() {
 #[test]
 fn views_can_be_made_without_a_folder() {
     let mut view = super::View::from_rgb8("made", camera(0), 0.5, vec![51; W * H * 3]);
-    view.split = super::Split::Test;
+    view.partition = super::Partition::Test;
     assert_eq!(view.rgb([1.0; 3]).expect("in memory"), vec![0.2; W * H * 3]);
     assert!(
         view.alpha().expect("in memory").is_none()
             && view.motion_mask().expect("reads").is_none()
-            && view.split.to_string() == "test"
+            && view.partition.to_string() == "test"
     );
+}
+
+const POINTER: &str = "version https://git-lfs.github.com/spec/v1\noid sha256:0a\nsize 17\n";
+
+#[test]
+fn pointers_in_place_of_images_videos_arrays_and_points_are_told() {
+    let folder = tempfile::tempdir().expect("temporary folder");
+    let path = folder.path().join("pointer");
+    std::fs::write(&path, POINTER).expect("writes");
+    let bytes = POINTER.as_bytes();
+    for error in [
+        super::pixels::decode::dimensions(&path).expect_err("no image"),
+        super::pixels::decode::decode(&path).expect_err("no image"),
+        crate::video::frame_size(&path, false).expect_err("no video"),
+        crate::video::VideoIndex::read(&path, true).expect_err("no video"),
+        super::poses::npy::parse_poses(&path, bytes).expect_err("no array"),
+        crate::ply::read_points(&path).expect_err("no points"),
+    ] {
+        let message = error.to_string();
+        let expected = "found a Git LFS pointer, not the file itself; run `git lfs pull`";
+        assert!(message.contains(expected), "{message}");
+    }
 }

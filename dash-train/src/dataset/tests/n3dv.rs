@@ -1,11 +1,11 @@
-use std::process::Command;
-
 use dash_kernels::Camera;
 
-use super::super::npy::tests::{npy, npy_f64};
-use super::super::{Dataset, Layout, LoadOptions, Split, known_poses};
-use super::{Fixture, H, W, assert_cameras_equal, axis, camera, negated, write_model};
+use super::super::{Layout, LoadOptions, Partition};
+use crate::dataset::poses::known as known_poses;
 use crate::ply::{PointCloud, write_points};
+use crate::test_kit::{
+    Fixture, H, W, assert_cameras_equal, axis, camera, negated, npy, npy_f64, write_model,
+};
 
 /// Eleven numbers by the plain order of `cam0`, `cam1`, `cam10`, `cam2`, ..
 pub(super) const IN_PLAIN_ORDER: [usize; 11] = [0, 1, 10, 2, 3, 4, 5, 6, 7, 8, 9];
@@ -81,11 +81,11 @@ fn cameras_times_and_images_are_exact() {
         assert_eq!(view.camera_name, format!("cam{number}"));
         assert_eq!(view.name, format!("cam{number}/{frame:04}"));
         assert_eq!(
-            view.split,
+            view.partition,
             if camera_index == 0 {
-                Split::Test
+                Partition::Test
             } else {
-                Split::Train
+                Partition::Train
             }
         );
         let rgb = view.rgb([0.0; 3]).expect("in memory");
@@ -154,7 +154,7 @@ fn options_choose_size_frames_and_test_cameras() {
             ("cam0/0004", 2, 1.0)
         ]
     );
-    assert_eq!(dataset.split(Split::Train).count(), 3);
+    assert_eq!(dataset.views_of(Partition::Train).count(), 3);
     assert_cameras_equal(&dataset.views[3].camera, &camera(1).resized(5, 4));
     assert_eq!(
         dataset.views[3].rgb([0.0; 3]).expect("in memory").len(),
@@ -201,7 +201,7 @@ fn options_choose_size_frames_and_test_cameras() {
 fn a_single_camera_is_trained_on_unless_it_is_to_be_held_out() {
     let fixture = rig(1, 2);
     let dataset = fixture.load().expect("loads");
-    assert_eq!(dataset.split(Split::Train).count(), 2);
+    assert_eq!(dataset.views_of(Partition::Train).count(), 2);
     let held_out = LoadOptions {
         test_cameras: Some(vec![0]),
         ..LoadOptions::default()
@@ -428,152 +428,6 @@ fn broken_frames_are_named_or_left_out() {
     }
     let error = fixture.load_with(&skipping).expect_err("nothing is left");
     assert!(error.to_string().contains("0000.png"), "{error}");
-}
-
-/// Writes a short video of frames with rising brightness; `false` when there is no ffmpeg to try.
-pub(super) fn write_video(fixture: &Fixture, name: &str, n_frames: usize, base: usize) -> bool {
-    let shades = (0..n_frames).map(|frame| base + 30 * frame);
-    write_video_with(fixture, name, shades, &["-c:v", "mpeg4", "-q:v", "1"])
-}
-
-pub(super) fn write_video_with(
-    fixture: &Fixture,
-    name: &str,
-    shades: impl Iterator<Item = usize>,
-    encoding: &[&str],
-) -> bool {
-    let folder = format!("frames_of_{name}");
-    for (frame, shade) in shades.enumerate() {
-        let image_name = format!("{folder}/{frame:04}.png");
-        fixture.image(&image_name, 64, 48, [shade as u8; 3]);
-    }
-    let result = Command::new("ffmpeg")
-        .args(["-nostdin", "-loglevel", "error", "-y", "-i"])
-        .arg(fixture.root().join(&folder).join("%04d.png"))
-        .args(encoding)
-        .args(["-movflags", "+faststart"])
-        .arg(fixture.path(name))
-        .status();
-    match result {
-        Ok(status) => status.success(),
-        Err(_) => {
-            eprintln!("ffmpeg is not installed: videos are not tried");
-            false
-        }
-    }
-}
-
-#[test]
-fn videos_are_decoded_frame_by_frame() {
-    let fixture = Fixture::new();
-    let large: Vec<_> = (0..2).map(|i| row(&camera(i).resized(64, 48))).collect();
-    fixture.write("poses_bounds.npy", npy_f64(&large));
-    if !write_video(&fixture, "cam01.mp4", 5, 20) || !write_video(&fixture, "cam00.mp4", 5, 60) {
-        return;
-    }
-    let options = LoadOptions {
-        downscale: 8.0,
-        ..LoadOptions::default()
-    };
-    let dataset = fixture.load_with(&options).expect("loads");
-    assert_eq!(
-        (dataset.n_cameras, dataset.n_frames, dataset.views.len()),
-        (2, 5, 10)
-    );
-    for (index, view) in dataset.views.iter().enumerate() {
-        let (camera_index, frame) = (index / 5, index % 5);
-        assert_eq!(view.name, format!("cam0{camera_index}/{frame:04}"));
-        assert_eq!(view.time, frame as f32 / 4.0);
-        assert_cameras_equal(&view.camera, &camera(camera_index));
-        let expected = ([60, 20][camera_index] + 30 * frame) as f32 / 255.0;
-        for got in view.rgb([0.0; 3]).expect("in memory") {
-            assert!(
-                (got - expected).abs() < 6.0 / 255.0,
-                "view {index}: got {got}, expected {expected}"
-            );
-        }
-    }
-    let some = LoadOptions {
-        frame_stride: 2,
-        max_frames: Some(2),
-        ..options.clone()
-    };
-    let names: Vec<String> = fixture
-        .load_with(&some)
-        .expect("loads")
-        .views
-        .into_iter()
-        .map(|v| v.name)
-        .collect();
-    assert_eq!(
-        names,
-        ["cam00/0000", "cam00/0002", "cam01/0000", "cam01/0002"]
-    );
-    let later = LoadOptions {
-        frames: Some("2-9".parse().expect("a range")),
-        max_frames: None,
-        ..some.clone()
-    };
-    let views = fixture.load_with(&later).expect("loads").views;
-    let found: Vec<_> = views
-        .iter()
-        .map(|v| (v.name.as_str(), v.frame, v.time))
-        .collect();
-    assert_eq!(
-        found,
-        [
-            ("cam00/0002", 0, 0.0),
-            ("cam00/0004", 1, 1.0),
-            ("cam01/0002", 0, 0.0),
-            ("cam01/0004", 1, 1.0)
-        ]
-    );
-    let whole = std::fs::read(fixture.path("cam01.mp4")).expect("written above");
-    for end in [0, 10, 300, whole.len() / 2, whole.len() - 40] {
-        fixture.write("cam01.mp4", &whole[..end]);
-        fixture.refuses(&["cam01"]);
-    }
-    assert!(write_video(&fixture, "cam01.mp4", 4, 20));
-    std::fs::remove_file(fixture.path("frames_of_cam01.mp4/0004.png")).expect("from before");
-    assert!(write_video(&fixture, "cam01.mp4", 4, 20));
-    fixture.refuses(&["cam01", "5 frames", "cam00", "found 4"]);
-}
-
-/// Groups of four pictures, some of which the file holds out of order.
-#[test]
-fn videos_on_demand_give_the_frames_of_videos_in_memory() {
-    const N: usize = 23;
-    let fixture = Fixture::new();
-    let large: Vec<_> = (0..2).map(|i| row(&camera(i).resized(64, 48))).collect();
-    fixture.write("poses_bounds.npy", npy_f64(&large));
-    for (camera, base) in [("cam00", 20), ("cam01", 40)] {
-        let step = 8;
-        if !write_video_with(
-            &fixture,
-            &format!("{camera}.mp4"),
-            (0..N).map(|frame| base + step * frame),
-            &["-c:v", "mpeg4", "-q:v", "1", "-g", "4", "-bf", "2"],
-        ) {
-            return;
-        }
-    }
-    let in_memory = fixture.load().expect("loads");
-    assert_eq!(in_memory.views.len(), 2 * N);
-    let options = LoadOptions {
-        memory: Some(in_memory.image_bytes() / 2),
-        threads: Some(2),
-        ..LoadOptions::default()
-    };
-    let on_demand = fixture.load_with(&options).expect("loads");
-    assert!(on_demand.frame_statistics().is_some() && in_memory.frame_statistics().is_none());
-    on_demand.announce([7, 40, 2, 9, 0].into_iter().map(|i| &on_demand.views[i]));
-    for index in [7, 40, 2, 9, 0].into_iter().chain(0..2 * N) {
-        let pixels = |dataset: &Dataset| dataset.views[index].rgb([0.0; 3]).expect("decodes");
-        assert!(
-            pixels(&on_demand) == pixels(&in_memory),
-            "view {index} differs"
-        );
-    }
 }
 
 #[test]

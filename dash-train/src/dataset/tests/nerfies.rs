@@ -1,9 +1,8 @@
 use dash_kernels::Camera;
 use serde_json::{Value, json};
 
-use super::super::npy::tests::npy;
-use super::super::{Layout, LoadOptions, Split};
-use super::{Fixture, H, W, assert_cameras_equal, camera};
+use super::super::{Layout, LoadOptions, Partition};
+use crate::test_kit::{Fixture, H, W, assert_cameras_equal, camera, npy, real_capture};
 
 const SCALE: f64 = 0.5;
 const CENTER: [f64; 3] = [1.0, -2.0, 0.25];
@@ -100,7 +99,7 @@ fn cameras_times_splits_and_points_of_a_validation_rig() {
             (view.frame, view.time),
             (index / 2, (index / 2) as f32 / 2.0)
         );
-        assert_eq!(view.split == Split::Test, index % 2 == 1);
+        assert_eq!(view.partition == Partition::Test, index % 2 == 1);
         assert_eq!(view.rgb([0.0; 3]).expect("reads")[1], index as f32 / 255.0);
     }
     let points = dataset.points.expect("points.npy");
@@ -154,8 +153,11 @@ fn without_validation_ids_every_eighth_is_held_out() {
         json!({"ids": ["000000", "000010", "000020"]}).to_string(),
     );
     let dataset = fixture.load().expect("loads");
-    let splits: Vec<Split> = dataset.views.iter().map(|view| view.split).collect();
-    assert_eq!(splits, [Split::Test, Split::Train, Split::Train]);
+    let splits: Vec<Partition> = dataset.views.iter().map(|view| view.partition).collect();
+    assert_eq!(
+        splits,
+        [Partition::Test, Partition::Train, Partition::Train]
+    );
 }
 
 #[test]
@@ -268,16 +270,14 @@ fn truncated_files_are_errors() {
     }
 }
 
-/// One file of the captures themselves, where it lies beside the repository.
+/// One file of the captures themselves.
 #[test]
 fn a_published_camera_is_read() {
-    let name = "../../shared/data/hypernerf_camera.json";
-    let path = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join(name);
-    let Ok(bytes) = std::fs::read(&path) else {
-        eprintln!("{} is not there: not tried", path.display());
+    let Some(path) = real_capture("hypernerf_camera.json") else {
         return;
     };
-    let file: super::super::nerfies_camera::CameraFile =
+    let bytes = std::fs::read(&path).expect("a file");
+    let file: super::super::poses::nerfies::CameraFile =
         serde_json::from_slice(&bytes).expect("a camera");
     let (camera, distortion) = file.camera(&path, |position| position).expect("sound");
     assert_eq!((camera.width, camera.height), (2448, 3264));

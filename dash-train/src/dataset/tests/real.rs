@@ -1,29 +1,19 @@
-//! Real and simulated captures, which lie beside the repository where they are present at all.
+//! Real and simulated captures, where an environment variable names their folder.
 
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
-use super::super::colmap_binary::{Reader, cameras};
-use super::super::colmap_model::{pinhole, place};
-use super::super::{Dataset, Layout, LoadOptions, Split, View, load};
+use super::super::poses::colmap::binary::{Reader, cameras};
+use super::super::poses::colmap::{pinhole, place};
+use super::super::{Dataset, Layout, LoadOptions, Partition, View, load};
 use crate::ply::PointCloud;
-
-fn capture(name: &str) -> Option<PathBuf> {
-    let path = Path::new(env!("CARGO_MANIFEST_DIR"))
-        .join("../../shared/data")
-        .join(name);
-    if !path.is_dir() {
-        eprintln!("{} is not there: not tried", path.display());
-        return None;
-    }
-    Some(path)
-}
+use crate::test_kit::real_capture;
 
 fn load_at(name: &str, downscale: f64) -> Option<Dataset> {
     let options = LoadOptions {
         downscale,
         ..LoadOptions::default()
     };
-    Some(load(&capture(name)?, &options).expect("a sound capture"))
+    Some(load(&real_capture(name)?, &options).expect("a sound capture"))
 }
 
 /// Of the points in front of the camera: the share inside the image, and of those the median
@@ -70,7 +60,7 @@ fn zju313_points_project_onto_their_colors() {
         (dataset.n_cameras, dataset.n_frames, dataset.views.len()),
         (19, 15, 285)
     );
-    assert_eq!(dataset.split(Split::Test).count(), 15);
+    assert_eq!(dataset.views_of(Partition::Test).count(), 15);
     assert_eq!(dataset.views[14].time, 1.0);
     let points = dataset.points.as_ref().expect("points3D_downsample2.ply");
     assert_eq!(points.len(), 1494);
@@ -122,7 +112,7 @@ fn nr_nerf_is_one_moving_camera() {
         (dataset.n_cameras, dataset.n_frames, dataset.views.len()),
         (86, 86, 86)
     );
-    assert_eq!(dataset.split(Split::Test).count(), 11);
+    assert_eq!(dataset.views_of(Partition::Test).count(), 11);
     for view in &dataset.views {
         assert!(
             (view.time - view.frame as f32 / 85.0).abs() < 1e-6,
@@ -191,8 +181,8 @@ fn mujoco_lines_of_sight_to_a_sphere_meet() {
         let Some(dataset) = load_at(name, 4.0) else {
             return;
         };
-        assert_eq!(dataset.split(Split::Train).count(), n_train);
-        assert_eq!(dataset.split(Split::Test).count(), n_test);
+        assert_eq!(dataset.views_of(Partition::Train).count(), n_train);
+        assert_eq!(dataset.views_of(Partition::Test).count(), n_test);
         assert_eq!(
             (dataset.n_cameras, dataset.n_frames),
             (12, n_train + n_test)
@@ -249,7 +239,7 @@ fn beer_can_points_project_onto_their_colors_after_undistortion() {
         (dataset.n_cameras, dataset.n_frames, dataset.views.len()),
         (71, 1, 71)
     );
-    assert_eq!(dataset.split(Split::Test).count(), 9);
+    assert_eq!(dataset.views_of(Partition::Test).count(), 9);
     let points = dataset.points.as_ref().expect("points3D.bin");
     assert_eq!(points.len(), 4414);
     let views: Vec<&View> = dataset.views.iter().collect();
@@ -260,7 +250,7 @@ fn beer_can_points_project_onto_their_colors_after_undistortion() {
 /// COLMAP's observations against its points through the cameras and lenses as read here.
 #[test]
 fn beer_can_points_reproject_onto_their_observations() {
-    let Some(root) = capture("beer_can") else {
+    let Some(root) = real_capture("beer_can") else {
         return;
     };
     let read = |name: &str| std::fs::read(root.join("sparse/0").join(name)).expect("present");

@@ -4,7 +4,8 @@ use dash_kernels::Camera;
 
 use super::super::LoadOptions;
 use super::blender::{frame, single, write_single};
-use super::{H, W, assert_cameras_equal, camera, colmap};
+use super::colmap;
+use crate::test_kit::{H, W, assert_cameras_equal, camera};
 
 #[test]
 fn images_of_transforms_at_another_size_scale_the_intrinsics() {

@@ -1,7 +1,7 @@
 use dash_kernels::Camera;
 
-use super::super::{Layout, LoadOptions, Split};
-use super::{Fixture, H, W, assert_cameras_equal, camera, quaternion, write_model};
+use super::super::{Layout, LoadOptions, Partition};
+use crate::test_kit::{Fixture, H, W, assert_cameras_equal, camera, quaternion, write_model};
 
 /// Off-centre and with pixels that are not square.
 fn off_centre(index: usize) -> Camera {
@@ -60,13 +60,16 @@ fn the_published_files_give_exact_cameras_times_and_the_test_camera() {
         assert_eq!(view.name, format!("cam{camera:02}/{:05}", frame + 3));
         assert_eq!((view.camera_index, view.frame), (camera, frame));
         assert_eq!(view.time, [0.0, 0.5, 1.0][frame]);
-        assert_eq!(view.split == Split::Test, camera == 10);
+        assert_eq!(view.partition == Partition::Test, camera == 10);
         assert_cameras_equal(&view.camera, &off_centre(camera));
         let expected = [camera as f32 / 255.0, (frame + 3) as f32 / 255.0];
         assert_eq!(view.rgb([0.0; 3]).expect("reads")[..2], expected);
     }
     let few = raw("Rugby", 3, 1..3).load().expect("loads");
-    assert!(few.split(Split::Test).all(|view| view.camera_index == 0));
+    assert!(
+        few.views_of(Partition::Test)
+            .all(|view| view.camera_index == 0)
+    );
     // One model per frame, as some tools leave them, the first of the clip counts.
     let fixture = raw("Rugby", 2, 0..2);
     for (frame, x) in [(12, 9), (3, 1)] {
@@ -159,7 +162,7 @@ fn prepared_scenes_take_poses_and_points_of_the_model() {
             );
             // A rig with more cameras is not Technicolor's, and its cam10 is no test camera.
             assert_eq!(
-                view.split == Split::Test,
+                view.partition == Partition::Test,
                 view.camera_index == test,
                 "{n}: {}",
                 view.name

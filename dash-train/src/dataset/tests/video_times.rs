@@ -1,12 +1,9 @@
 //! Which times frames of videos have: evenly spaced ones, those of the stamps, and of videos whose stamps
 //! differ.
 
-use std::process::Command;
-
-use super::super::npy::tests::npy_f64;
 use super::super::{Dataset, DatasetError, LoadOptions, load_decodable};
 use super::n3dv::row;
-use super::{Fixture, camera};
+use crate::test_kit::{Fixture, camera, ffmpeg, grey_frames, npy_f64, output, run};
 
 const ENCODING: [&str; 8] = ["-c:v", "mpeg4", "-q:v", "1", "-g", "4", "-bf", "2"];
 /// Brightness of a video's instants, from one to the next.
@@ -37,25 +34,24 @@ fn posed(n_cameras: usize) -> Fixture {
     fixture
 }
 
-/// Cameras with a video each; `None` when there is no ffmpeg to try.
-fn rig(videos: &[Vec<Stamped>]) -> Option<Fixture> {
+/// Cameras with a video each.
+fn rig(videos: &[Vec<Stamped>]) -> Fixture {
     let fixture = posed(videos.len());
-    videos
-        .iter()
-        .enumerate()
-        .all(|(index, frames)| write_stamped(&fixture, &format!("cam{index:02}.mp4"), frames))
-        .then_some(fixture)
+    for (index, frames) in videos.iter().enumerate() {
+        write_stamped(&fixture, &format!("cam{index:02}.mp4"), frames);
+    }
+    fixture
 }
 
-/// Writes a video of frames with these time stamps; `false` when there is no ffmpeg to try.
-fn write_stamped(fixture: &Fixture, name: &str, frames: &[Stamped]) -> bool {
+/// Writes a video of frames with these time stamps.
+fn write_stamped(fixture: &Fixture, name: &str, frames: &[Stamped]) {
     let terms: Vec<String> = frames
         .iter()
         .enumerate()
         .map(|(place, (stamp, _))| format!("eq(N\\,{place})*{stamp}"))
         .collect();
     let instants = frames.iter().map(|(_, instant)| *instant);
-    write_video_at(fixture, name, instants, "600", &terms.join("+"))
+    write_video_at(fixture, name, instants, "600", &terms.join("+"));
 }
 
 /// Writes a video of these instants, stamped by an expression of `ffmpeg`'s filter `setpts`.
@@ -65,50 +61,28 @@ fn write_video_at(
     instants: impl Iterator<Item = usize>,
     rate: &str,
     stamps: &str,
-) -> bool {
+) {
     let folder = format!("frames_of_{name}");
-    // Where the video is written again, there may be more of them from before.
-    drop(std::fs::remove_dir_all(fixture.root().join(&folder)));
-    for (place, instant) in instants.enumerate() {
-        let shade = [shade(instant) as u8; 3];
-        fixture.image(&format!("{folder}/{place:04}.png"), 64, 48, shade);
-    }
+    let frames = grey_frames(fixture, &folder, [64, 48], instants.map(shade));
     let filter = format!("setpts={stamps}");
     // The name of the option before ffmpeg 5.1 is the second.
-    for passthrough in ["-fps_mode", "-vsync"] {
-        let result = Command::new("ffmpeg")
-            .args(["-nostdin", "-loglevel", "error", "-y"])
-            .args(["-framerate", rate, "-i"])
-            .arg(fixture.root().join(&folder).join("%04d.png"))
-            .args(["-vf", &filter, passthrough, "passthrough"])
-            .args(ENCODING)
-            .arg(fixture.path(name))
-            .status();
-        match result {
-            Ok(status) if status.success() => return true,
-            Ok(_) => {}
-            Err(_) => {
-                eprintln!("ffmpeg is not installed: videos are not tried");
-                return false;
-            }
-        }
-    }
-    panic!("ffmpeg could not write {name}");
+    let written = ["-fps_mode", "-vsync"].into_iter().any(|passthrough| {
+        let mut command = ffmpeg();
+        command.args(["-framerate", rate, "-i"]).arg(&frames);
+        command.args(["-vf", &filter, passthrough, "passthrough"]);
+        command.args(ENCODING).arg(fixture.path(name));
+        output(&mut command).status.success()
+    });
+    assert!(written, "ffmpeg could not write {name}");
 }
 
 /// `ffmpeg OPTIONS -i FROM -c copy MORE TO`.
 #[track_caller]
 fn copy(fixture: &Fixture, from: &str, to: &str, options: &[&str], more: &[&str]) {
-    let status = Command::new("ffmpeg")
-        .args(["-nostdin", "-loglevel", "error", "-y"])
-        .args(options)
-        .arg("-i")
-        .arg(fixture.path(from))
-        .args(["-c", "copy"])
-        .args(more)
-        .arg(fixture.path(to))
-        .status();
-    assert!(status.expect("wrote the video before").success(), "{to}");
+    let mut command = ffmpeg();
+    command.args(options).arg("-i").arg(fixture.path(from));
+    command.args(["-c", "copy"]).args(more);
+    run(command.arg(fixture.path(to)));
 }
 
 fn skipping() -> LoadOptions {
@@ -179,9 +153,7 @@ fn frames_that_are_not_evenly_spaced_have_the_times_of_their_stamps() {
         ticks.iter().enumerate().map(stamped).collect()
     };
     // Stamps count from the first frame, wherever that is.
-    let Some(fixture) = rig(&[clip(0), clip(840)]) else {
-        return;
-    };
+    let fixture = rig(&[clip(0), clip(840)]);
     let ticks = ticks.map(|tick| tick as f32);
     for on_demand in [false, true] {
         let options = LoadOptions {
@@ -207,9 +179,7 @@ fn evenly_spaced_frames_have_the_times_of_their_numbers() {
     const N: usize = 23;
     for rate in ["24", "25", "30000/1001", "30", "60000/1001"] {
         let fixture = posed(2);
-        if !write_video_at(&fixture, "cam00.mp4", 0..N, rate, "PTS") {
-            return;
-        }
+        write_video_at(&fixture, "cam00.mp4", 0..N, rate, "PTS");
         for (start, extension) in [("0", "mp4"), ("1.4", "mp4"), ("0.7", "mkv")] {
             let other = format!("cam01.{extension}");
             let options = ["-output_ts_offset", start];
@@ -226,9 +196,7 @@ fn evenly_spaced_frames_have_the_times_of_their_numbers() {
 #[test]
 fn a_trimmed_video_has_the_times_of_its_numbers() {
     let whole = at_30(0..23);
-    let Some(fixture) = rig(&[whole.clone(), whole]) else {
-        return;
-    };
+    let fixture = rig(&[whole.clone(), whole]);
     for name in ["cam00.mp4", "cam01.mp4"] {
         std::fs::rename(fixture.path(name), fixture.path("whole.mp4")).expect("written");
         copy(&fixture, "whole.mp4", name, &["-ss", "0.22"], &[]);
@@ -250,9 +218,7 @@ fn a_lost_frame_moves_no_other() {
     const N: usize = 23;
     let whole = || at_30(0..N);
     let lost = || at_30((0..=N).filter(|instant| *instant != 5));
-    let Some(fixture) = rig(&[whole(), lost(), whole()]) else {
-        return;
-    };
+    let fixture = rig(&[whole(), lost(), whole()]);
     fixture.refuses(&[
         "cam01.mp4",
         "frame 5 at 0.167 s",
@@ -273,8 +239,8 @@ fn a_lost_frame_moves_no_other() {
     assert!(told.len() == 1 && told[0].contains("cam01.mp4"), "{told:?}");
 
     // Most cameras say which frames there are.
-    assert!(write_stamped(&fixture, "cam00.mp4", &lost()));
-    assert!(write_stamped(&fixture, "cam01.mp4", &whole()));
+    write_stamped(&fixture, "cam00.mp4", &lost());
+    write_stamped(&fixture, "cam01.mp4", &whole());
     fixture.refuses(&["cam00.mp4", "as cam01 has"]);
     let dataset = fixture.load_with(&skipping()).expect("loads");
     assert_eq!(dataset.n_frames, N);
@@ -294,9 +260,7 @@ fn another_rate_is_refused_and_can_be_mended() {
     for odd in [1, 0] {
         let mut videos = [whole(), whole(), whole()];
         videos[odd] = twice();
-        let Some(fixture) = rig(&videos) else {
-            return;
-        };
+        let fixture = rig(&videos);
         let name = format!("cam{odd:02}.mp4");
         fixture.refuses(&[
             name.as_str(),
@@ -328,9 +292,7 @@ fn a_video_whose_frames_fit_no_others_is_refused() {
     for (stamp, _) in &mut odd[6..] {
         *stamp += 11;
     }
-    let Some(fixture) = rig(&[fits(), odd, fits()]) else {
-        return;
-    };
+    let fixture = rig(&[fits(), odd, fits()]);
     let message = fixture.refuses(&["cam01.mp4", "frame 6 at 0.200 s", "0.218 s", "dash prepare"]);
     assert!(!message.contains("frames per second"), "{message}");
     let dataset = fixture.load_with(&skipping()).expect("the others");

@@ -23,7 +23,11 @@ fn room() -> Dataset {
 #[test]
 fn of_a_single_picture_the_mask_says_what_moves() {
     let mut dataset = room();
-    let all = dataset.split(Split::Test).next().expect("has one").clone();
+    let all = dataset
+        .views_of(Partition::Test)
+        .next()
+        .expect("has one")
+        .clone();
     let marked: Vec<bool> = all
         .motion_mask()
         .expect("in memory")
@@ -58,12 +62,13 @@ fn an_empty_scene_scores_its_background() {
             gaps: Gaps::default(),
         },
     };
-    let scores = evaluate(&scene, &dataset, Split::Test, 1.0, &Default::default()).expect("scored");
+    let scores =
+        evaluate(&scene, &dataset, Partition::Test, 1.0, &Default::default()).expect("scored");
     assert_eq!((scores.n_static, scores.n_dynamic), (0, 0));
     assert_eq!(scores.per_view.len(), 3);
     let shown = 128.0 / 255.0;
     let mut sum = 0.0;
-    for (view, got) in dataset.split(Split::Test).zip(&scores.per_view) {
+    for (view, got) in dataset.views_of(Partition::Test).zip(&scores.per_view) {
         let truth = view.rgb([0.0; 3]).expect("in memory");
         let errors = truth.iter().map(|v| f64::from(v - shown).powi(2));
         let expected = -10.0 * (errors.sum::<f64>() / truth.len() as f64).log10();

@@ -5,7 +5,7 @@ use rand_pcg::Pcg64;
 use super::super::cloud::clean;
 use super::super::random::random_points;
 use super::known;
-use crate::dataset::TrackedPoint;
+use crate::dataset::poses::colmap::TrackedPoint;
 
 /// Points on a plane, which share a coordinate, all of them reliable.
 fn plane(n: usize) -> Vec<TrackedPoint> {

@@ -4,7 +4,7 @@ use serde_json::json;
 
 use super::super::reconstruct::write_model;
 use super::{Bench, H, W, assert_close, frame, known};
-use crate::dataset::known_poses::{KnownCamera, read};
+use crate::dataset::poses::known::{KnownCamera, read};
 
 fn names(n: usize) -> Vec<String> {
     (0..n).map(|index| format!("cam{index}")).collect()

@@ -8,7 +8,7 @@ use std::path::PathBuf;
 use super::super::reconstruct::write_model;
 use super::super::{PrepareConfig, PrepareError, PrepareSummary, prepare_with};
 use super::{Bench, H, W, assert_close, known};
-use crate::dataset::known_poses::{self, KnownCamera};
+use crate::dataset::poses::known::{self as known_poses, KnownCamera};
 use crate::ply::read_points;
 
 /// Finds `--output_path` among the arguments; each step notes its arguments in `calls`.

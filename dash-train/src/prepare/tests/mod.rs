@@ -7,44 +7,39 @@ mod recordings;
 mod schedule;
 
 use std::fs;
+use std::ops::Deref;
 use std::path::{Path, PathBuf};
 
 use dash_kernels::Camera;
-use tempfile::TempDir;
 
 use super::{PrepareConfig, PrepareError, PrepareSummary, prepare};
-use crate::dataset::distortion::Distortion;
-use crate::dataset::known_poses::KnownCamera;
+use crate::dataset::pixels::distortion::Distortion;
+use crate::dataset::poses::known::KnownCamera;
+use crate::test_kit::Fixture;
 
 /// Size of the images.
 const W: usize = 16;
 const H: usize = 12;
 
-/// A folder that is removed at the end of the test.
-struct Bench(TempDir);
+/// A folder with recordings, and what is prepared of them.
+struct Bench(Fixture);
+
+impl Deref for Bench {
+    type Target = Fixture;
+
+    fn deref(&self) -> &Fixture {
+        &self.0
+    }
+}
 
 impl Bench {
     fn new() -> Self {
-        Self(tempfile::tempdir().expect("temporary folder"))
-    }
-
-    fn path(&self, name: &str) -> PathBuf {
-        let path = self.0.path().join(name);
-        fs::create_dir_all(path.parent().expect("below the root")).expect("folders");
-        path
-    }
-
-    fn write(&self, name: &str, bytes: impl AsRef<[u8]>) -> PathBuf {
-        let path = self.path(name);
-        fs::write(&path, bytes).expect("fixture file");
-        path
+        Self(Fixture::new())
     }
 
     /// A grey image.
     fn image(&self, name: &str, shade: u8) {
-        image::RgbImage::from_pixel(W as u32, H as u32, image::Rgb([shade; 3]))
-            .save(self.path(name))
-            .expect("fixture image");
+        self.0.image(name, W, H, [shade; 3]);
     }
 
     /// `input/cam0/0000.png` and so on; the shade is `40 * camera + frame`.
@@ -96,7 +91,7 @@ impl Bench {
     /// The shades of a camera's frames.
     fn shades(&self, camera: &str) -> Vec<u8> {
         let folder = self.path(&format!("out/made/{camera}/images"));
-        let images = crate::dataset::files::list_images(&folder).expect("listed");
+        let images = crate::files::list_images(&folder).expect("listed");
         let shade = |path: &PathBuf| {
             image::open(path)
                 .expect("an image")

@@ -1,7 +1,7 @@
 //! One scene in every layout, read back by the readers.
 
 use crate::Error;
-use crate::dataset::{LoadOptions, Split, View, load};
+use crate::dataset::{LoadOptions, Partition, View, load};
 use crate::synth::*;
 use clap::ValueEnum;
 use dash_kernels::Camera;
@@ -116,7 +116,12 @@ fn every_layout_reads_back_with_the_same_cameras_times_points_and_pictures() {
                 SynthLayout::Colmap => camera % 8 == 0,
                 _ => camera == 0,
             };
-            assert_eq!(view.split == Split::Test, tested, "{layout}: {}", view.name);
+            assert_eq!(
+                view.partition == Partition::Test,
+                tested,
+                "{layout}: {}",
+                view.name
+            );
             assert_eq!(
                 view.motion_mask().expect("reads").is_some(),
                 tested,

@@ -4,7 +4,7 @@ use dash_model::DynamicScene;
 
 use super::optimizer::to_host;
 use crate::Error;
-use crate::dataset::{Dataset, Split};
+use crate::dataset::{Dataset, Partition};
 
 /// Views that are held out at most.
 const MAX_VALIDATION_VIEWS: usize = 4;
@@ -14,7 +14,7 @@ const VIEWS_PER_VALIDATION_VIEW: usize = 40;
 /// Indices of the views to train on, and of those held out, evenly spread.
 pub(crate) fn hold_out(dataset: &Dataset) -> (Vec<usize>, Vec<usize>) {
     let all: Vec<usize> = (0..dataset.views.len())
-        .filter(|&i| dataset.views[i].split == Split::Train)
+        .filter(|&i| dataset.views[i].partition == Partition::Train)
         .collect();
     let count = (all.len() / VIEWS_PER_VALIDATION_VIEW).min(MAX_VALIDATION_VIEWS);
     let held: Vec<usize> = (0..count)

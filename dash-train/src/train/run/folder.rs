@@ -11,7 +11,7 @@ use dash_model::scene_file::write_atomically;
 use super::config::{RunConfig, StageEnds, read_config};
 use super::lines::{LogLine, read_lines};
 use crate::Error;
-use crate::dataset::{Dataset, Split};
+use crate::dataset::{Dataset, Partition};
 use crate::evaluate::CurveLine;
 use crate::train::core::Decision;
 use crate::train::core::checkpoint::latest_checkpoint;
@@ -169,10 +169,10 @@ impl RunFolder {
     }
 
     /// The scores of a split's views: `results.json`, of those trained on `results_train.json`.
-    pub fn scores_path(&self, split: Split) -> PathBuf {
+    pub fn scores_path(&self, split: Partition) -> PathBuf {
         match split {
-            Split::Test => self.results_path(),
-            Split::Train => self.root.join("results_train.json"),
+            Partition::Test => self.results_path(),
+            Partition::Train => self.root.join("results_train.json"),
         }
     }
 

@@ -2,7 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 
-use crate::dataset::{Split, View};
+use crate::dataset::{Partition, View};
 
 /// A dataset's views in short, without their images and poses: the same for the same folder wherever it lies.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
@@ -17,7 +17,7 @@ impl Fingerprint {
     pub(super) fn of(views: &[View]) -> Self {
         let mut hash = Fnv1a::default();
         for view in views {
-            hash.write(&[u8::from(view.split == Split::Test)]);
+            hash.write(&[u8::from(view.partition == Partition::Test)]);
             for text in [&view.camera_name, &view.name] {
                 hash.write(&(text.len() as u64).to_le_bytes());
                 hash.write(text.as_bytes());
@@ -95,7 +95,7 @@ mod tests {
         let begun = Fingerprint::of(&views());
         assert_eq!(begun.contradiction(&Fingerprint::of(&views())), None);
         let changes: [fn(&mut View); 5] = [
-            |view| view.split = Split::Test,
+            |view| view.partition = Partition::Test,
             |view| view.name.push('2'),
             |view| view.camera_name.push('2'),
             |view| view.camera.width = 3,

@@ -1,0 +1,170 @@
+//! The frames of `transforms*.json`: their images, masks, times and cameras.
+
+use std::collections::HashMap;
+use std::path::{Path, PathBuf};
+
+use dash_kernels::Camera;
+
+use crate::dataset::loader::Loader;
+use crate::dataset::pixels::dimensions;
+use crate::dataset::pixels::distortion::Distortion;
+use crate::dataset::pixels::sizes::Sizes;
+use crate::dataset::poses::pose;
+use crate::dataset::poses::transforms::{Frame, Transforms};
+use crate::files::{self, DatasetError, find_image};
+
+/// A frame of any of the files.
+pub(super) struct Entry {
+    pub(super) file: PathBuf,
+    pub(super) mask: Option<PathBuf>,
+    pub(super) name: String,
+    pub(super) camera_name: Option<String>,
+    pub(super) time: Option<f64>,
+    pub(super) timestep_index: Option<f64>,
+    pub(super) camera: Camera,
+    pub(super) distortion: Distortion,
+    pub(super) listed_in: PathBuf,
+    pub(super) held_out: bool,
+}
+
+/// Adds the frames of a file to the entries.
+pub(super) fn collect(
+    loader: &Loader,
+    listed_in: &Path,
+    transforms: &Transforms,
+    held_out: bool,
+    sizes: &mut Sizes,
+    entries: &mut Vec<Entry>,
+) -> Result<(), DatasetError> {
+    let mut lacking_masks = 0;
+    for frame in &transforms.frames {
+        let file = files::confined(loader.root, &frame.file_path, listed_in)?;
+        let mut found = find_image(file, listed_in);
+        if loader.options.skip_broken {
+            found = found.and_then(|file| dimensions(&file).map(|_| file));
+        }
+        let name = format!("the frame {}", frame.file_path);
+        let Some(file) = loader.broken.readable(&name, found)? else {
+            continue;
+        };
+        let (camera, distortion) = transforms.camera(listed_in, frame, || dimensions(&file))?;
+        let finite = distortion.is_finite() && frame.time.is_none_or(f64::is_finite);
+        if !finite {
+            return Err(DatasetError::invalid(
+                listed_in,
+                "finite times and distortion coefficients",
+                format!("NaN or infinity in frame `{}`", frame.file_path),
+                "mend that frame's entry",
+            ));
+        }
+        let camera = sizes.fit(camera, &file);
+        let mask = named_mask(loader.root, frame, listed_in);
+        lacking_masks += usize::from(mask.is_none() && frame.mask_path().is_some());
+        let inside = file.strip_prefix(loader.root).unwrap_or(&file);
+        entries.push(Entry {
+            name: entry_name(inside),
+            mask,
+            file,
+            camera_name: frame.camera_name().map(str::to_string),
+            time: frame.time,
+            timestep_index: frame.timestep_index(),
+            camera,
+            distortion,
+            listed_in: listed_in.to_path_buf(),
+            held_out,
+        });
+    }
+    if lacking_masks > 0 {
+        tracing::warn!(
+            "{}: {lacking_masks} masks named by mask_path are not there; masks/NAME.png is looked for instead",
+            listed_in.display()
+        );
+    }
+    Ok(())
+}
+
+/// The mask that a frame names, where it is there.
+fn named_mask(root: &Path, frame: &Frame, listed_in: &Path) -> Option<PathBuf> {
+    let mask = files::confined(root, frame.mask_path()?, listed_in).ok()?;
+    mask.is_file().then_some(mask)
+}
+
+/// A path below the dataset without its extension.
+pub(super) fn entry_name(inside: &Path) -> String {
+    let stem = inside.with_extension("");
+    stem.to_string_lossy().replace('\\', "/")
+}
+
+/// Uses `timestep_index` as the time if no frame has a time and each has an index.
+pub(super) fn number_times(entries: &mut [Entry]) {
+    let is_numbered = |entry: &Entry| entry.time.is_none() && entry.timestep_index.is_some();
+    if entries.iter().all(is_numbered) {
+        for entry in entries {
+            entry.time = entry.timestep_index;
+        }
+    }
+}
+
+/// A warning for captures without times in which a camera has several images.
+pub(super) fn at_one_instant(camera_of: &[usize], names: &[String]) -> Option<String> {
+    let count = |camera: usize| camera_of.iter().filter(|&&of| of == camera).count();
+    let (n, name) = (0..names.len())
+        .map(|camera| (count(camera), &names[camera]))
+        .find(|(n, _)| *n > 1)?;
+    Some(format!(
+        "no frame has a `time`, and {name} has {n} pictures: all are taken as one instant"
+    ))
+}
+
+/// Either every frame has a time or none has.
+pub(super) fn check_times(entries: &[Entry]) -> Result<(), DatasetError> {
+    let with_time = entries.iter().any(|entry| entry.time.is_some());
+    match entries.iter().find(|entry| entry.time.is_none()) {
+        Some(entry) if with_time => Err(DatasetError::invalid(
+            &entry.listed_in,
+            "`time` in every frame or in none",
+            format!("none in frame `{}`", entry.name),
+            "add the missing times",
+        )),
+        _ => Ok(()),
+    }
+}
+
+/// For each entry the index of its camera, and the cameras' names. The file's names are used if every entry has
+/// one and each belongs to one pose; else distinct poses are numbered.
+pub(super) fn cameras(entries: &[Entry]) -> (Vec<usize>, Vec<String>) {
+    let stated: Option<Vec<&String>> = entries.iter().map(|e| e.camera_name.as_ref()).collect();
+    let Some(stated) = stated.filter(|names| stand_still(names, entries)) else {
+        let (indices, n) = pose::distinct_poses(entries.iter().map(|e| &e.camera));
+        return (indices, (0..n).map(|n| format!("cam{n:02}")).collect());
+    };
+    let mut names: Vec<String> = stated.iter().copied().cloned().collect();
+    names.sort_by(|a, b| files::natural_cmp(a, b));
+    names.dedup();
+    let index = |name| names.binary_search_by(|other| files::natural_cmp(other, name));
+    let indices = stated.iter().map(|name| index(name).unwrap_or_default());
+    (indices.collect(), names)
+}
+
+/// Whether entries of one name have one pose; otherwise the camera is handheld.
+fn stand_still(names: &[&String], entries: &[Entry]) -> bool {
+    let extent = pose::extent(entries.iter().map(|entry| &entry.camera));
+    let mut poses: HashMap<&str, &Camera> = HashMap::new();
+    names.iter().zip(entries).all(|(name, entry)| {
+        let first = poses.entry(name.as_str()).or_insert(&entry.camera);
+        pose::same_pose(first, &entry.camera, extent)
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn several_pictures_of_a_camera_without_times_are_told() {
+        let names = ["left".to_string(), "right".to_string()];
+        assert_eq!(at_one_instant(&[0, 1], &names), None);
+        let said = at_one_instant(&[0, 1, 1], &names).expect("two of one camera");
+        assert!(said.contains("right has 2 pictures"), "{said}");
+    }
+}

@@ -1,0 +1,132 @@
+//! The COLMAP layout: a sparse model and the images it was made from.
+
+use std::collections::HashMap;
+use std::path::PathBuf;
+
+use dash_kernels::Camera;
+
+use crate::dataset::broken::check_any;
+use crate::dataset::format::{Capture, Folder, Format, Reader};
+use crate::dataset::layout::Layout;
+use crate::dataset::loader::{Loader, PlannedView};
+use crate::dataset::partition::{Partition, every_eighth};
+use crate::dataset::pixels::frames::Source;
+use crate::dataset::pixels::lens::Lens;
+use crate::dataset::pixels::sizes::Sizes;
+use crate::dataset::points::{Models, find_points};
+use crate::dataset::poses::colmap::{
+    MODEL_FOLDERS, Registered, model_folder, read_model, warn_of_larger,
+};
+use crate::dataset::unposed;
+use crate::files::{self, DatasetError, find_image};
+
+const IMAGE_FOLDER: &str = "images";
+
+/// COLMAP's own layout.
+pub(super) struct Colmap;
+
+struct ColmapReader {
+    /// The folder of the model.
+    sparse: PathBuf,
+}
+
+impl Format for Colmap {
+    fn layout(&self) -> Layout {
+        Layout::Colmap
+    }
+
+    fn recognise(&self, folder: &Folder) -> Result<Option<Box<dyn Reader>>, DatasetError> {
+        let sparse = model_folder(folder.root(), &MODEL_FOLDERS);
+        Ok(sparse.map(|sparse| Box::new(ColmapReader { sparse }) as Box<dyn Reader>))
+    }
+
+    fn open(&self, folder: &Folder) -> Result<Box<dyn Reader>, DatasetError> {
+        self.recognise(folder)?.ok_or_else(|| {
+            DatasetError::invalid(
+                folder.root(),
+                "a sparse model (sparse/0/cameras.bin or .txt)",
+                "none",
+                "run COLMAP, or choose the layout with --layout",
+            )
+        })
+    }
+
+    fn poses(&self, folder: &Folder) -> Result<Option<Vec<Camera>>, DatasetError> {
+        let Some(model) = model_folder(folder.root(), &MODEL_FOLDERS) else {
+            return Ok(None);
+        };
+        let images = read_model(&model)?.images;
+        Ok(Some(images.into_iter().map(|image| image.camera).collect()))
+    }
+}
+
+impl Reader for ColmapReader {
+    fn read(self: Box<Self>, loader: &Loader) -> Result<Capture, DatasetError> {
+        // All images are of one time.
+        loader.options.wanted(&[0])?;
+        let mut model = read_model(&self.sparse)?;
+        warn_of_larger(&self.sparse, &model);
+        // Plain order of names, as 3DGS sorts before it holds out every eighth.
+        model.images.sort_by(|a, b| a.name.cmp(&b.name));
+        let n_cameras = model.images.len();
+        let held_out = loader.options.held_out(every_eighth(n_cameras))?;
+        let folder = loader.root.join(IMAGE_FOLDER);
+        // Many images share a lens, and working out how to undo one takes a while.
+        let mut lenses: HashMap<(u32, usize, usize), Option<Lens>> = HashMap::new();
+        let mut sizes = Sizes::default();
+        let mut planned = Vec::with_capacity(n_cameras);
+        for (camera_index, image) in model.images.into_iter().enumerate() {
+            let Registered {
+                name,
+                camera_id,
+                camera,
+                distortion,
+            } = image;
+            let file = files::confined(&folder, &name, &model.images_file)?;
+            let found = find_image(file, &model.images_file);
+            let Some(file) = loader
+                .broken
+                .readable(&format!("the image {name}"), found)?
+            else {
+                continue;
+            };
+            let camera = sizes.fit(camera, &file);
+            let lens_of = (camera_id, camera.width, camera.height);
+            let lens = match lenses.get(&lens_of) {
+                Some(known) => known.clone(),
+                None => {
+                    let lens = Lens::new(distortion, &camera, &model.cameras_file)?;
+                    lenses.insert(lens_of, lens.clone());
+                    lens
+                }
+            };
+            let inside = file.strip_prefix(&folder).unwrap_or(&file);
+            let name = inside.with_extension("").to_string_lossy().into_owned();
+            planned.push(PlannedView {
+                source: Source::File(file),
+                camera_name: name.clone(),
+                name,
+                camera_index,
+                frame: 0,
+                time: 0.0,
+                partition: Partition::held_out(held_out[camera_index]),
+                camera,
+                lens,
+                mask: None,
+            });
+        }
+        sizes.warn(&model.cameras_file);
+        let posed = planned.iter().map(|view| view.source.path().to_path_buf());
+        unposed::warn_of_more(loader, &model.images_file, &posed.collect(), true);
+        check_any(&model.images_file, !planned.is_empty())?;
+        let points = find_points(loader.root, None, Models::Own)?;
+        let views = loader.load_views(planned)?;
+        Ok(Capture {
+            views,
+            points,
+            n_frames: 1,
+            n_cameras,
+            stated_span: None,
+        })
+    }
+}

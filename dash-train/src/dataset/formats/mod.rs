@@ -1,0 +1,174 @@
+//! The formats that are read, and how one is recognised.
+//!
+//! | format | what it looks like |
+//! | --- | --- |
+//! | `n3dv.rs` | Neural 3D Video and LLFF: `poses_bounds.npy`, and `camNN/`, `cam*.mp4` or `images/` |
+//! | `technicolor.rs` | `cameras_parameters.txt`, or `images/camNN/` and COLMAP |
+//! | `rig.rs` | a rig of the user's own: `videos/` or `images/CAMERA/`, and poses by camera |
+//! | `blender/` | D-NeRF, Blender, nerfstudio: `transforms*.json` |
+//! | `nerfies.rs` | Nerfies, HyperNeRF: `dataset.json`, `camera/`, `rgb/` |
+//! | `colmap.rs` | a static capture: `sparse/0`, `images/` |
+//!
+//! A new format is a file here and a line in [`FORMATS`]; one outside this crate goes to
+//! [`load_with`](super::load_with).
+
+mod blender;
+mod colmap;
+mod n3dv;
+mod nerfies;
+mod rig;
+mod technicolor;
+
+use std::path::Path;
+
+use dash_kernels::Camera;
+
+use super::format::{Folder, Format, Reader};
+use super::layout::Layout;
+use crate::files::DatasetError;
+
+/// The formats that are read; the first that recognises a folder reads it.
+pub static FORMATS: [&dyn Format; 6] = [
+    &technicolor::Technicolor,
+    &n3dv::N3dv,
+    &rig::Rig,
+    &blender::Blender,
+    &nerfies::Nerfies,
+    &colmap::Colmap,
+];
+/// Files of captures that are not supported: what they are, and what the user can do.
+const UNSUPPORTED: [(&str, &str, &str); 2] = [
+    (
+        "models.json",
+        "a light field of Google's immersive videos, whose lenses are fisheye, which are not supported",
+        "make perspective videos of it, put them into videos/, and write a pose for each into transforms.json (rig)",
+    ),
+    (
+        "annots.npy",
+        "a raw capture of ZJU-MoCap, whose cameras stand in a pickled array, which is not read",
+        "put the pictures into images/CAMERA/, and write a pose for each camera into transforms.json (rig)",
+    ),
+];
+/// An error about a folder of datasets names so many of them,
+const MOST_NAMED: usize = 3;
+/// and looks into so many of its entries.
+const MOST_LOOKED_INTO: usize = 256;
+
+/// A layout and the reader of a folder.
+pub(crate) type Recognised = (Layout, Box<dyn Reader>);
+
+impl Layout {
+    /// Recognises the layout of a folder by its files.
+    ///
+    /// # Errors
+    /// When the folder cannot be listed or has none of the known files.
+    pub fn detect(root: &Path) -> Result<Self, DatasetError> {
+        Ok(recognise(&Folder::list(root)?, &FORMATS)?.0)
+    }
+}
+
+/// The layout and reader of a folder, by its files.
+///
+/// # Errors
+/// When no format recognises the folder.
+pub(crate) fn recognise(
+    folder: &Folder,
+    formats: &[&dyn Format],
+) -> Result<Recognised, DatasetError> {
+    match first_that_fits(folder, formats)? {
+        Some(recognised) => Ok(recognised),
+        None => Err(unknown(folder, formats)),
+    }
+}
+
+/// The reader of a folder whose layout the user has chosen.
+///
+/// # Errors
+/// When the folder lacks what the layout asks for.
+pub(crate) fn open(
+    layout: Layout,
+    folder: &Folder,
+    formats: &[&dyn Format],
+) -> Result<Recognised, DatasetError> {
+    match formats.iter().find(|format| format.layout() == layout) {
+        Some(format) => Ok((layout, format.open(folder)?)),
+        None => Err(DatasetError::Option {
+            option: "--layout",
+            expected: "a layout that one of the formats reads".into(),
+            found: format!("`{layout}`"),
+        }),
+    }
+}
+
+/// The cameras in a folder's poses; see [`Format::poses`].
+///
+/// # Errors
+/// Names the file of poses that is missing or damaged.
+pub(crate) fn poses_alone(
+    root: &Path,
+    layout: Layout,
+) -> Result<Option<Vec<Camera>>, DatasetError> {
+    match FORMATS.iter().find(|format| format.layout() == layout) {
+        Some(format) => format.poses(&Folder::list(root)?),
+        None => Ok(None),
+    }
+}
+
+fn first_that_fits(
+    folder: &Folder,
+    formats: &[&dyn Format],
+) -> Result<Option<Recognised>, DatasetError> {
+    for format in formats {
+        if let Some(reader) = format.recognise(folder)? {
+            return Ok(Some((format.layout(), reader)));
+        }
+    }
+    Ok(None)
+}
+
+/// The error for a folder that no format recognises.
+fn unknown(folder: &Folder, formats: &[&dyn Format]) -> DatasetError {
+    let (root, names) = (folder.root(), folder.names());
+    for (file, found, remedy) in UNSUPPORTED {
+        if folder.has(file) {
+            let expected = "a capture in one of the layouts that are read";
+            return DatasetError::invalid(&root.join(file), expected, found, remedy);
+        }
+    }
+    let mut found: String = match names {
+        [] => "an empty folder".into(),
+        [first @ .., _] if first.len() >= 8 => format!("{}, ..", names[..8].join(", ")),
+        _ => names.join(", "),
+    };
+    let inner = datasets_in(folder, formats);
+    let mut remedy = "check the path, or choose the layout with --layout";
+    if !inner.is_empty() {
+        found += &format!(" (datasets among them: {})", inner.join(", "));
+        remedy = "name the folder of one dataset";
+    }
+    DatasetError::invalid(
+        root,
+        "poses_bounds.npy (n3dv), transforms_train.json or transforms.json (blender, rig), \
+         sparse/0/cameras.bin (colmap, rig), dataset.json, metadata.json and camera/ (nerfies) \
+         or cameras_parameters.txt (technicolor)",
+        found,
+        remedy,
+    )
+}
+
+/// The first of the folders in a folder that are datasets themselves.
+fn datasets_in<'a>(folder: &'a Folder, formats: &[&dyn Format]) -> Vec<&'a str> {
+    let is_dataset = |name: &&String| {
+        let inner = Folder::list(&folder.root().join(name.as_str()));
+        let Ok(inner) = inner else { return false };
+        match first_that_fits(&inner, formats) {
+            // A COLMAP model without its images is no dataset.
+            Ok(Some((Layout::Colmap, _))) => inner.root().join("images").is_dir(),
+            Ok(recognised) => recognised.is_some(),
+            Err(_) => false,
+        }
+    };
+    let looked_into = folder.names().iter().take(MOST_LOOKED_INTO);
+    let found = looked_into.filter(is_dataset).take(MOST_NAMED);
+    found.map(String::as_str).collect()
+}

@@ -1,0 +1,36 @@
+//! Synchronised rigs: the frames of several cameras at the same times.
+//!
+//! | file | what |
+//! | --- | --- |
+//! | `camera.rs`, `folders.rs` | cameras and their frames; folders of frames below `images/` |
+//! | `assign.rs` | which pose is which camera's, by name |
+//! | `images.rs`, `videos.rs` | from cameras to views, by the numbers of images or the time stamps of videos |
+
+pub(crate) mod assign;
+pub(crate) mod camera;
+pub(crate) mod folders;
+mod images;
+mod videos;
+
+use camera::{FrameFile, RigCamera};
+
+use super::loader::Loader;
+use super::view::View;
+use crate::files::DatasetError;
+
+/// The views of all cameras at all wanted frames, camera by camera, and the number of frames.
+///
+/// # Errors
+/// When cameras differ in their frames, a frame in its shape from the poses, or one is damaged.
+pub(crate) fn load(
+    loader: &Loader,
+    cameras: &[RigCamera],
+    held_out: &[bool],
+) -> Result<(Vec<View>, usize), DatasetError> {
+    let lists: Option<Vec<&[FrameFile]>> = cameras.iter().map(|c| c.source.images()).collect();
+    let (planned, n_frames) = match lists {
+        Some(lists) => images::plan(loader, cameras, &lists, held_out)?,
+        None => videos::plan(loader, cameras, held_out)?,
+    };
+    Ok((loader.load_views(planned)?, n_frames))
+}

@@ -1,0 +1,113 @@
+//! One camera file of the Nerfies layout.
+
+use std::path::Path;
+
+use dash_kernels::Camera;
+use serde::Deserialize;
+
+use super::pose;
+use crate::dataset::pixels::MAX_IMAGE_SIDE;
+use crate::dataset::pixels::distortion::Distortion;
+use crate::dataset::pixels::scale::is_in_the_middle;
+use crate::files::DatasetError;
+
+/// A smaller skew moves no pixel that matters.
+const MAX_SKEW_PX: f64 = 0.1;
+
+/// The file's fields; OpenCV axes and lens model, sizes and focal length in pixels.
+#[derive(Debug, Deserialize)]
+pub(crate) struct CameraFile {
+    /// World-to-camera rotation, rows.
+    orientation: [[f64; 3]; 3],
+    position: [f64; 3],
+    focal_length: f64,
+    principal_point: [f64; 2],
+    #[serde(default)]
+    skew: f64,
+    /// Vertical over horizontal focal length.
+    pixel_aspect_ratio: Option<f64>,
+    #[serde(default)]
+    radial_distortion: Vec<f64>,
+    #[serde(default)]
+    tangential_distortion: Vec<f64>,
+    /// The older name of `tangential_distortion`.
+    #[serde(default)]
+    tangential: Vec<f64>,
+    /// Width and height, which some writers state as real numbers.
+    image_size: [f64; 2],
+}
+
+impl CameraFile {
+    /// The camera at the file's image size and its lens; `place` moves the position.
+    ///
+    /// # Errors
+    /// Names `path`: numbers that are not finite, not positive or too many, skew, a principal point
+    /// of pictures of another size, or a rotation that is none.
+    pub(crate) fn camera(
+        &self,
+        path: &Path,
+        place: impl Fn([f64; 3]) -> [f64; 3],
+    ) -> Result<(Camera, Distortion), DatasetError> {
+        let malformed = |expected: &str, found: String| {
+            DatasetError::invalid(path, expected, found, "mend the file or write it again")
+        };
+        let aspect = self.pixel_aspect_ratio.unwrap_or(1.0);
+        let (fx, fy) = (self.focal_length, self.focal_length * aspect);
+        let [cx, cy] = self.principal_point;
+        let positive = |v: f64| v > 0.0 && v.is_finite();
+        if !(positive(fx) && positive(fy) && cx.is_finite() && cy.is_finite()) {
+            return Err(malformed(
+                "positive finite intrinsics",
+                format!("focal lengths {fx}, {fy}, principal point {cx}, {cy}"),
+            ));
+        }
+        if self.skew.is_nan() || self.skew.abs() > MAX_SKEW_PX {
+            let found = format!("skew {}", self.skew);
+            return Err(malformed("pixels without skew", found));
+        }
+        let [width, height] = self.image_size;
+        let side = |v: f64| v.fract() == 0.0 && v >= 1.0 && v <= f64::from(MAX_IMAGE_SIDE);
+        if !(side(width) && side(height)) {
+            return Err(malformed(
+                "a whole `image_size`",
+                format!("{width}, {height}"),
+            ));
+        }
+        let size = (width as usize, height as usize);
+        if !is_in_the_middle([cx, cy], size) {
+            return Err(malformed(
+                "a principal point near the middle of pictures of the `image_size`",
+                format!("{cx}, {cy} for {width}x{height}"),
+            ));
+        }
+        let distortion = self.distortion().ok_or_else(|| {
+            malformed("at most 3 radial and 2 tangential coefficients, finite", {
+                format!("{self:?}")
+            })
+        })?;
+        let intrinsics = Camera::new(fx, fy, cx, cy, size.0, size.1);
+        let camera = pose::place(intrinsics, self.orientation, place(self.position))
+            .map_err(|found| malformed("a world-to-camera rotation and a position", found))?;
+        Ok((camera, distortion))
+    }
+
+    /// `None` when there are more coefficients than the model has, or one is not finite.
+    fn distortion(&self) -> Option<Distortion> {
+        let tangential = if self.tangential_distortion.is_empty() {
+            &self.tangential
+        } else {
+            &self.tangential_distortion
+        };
+        if self.radial_distortion.len() > 3 || tangential.len() > 2 {
+            return None;
+        }
+        let mut distortion = Distortion::default();
+        for (out, value) in distortion.k.iter_mut().zip(&self.radial_distortion) {
+            *out = *value;
+        }
+        for (out, value) in distortion.p.iter_mut().zip(tangential) {
+            *out = *value;
+        }
+        distortion.is_finite().then_some(distortion)
+    }
+}

@@ -1,0 +1,115 @@
+//! Technicolor's `cameras_parameters.txt`: a line of numbers per camera.
+
+use std::path::Path;
+
+use dash_kernels::Camera;
+
+use super::pose;
+use crate::dataset::pixels::scale::is_in_the_middle;
+use crate::files::DatasetError;
+
+/// A column each: focal length, principal point, aspect, skew, quaternion (w, x, y, z), translation.
+const COLUMNS: usize = 12;
+/// A smaller skew moves no pixel that matters.
+const MAX_SKEW_PX: f64 = 0.1;
+
+/// A camera's line.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) struct Row {
+    focal: f64,
+    principal_point: [f64; 2],
+    aspect: f64,
+    quaternion: [f64; 4],
+    translation: [f64; 3],
+    line: usize,
+}
+
+/// The lines after the header.
+pub(crate) fn parse(path: &Path, text: &str) -> Result<Vec<Row>, DatasetError> {
+    let malformed = |found: String| {
+        DatasetError::invalid(
+            path,
+            "a header line, then 12 numbers per camera (focal length, principal point, aspect, \
+             skew, quaternion w x y z, translation)",
+            found,
+            "take the parameters that belong to the undistorted images",
+        )
+    };
+    let numbers = |line: &str| -> Option<Vec<f64>> {
+        line.split_ascii_whitespace()
+            .map(|field| field.parse().ok())
+            .collect()
+    };
+    let mut rows = Vec::new();
+    for (index, text) in text.lines().enumerate() {
+        let line = index + 1;
+        if text.trim().is_empty() {
+            continue;
+        }
+        let fields = numbers(text);
+        if index == 0 {
+            if fields.is_some_and(|fields| fields.len() == COLUMNS) {
+                return Err(malformed("a camera in the first line".into()));
+            }
+            continue;
+        }
+        let fields = fields.ok_or_else(|| malformed(format!("other words in line {line}")))?;
+        let &[focal, cu, cv, aspect, skew, qw, qx, qy, qz, tx, ty, tz] = fields.as_slice() else {
+            return Err(malformed(format!("{} in line {line}", fields.len())));
+        };
+        if skew.is_nan() || skew.abs() > MAX_SKEW_PX {
+            return Err(DatasetError::invalid(
+                path,
+                "pixels without skew",
+                format!("skew {skew} in line {line}"),
+                "undistort the images to a camera without skew",
+            ));
+        }
+        let positive = |v: f64| v > 0.0 && v.is_finite();
+        if !(positive(focal) && positive(aspect) && cu.is_finite() && cv.is_finite()) {
+            return Err(malformed(format!(
+                "focal length {focal}, principal point {cu}, {cv}, aspect {aspect} in line {line}"
+            )));
+        }
+        rows.push(Row {
+            focal,
+            principal_point: [cu, cv],
+            aspect,
+            quaternion: [qw, qx, qy, qz],
+            translation: [tx, ty, tz],
+            line,
+        });
+    }
+    Ok(rows)
+}
+
+impl Row {
+    /// The camera at the size of its images, which the file does not state.
+    ///
+    /// # Errors
+    /// When the principal point cannot be of images of that size, or the pose is not finite.
+    pub(crate) fn camera(
+        &self,
+        path: &Path,
+        (width, height): (usize, usize),
+    ) -> Result<Camera, DatasetError> {
+        let malformed = |expected: &str, found: String| {
+            DatasetError::invalid(
+                path,
+                expected,
+                format!("{found} in line {}", self.line),
+                "mend that camera's line; scale focal length and principal point with the images",
+            )
+        };
+        let [cx, cy] = self.principal_point;
+        if !is_in_the_middle([cx, cy], (width, height)) {
+            return Err(malformed(
+                &format!("a principal point near the middle of the {width}x{height} images"),
+                format!("{cx}, {cy}"),
+            ));
+        }
+        let intrinsics = Camera::new(self.focal, self.focal * self.aspect, cx, cy, width, height);
+        pose::place_by_quaternion(intrinsics, self.quaternion, self.translation)
+            .map_err(|found| malformed("a finite pose", found))
+    }
+}

@@ -1,0 +1,294 @@
+//! The `transforms*.json` files of NeRF, D-NeRF, instant-ngp and nerfstudio.
+
+use std::fs;
+use std::path::Path;
+use std::sync::atomic::{AtomicBool, Ordering};
+
+use dash_kernels::Camera;
+use serde::Deserialize;
+
+use super::pose;
+use crate::dataset::pixels::MAX_IMAGE_SIDE;
+use crate::dataset::pixels::distortion::Distortion;
+use crate::dataset::pixels::scale::{is_in_the_middle, times_larger};
+use crate::files::{DatasetError, parse_json};
+
+/// One file.
+#[derive(Debug, Deserialize)]
+pub(crate) struct Transforms {
+    #[serde(flatten)]
+    shared: Intrinsics,
+    pub(crate) frames: Vec<Frame>,
+    /// Initial points (nerfstudio).
+    pub(crate) ply_file_path: Option<String>,
+    /// File paths of the frames to train on (nerfstudio).
+    #[serde(default)]
+    pub(crate) train_filenames: Vec<String>,
+    /// File paths of the frames to hold out.
+    #[serde(default)]
+    pub(crate) test_filenames: Vec<String>,
+    /// The same, which serve where there are none to test.
+    #[serde(default)]
+    pub(crate) val_filenames: Vec<String>,
+    /// Whether it was said that intrinsics are scaled.
+    #[serde(skip)]
+    is_scaling_told: AtomicBool,
+}
+
+/// One image's entry.
+#[derive(Debug, Deserialize)]
+pub(crate) struct Frame {
+    pub(crate) file_path: String,
+    pub(crate) time: Option<f64>,
+    /// The number of the time, in captures without `time`.
+    timestep_index: Option<serde_json::Value>,
+    /// The picture of the pixels that count (nerfstudio): white where they do.
+    mask_path: Option<serde_json::Value>,
+    /// The camera's name in files by `dash prepare`; anything but text is ignored.
+    camera_name: Option<serde_json::Value>,
+    /// Camera to world, OpenGL axes, rows; 4x4 or 3x4.
+    transform_matrix: Vec<Vec<f64>>,
+    #[serde(flatten)]
+    own: Intrinsics,
+}
+
+/// Camera parameters, which stand at the top level, in each frame, or in both (the frame's count).
+#[derive(Debug, Clone, Default, Deserialize)]
+struct Intrinsics {
+    camera_model: Option<String>,
+    is_fisheye: Option<bool>,
+    camera_angle_x: Option<f64>,
+    camera_angle_y: Option<f64>,
+    fl_x: Option<f64>,
+    fl_y: Option<f64>,
+    cx: Option<f64>,
+    cy: Option<f64>,
+    w: Option<f64>,
+    h: Option<f64>,
+    k1: Option<f64>,
+    k2: Option<f64>,
+    k3: Option<f64>,
+    k4: Option<f64>,
+    p1: Option<f64>,
+    p2: Option<f64>,
+}
+
+impl Frame {
+    /// The name of the camera, where the file states one.
+    pub(crate) fn camera_name(&self) -> Option<&str> {
+        self.camera_name.as_ref()?.as_str()
+    }
+
+    /// The number of the time, where the file states one.
+    pub(crate) fn timestep_index(&self) -> Option<f64> {
+        self.timestep_index.as_ref()?.as_f64()
+    }
+
+    /// The path of the mask, where the file states one.
+    pub(crate) fn mask_path(&self) -> Option<&str> {
+        self.mask_path.as_ref()?.as_str()
+    }
+}
+
+/// Reads a file, which may list no frames.
+pub(crate) fn parse_any(path: &Path) -> Result<Transforms, DatasetError> {
+    let bytes = fs::read(path).map_err(DatasetError::io(path))?;
+    parse_json(&bytes).map_err(|e| {
+        DatasetError::invalid(
+            path,
+            "JSON with `frames`, each with `file_path` and `transform_matrix`",
+            e.to_string(),
+            "mend the file or write it again",
+        )
+    })
+}
+
+/// Reads a file with at least one frame.
+pub(crate) fn parse(path: &Path) -> Result<Transforms, DatasetError> {
+    let transforms = parse_any(path)?;
+    if transforms.frames.is_empty() {
+        return Err(DatasetError::invalid(
+            path,
+            "at least one frame",
+            "none",
+            "add frames",
+        ));
+    }
+    Ok(transforms)
+}
+
+impl Transforms {
+    /// The camera of a frame and its lens distortion; `image_size` reads the image's header and is
+    /// asked only where the file does not state the size. Then the principal point says whether the intrinsics
+    /// are of pictures of that size, and they are scaled where one factor brings them to it.
+    pub(crate) fn camera(
+        &self,
+        path: &Path,
+        frame: &Frame,
+        image_size: impl FnOnce() -> Result<(usize, usize), DatasetError>,
+    ) -> Result<(Camera, Distortion), DatasetError> {
+        let malformed = |expected: &str, found: String| {
+            DatasetError::invalid(
+                path,
+                expected,
+                format!("{found} in frame `{}`", frame.file_path),
+                "mend that frame's entry or the file's top level",
+            )
+        };
+        let (own, shared) = (&frame.own, &self.shared);
+        check_model(own, shared).map_err(|found| malformed("a perspective camera model", found))?;
+        let mut times = 1.0;
+        let (width, height) = match (own.w.or(shared.w), own.h.or(shared.h)) {
+            (Some(w), Some(h)) => {
+                let side = |v: f64| v.fract() == 0.0 && v >= 1.0 && v <= f64::from(MAX_IMAGE_SIDE);
+                if !(side(w) && side(h)) {
+                    return Err(malformed(
+                        "whole numbers `w` and `h`",
+                        format!("{w} and {h}"),
+                    ));
+                }
+                (w as usize, h as usize)
+            }
+            _ => {
+                let size = image_size()?;
+                times = self.times_larger(path, frame, size)?;
+                size
+            }
+        };
+        // Of the pictures that the intrinsics are of.
+        let (w, h) = (width as f64 * times, height as f64 * times);
+        let from_angle =
+            |angle: Option<f64>, side: f64| angle.map(|a| 0.5 * side / (0.5 * a).tan());
+        let focal = |i: &Intrinsics| i.fl_x.or(from_angle(i.camera_angle_x, w));
+        let from_height = |i: &Intrinsics| i.fl_y.or(from_angle(i.camera_angle_y, h));
+        let of_height = || from_height(own).or(from_height(shared));
+        let Some(fx) = focal(own).or(focal(shared)).or_else(of_height) else {
+            let expected = "a focal length: `fl_x`, `camera_angle_x` or `camera_angle_y`";
+            return Err(malformed(expected, "none of these".into()));
+        };
+        let focal_y = |i: &Intrinsics| {
+            i.fl_y
+                .or(i.fl_x)
+                .or(from_angle(i.camera_angle_y, h))
+                .or(from_angle(i.camera_angle_x, w))
+        };
+        let fy = focal_y(own).or(focal_y(shared)).unwrap_or(fx);
+        let cx = own.cx.or(shared.cx).unwrap_or(w / 2.0);
+        let cy = own.cy.or(shared.cy).unwrap_or(h / 2.0);
+        let positive = |v: f64| v > 0.0 && v.is_finite();
+        if !(positive(fx) && positive(fy) && cx.is_finite() && cy.is_finite()) {
+            let found = format!("focal lengths {fx}, {fy}, principal point {cx}, {cy}");
+            return Err(malformed("positive finite intrinsics", found));
+        }
+        let coefficient = |own: Option<f64>, shared: Option<f64>| own.or(shared).unwrap_or(0.0);
+        let distortion = Distortion {
+            k: [
+                coefficient(own.k1, shared.k1),
+                coefficient(own.k2, shared.k2),
+                coefficient(own.k3, shared.k3),
+                coefficient(own.k4, shared.k4),
+            ],
+            p: [
+                coefficient(own.p1, shared.p1),
+                coefficient(own.p2, shared.p2),
+            ],
+        };
+        let [fx, fy, cx, cy] = [fx, fy, cx, cy].map(|v| v / times);
+        let intrinsics = Camera::new(fx, fy, cx, cy, width, height);
+        let camera = place(intrinsics, &frame.transform_matrix)
+            .map_err(|found| malformed("a camera-to-world matrix, 4x4 or 3x4", found))?;
+        Ok((camera, distortion))
+    }
+
+    /// A size of pictures that a frame's intrinsics can be of, by their principal point.
+    pub(crate) fn size_by_middle(&self, frame: &Frame) -> Option<(usize, usize)> {
+        let [cx, cy] = self.principal_point(frame);
+        let side = |at: f64| {
+            let side = (2.0 * at).clamp(1.0, f64::from(MAX_IMAGE_SIDE));
+            (side as usize).max(1)
+        };
+        Some((side(cx?), side(cy?)))
+    }
+
+    fn principal_point(&self, frame: &Frame) -> [Option<f64>; 2] {
+        let (own, shared) = (&frame.own, &self.shared);
+        [own.cx.or(shared.cx), own.cy.or(shared.cy)]
+    }
+
+    /// How many times larger than pictures of this size those are that a frame's intrinsics are of, for files
+    /// that do not state it; said once where it is not 1.
+    ///
+    /// # Errors
+    /// When the principal point can't be of any such pictures.
+    fn times_larger(
+        &self,
+        path: &Path,
+        frame: &Frame,
+        size @ (width, height): (usize, usize),
+    ) -> Result<f64, DatasetError> {
+        let stated = self.principal_point(frame);
+        if stated == [None, None] {
+            return Ok(1.0);
+        }
+        let cx = stated[0].unwrap_or(width as f64 / 2.0);
+        let cy = stated[1].unwrap_or(height as f64 / 2.0);
+        match times_larger([cx, cy], size) {
+            Some(times) => {
+                if times != 1.0 && !self.is_scaling_told.swap(true, Ordering::Relaxed) {
+                    tracing::warn!(
+                        "{}: no `w` and `h`, and principal points ({cx}, {cy} in frame `{}`) of pictures {times:.3} \
+                         times as large as those that are there ({width}x{height}): focal lengths and principal points \
+                         are scaled",
+                        path.display(),
+                        frame.file_path
+                    );
+                }
+                Ok(times)
+            }
+            None if is_in_the_middle([cx, cy], size) => Ok(1.0),
+            None => Err(DatasetError::invalid(
+                path,
+                format!("a principal point near the middle of the {width}x{height} pictures"),
+                format!("{cx}, {cy} in frame `{}`", frame.file_path),
+                "state the size that the intrinsics are for as `w` and `h`, or scale them with the pictures",
+            )),
+        }
+    }
+}
+
+/// Places a camera by a camera-to-world matrix with OpenGL axes (x right, y up, z backwards).
+fn place(intrinsics: Camera, matrix: &[Vec<f64>]) -> Result<Camera, String> {
+    if !matches!(matrix.len(), 3 | 4) || matrix.iter().any(|row| row.len() != 4) {
+        let lengths: Vec<usize> = matrix.iter().take(5).map(Vec::len).collect();
+        return Err(format!("{} rows of lengths {lengths:?}", matrix.len()));
+    }
+    let column = |c: usize| [matrix[0][c], matrix[1][c], matrix[2][c]];
+    let axes = [column(0), column(1).map(|v| -v), column(2).map(|v| -v)];
+    pose::place(intrinsics, axes, column(3))
+}
+
+fn check_model(own: &Intrinsics, shared: &Intrinsics) -> Result<(), String> {
+    const PERSPECTIVE: [&str; 6] = [
+        "OPENCV",
+        "PINHOLE",
+        "SIMPLE_PINHOLE",
+        "SIMPLE_RADIAL",
+        "RADIAL",
+        "PERSPECTIVE",
+    ];
+    if own.is_fisheye.or(shared.is_fisheye) == Some(true) {
+        return Err("`is_fisheye`: a fisheye lens, which is not supported".into());
+    }
+    match own.camera_model.as_ref().or(shared.camera_model.as_ref()) {
+        Some(model)
+            if !PERSPECTIVE
+                .iter()
+                .any(|known| known.eq_ignore_ascii_case(model)) =>
+        {
+            Err(format!(
+                "`{model}`, which is not supported (undistort the images first)"
+            ))
+        }
+        _ => Ok(()),
+    }
+}

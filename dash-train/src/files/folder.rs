@@ -1,0 +1,61 @@
+//! Listings of folders.
+
+use std::fs;
+use std::path::{Path, PathBuf};
+
+use super::error::DatasetError;
+use super::names::{IMAGE_EXTENSIONS, UNREAD_EXTENSIONS, has_extension, natural_cmp};
+
+/// Refuses a file in place of a folder; a missing path is left to its reader.
+pub(crate) fn require_folder(path: &Path) -> Result<(), DatasetError> {
+    if !path.is_file() {
+        return Ok(());
+    }
+    Err(DatasetError::invalid(
+        path,
+        "a folder",
+        "a file",
+        "name the folder that is meant (archives are not unpacked)",
+    ))
+}
+
+/// The names in a folder, hidden ones left out, in natural order.
+pub(crate) fn list(folder: &Path) -> Result<Vec<String>, DatasetError> {
+    require_folder(folder)?;
+    let mut names = Vec::new();
+    for entry in fs::read_dir(folder).map_err(DatasetError::io(folder))? {
+        let entry = entry.map_err(DatasetError::io(folder))?;
+        if let Ok(name) = entry.file_name().into_string()
+            && !name.starts_with('.')
+        {
+            names.push(name);
+        }
+    }
+    names.sort_by(|a, b| natural_cmp(a, b));
+    Ok(names)
+}
+
+/// The image files directly in a folder, in natural order.
+pub(crate) fn list_images(folder: &Path) -> Result<Vec<PathBuf>, DatasetError> {
+    let names = list(folder)?;
+    let images = names
+        .iter()
+        .filter(|name| has_extension(name, &IMAGE_EXTENSIONS));
+    Ok(images
+        .map(|name| folder.join(name))
+        .filter(|path| path.is_file())
+        .collect())
+}
+
+/// A note for errors about missing images: the folder or its `images/` has images of formats that are not read.
+pub(crate) fn unread_images(folder: &Path) -> String {
+    for folder in [folder.to_path_buf(), folder.join("images")] {
+        let names = list(&folder).unwrap_or_default();
+        let is_unread = |name: &&String| has_extension(name, &UNREAD_EXTENSIONS);
+        if let Some(name) = names.iter().find(is_unread) {
+            let file = folder.join(name);
+            return format!(" (but {}: only PNG and JPEG are read)", file.display());
+        }
+    }
+    String::new()
+}

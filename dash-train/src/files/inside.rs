@@ -1,0 +1,124 @@
+//! Paths that a file lists: they must stay inside the dataset's folder.
+
+use std::path::{Component, Path, PathBuf};
+
+use super::error::DatasetError;
+
+/// `name` in tidy form (no `.`, no `..`), or `None` when it is absolute, empty or would leave its folder.
+pub(crate) fn confine(name: &str) -> Option<PathBuf> {
+    let mut inside = PathBuf::new();
+    for component in Path::new(name).components() {
+        match component {
+            Component::Normal(part) => inside.push(part),
+            Component::CurDir => {}
+            Component::ParentDir if inside.pop() => {}
+            _ => return None,
+        }
+    }
+    (!inside.as_os_str().is_empty() && !name.contains('\0')).then_some(inside)
+}
+
+/// Where a file that is listed by this name lies below `root`: [`confine`], but backslashes may separate
+/// folders, and a path that is absolute or leaves the folder may lead back into it.
+///
+/// # Errors
+/// Names the file that lists it, when it lies outside.
+pub(crate) fn confined(root: &Path, name: &str, listed_in: &Path) -> Result<PathBuf, DatasetError> {
+    // Except on Windows, a name may contain backslashes.
+    let written = match name.contains('\\') && !root.join(name).exists() {
+        true => name.replace('\\', "/"),
+        false => name.to_string(),
+    };
+    let inside = confine(&written).or_else(|| lead_back(root, &written));
+    let inside = inside.ok_or_else(|| {
+        DatasetError::invalid(
+            listed_in,
+            "file names inside the dataset's folder",
+            format!("{name:?}"),
+            "copy the file into the folder and write its path relative to it",
+        )
+    })?;
+    Ok(root.join(inside))
+}
+
+/// The path relative to `root` of a path that is absolute or has `..`; `None` if it lies outside, also by a link.
+fn lead_back(root: &Path, name: &str) -> Option<PathBuf> {
+    if name.is_empty() || name.contains('\0') {
+        return None;
+    }
+    let path = root.join(name);
+    let root = root.canonicalize().ok()?;
+    // The file itself may still lack its extension.
+    let path = path.parent()?.canonicalize().ok()?.join(path.file_name()?);
+    if path.exists() && !path.canonicalize().ok()?.starts_with(&root) {
+        return None;
+    }
+    let inside = path.strip_prefix(&root).ok()?;
+    (!inside.as_os_str().is_empty()).then(|| inside.to_path_buf())
+}
+
+#[cfg(test)]
+mod tests {
+    use std::fs;
+
+    use super::*;
+
+    #[test]
+    fn paths_stay_inside() {
+        assert_eq!(
+            confine("./train/r_0").expect("inside"),
+            Path::new("train/r_0")
+        );
+        assert_eq!(confine("a/../b.png").expect("inside"), Path::new("b.png"));
+        for bad in [
+            "../x.png",
+            "a/../../x.png",
+            "/etc/passwd",
+            "",
+            ".",
+            "a/..",
+            "x\0.png",
+        ] {
+            assert!(confine(bad).is_none(), "{bad:?}");
+        }
+    }
+
+    #[test]
+    fn paths_of_windows_and_paths_that_lead_back_are_found_inside() {
+        let folder = tempfile::tempdir().expect("temporary folder");
+        let root = folder.path().join("scene");
+        fs::create_dir_all(root.join("images")).expect("folders");
+        fs::create_dir_all(folder.path().join("other")).expect("folders");
+        let find = |name: &str| confined(&root, name, Path::new("transforms.json")).ok();
+        let absolute = root.join("images/a.png");
+        let absolute = absolute.to_str().expect("a name in UTF-8");
+        for name in [
+            "images\\a.png",
+            ".\\images\\a.png",
+            "../scene/images/a.png",
+            "images/../../scene/images/a.png",
+            absolute,
+        ] {
+            let expected = Some(root.join("images/a.png"));
+            assert_eq!(find(name), expected, "{name}");
+        }
+        let outside = folder.path().join("other/a.png");
+        fs::write(&outside, "").expect("writes");
+        for name in [
+            "../other/a.png",
+            "..\\other\\a.png",
+            outside.to_str().expect("a name in UTF-8"),
+            "../scene",
+            "nowhere/../../scene/a.png",
+        ] {
+            assert_eq!(find(name), None, "{name}");
+        }
+        #[cfg(unix)]
+        {
+            fs::write(root.join("b\\c.png"), "").expect("writes");
+            assert_eq!(find("b\\c.png"), Some(root.join("b\\c.png")));
+            std::os::unix::fs::symlink(&outside, root.join("link.png")).expect("a link");
+            assert_eq!(find("../scene/link.png"), None);
+        }
+    }
+}

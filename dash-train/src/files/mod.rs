@@ -1,0 +1,22 @@
+//! The files of a user's dataset: names, listings, first bytes, and what is wrong with them.
+//!
+//! | file | what |
+//! | --- | --- |
+//! | `names.rs`, `folder.rs` | order, numbers and extensions of names; listings |
+//! | `inside.rs`, `find_image.rs` | from a path that a file lists to the file that is meant |
+//! | `first_bytes.rs` | byte order marks, Git LFS pointers |
+//! | `error.rs` | the error of every reader |
+
+mod error;
+mod find_image;
+mod first_bytes;
+mod folder;
+mod inside;
+mod names;
+
+pub use error::DatasetError;
+pub(crate) use find_image::find_image;
+pub(crate) use first_bytes::{parse_json, refuse_pointer, refuse_pointer_file, without_mark};
+pub(crate) use folder::{list, list_images, require_folder, unread_images};
+pub(crate) use inside::confined;
+pub(crate) use names::{VIDEO_EXTENSIONS, frame_numbers, has_extension, natural_cmp, stem};

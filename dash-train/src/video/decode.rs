@@ -1,0 +1,258 @@
+//! Frames of a part of a video, decoded by `ffmpeg`.
+
+use std::ffi::OsStr;
+use std::io::{self, BufRead, BufReader, Read};
+use std::path::Path;
+use std::process::{ChildStdout, Command, Stdio};
+
+use super::error::{reading, undecodable};
+use super::ffmpeg::{Process, ffmpeg, ffmpeg_program, file_argument, listen};
+use crate::files::{DatasetError, refuse_pointer_file};
+
+/// Largest side of a picture that is read.
+pub(crate) const MAX_IMAGE_SIDE: u32 = 16_384;
+/// The option that forbids duplicating and dropping frames, and its name before ffmpeg 5.1.
+const PASSTHROUGH: [&str; 2] = ["-fps_mode", "-vsync"];
+
+/// A decoded frame.
+#[derive(Debug, Clone)]
+pub(crate) struct VideoFrame {
+    pub(crate) width: usize,
+    pub(crate) height: usize,
+    /// `[H * W * 3]`.
+    pub(crate) rgb: Vec<u8>,
+}
+
+/// A part of a video.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub(super) struct Part {
+    /// Seconds into the file from which decoding starts: a moment after a key frame's.
+    pub(super) seek: Option<f64>,
+    /// The first and last presentation time, on the file's clock.
+    pub(super) times: Option<[f64; 2]>,
+    pub(super) max_frames: Option<usize>,
+    /// Most coded pictures that are read.
+    pub(super) max_packets: Option<usize>,
+    /// Whether pictures may be damaged.
+    pub(super) lenient: bool,
+}
+
+/// Width and height of the video's frames as shown; with `skip_broken`, its first pictures may be damaged.
+pub(crate) fn frame_size(path: &Path, skip_broken: bool) -> Result<(usize, usize), DatasetError> {
+    if !skip_broken {
+        refuse_pointer_file(path, "a video")?;
+    }
+    let mut size = None;
+    let first = Part {
+        max_frames: Some(1),
+        lenient: skip_broken,
+        ..Part::default()
+    };
+    decode(path, &first, |frame| {
+        size = Some((frame.width, frame.height));
+        Ok(())
+    })?;
+    size.ok_or_else(|| undecodable(path, "it has no frames"))
+}
+
+/// Calls `on_frame` with the frames of a part, in order, and returns their number.
+///
+/// # Errors
+/// When `ffmpeg` is missing or cannot decode the file, or `on_frame` fails.
+pub(super) fn decode(
+    path: &Path,
+    part: &Part,
+    on_frame: impl FnMut(VideoFrame) -> Result<(), DatasetError>,
+) -> Result<usize, DatasetError> {
+    decode_with(&ffmpeg_program(), path, part, on_frame)
+}
+
+fn decode_with(
+    program: &OsStr,
+    path: &Path,
+    part: &Part,
+    mut on_frame: impl FnMut(VideoFrame) -> Result<(), DatasetError>,
+) -> Result<usize, DatasetError> {
+    for option in PASSTHROUGH {
+        let (n_frames, complaint) = run(program, path, option, part, &mut on_frame)?;
+        match complaint {
+            Some(complaint) if n_frames == 0 && complaint.contains(&option[1..]) => {}
+            Some(_) if n_frames > 0 && part.lenient => return Ok(n_frames),
+            Some(reason) => return Err(undecodable(path, reason)),
+            None if n_frames == 0 => return Err(undecodable(path, "it has no frames")),
+            None => return Ok(n_frames),
+        }
+    }
+    Err(undecodable(
+        path,
+        "this ffmpeg knows neither -fps_mode nor -vsync; install a newer one",
+    ))
+}
+
+/// One run of `ffmpeg`: the number of frames and, when it failed, what it said.
+fn run(
+    program: &OsStr,
+    path: &Path,
+    passthrough: &str,
+    part: &Part,
+    on_frame: &mut impl FnMut(VideoFrame) -> Result<(), DatasetError>,
+) -> Result<(usize, Option<String>), DatasetError> {
+    let mut copier = part
+        .max_packets
+        .map(|n| copy_packets(program, path, part.seek, n))
+        .transpose()?;
+    let copied = copier.as_mut().and_then(Process::stdout);
+    let mut command = decoder(program, path, passthrough, part, copied);
+    let mut process = Process::start(&mut command).map_err(reading(path))?;
+    // The command holds the copier's output open.
+    drop(command);
+    let (Some(stdout), Some(stderr)) = (process.stdout(), process.stderr()) else {
+        return Err(undecodable(path, "its output could not be opened"));
+    };
+    let complaints = listen(stderr);
+    let mut n_frames = 0;
+    let mut output = BufReader::with_capacity(1 << 20, stdout);
+    let outcome = loop {
+        match read_ppm(&mut output) {
+            Ok(Some(frame)) => {
+                on_frame(frame)?;
+                n_frames += 1;
+            }
+            Ok(None) => break None,
+            Err(e) => break Some(format!("its output broke off: {e}")),
+        }
+    };
+    drop(output);
+    let status = process
+        .wait()
+        .map_err(|e| undecodable(path, e.to_string()))?;
+    let complaint = complaints.join().unwrap_or_default();
+    if status.success() && outcome.is_none() {
+        return Ok((n_frames, None));
+    }
+    let reason = match (complaint.is_empty(), outcome) {
+        (false, _) => complaint,
+        (true, Some(outcome)) => outcome,
+        (true, None) => status.to_string(),
+    };
+    Ok((n_frames, Some(reason)))
+}
+
+/// `ffmpeg` that writes the frames of a part, from the file or from `copied` pictures of it.
+fn decoder(
+    program: &OsStr,
+    path: &Path,
+    passthrough: &str,
+    part: &Part,
+    copied: Option<ChildStdout>,
+) -> Command {
+    let mut command = ffmpeg(program);
+    if !part.lenient {
+        command.arg("-xerror");
+    }
+    // With more threads, ffmpeg 5 conceals damage silently.
+    command.args(["-threads", "1"]);
+    let stdin = if let Some(copied) = copied {
+        // `-copyts` keeps the times of the file, by which frames are selected.
+        command.args(["-protocol_whitelist", "pipe", "-copyts", "-i", "pipe:0"]);
+        Stdio::from(copied)
+    } else {
+        command.args(["-protocol_whitelist", "file"]);
+        seek(&mut command, part.seek);
+        command.args(["-copyts", "-i"]).arg(file_argument(path));
+        Stdio::null()
+    };
+    command.args(["-map", "0:v:0", passthrough, "passthrough"]);
+    if let Some([from, to]) = part.times {
+        command.args(["-vf", &format!("select=between(t\\,{from:.6}\\,{to:.6})")]);
+    }
+    if let Some(max) = part.max_frames {
+        command.args(["-frames:v", &max.to_string()]);
+    }
+    // PPM is raw rgb24 behind a header with the size.
+    command
+        .args(["-f", "image2pipe", "-c:v", "ppm"])
+        .args(["-pix_fmt", "rgb24", "pipe:1"])
+        .stdin(stdin)
+        .stdout(Stdio::piped())
+        .stderr(Stdio::piped());
+    command
+}
+
+/// `ffmpeg` that copies the first `n` coded pictures of a part without decoding them.
+fn copy_packets(
+    program: &OsStr,
+    path: &Path,
+    from: Option<f64>,
+    n: usize,
+) -> Result<Process, DatasetError> {
+    let mut command = ffmpeg(program);
+    command.args(["-protocol_whitelist", "file"]);
+    seek(&mut command, from);
+    command
+        .args(["-copyts", "-i"])
+        .arg(file_argument(path))
+        .args(["-map", "0:v:0", "-c", "copy"])
+        .args(["-avoid_negative_ts", "disabled"])
+        .args(["-frames:v", &n.to_string(), "-f", "nut", "pipe:1"])
+        .stdin(Stdio::null())
+        .stdout(Stdio::piped())
+        .stderr(Stdio::null());
+    Process::start(&mut command).map_err(reading(path))
+}
+
+fn seek(command: &mut Command, seconds: Option<f64>) {
+    if let Some(seconds) = seconds {
+        command.args(["-noaccurate_seek", "-ss", &format!("{seconds:.6}")]);
+    }
+}
+
+/// The next image of a stream of binary PPMs; `None` at its end.
+fn read_ppm(stream: &mut BufReader<ChildStdout>) -> io::Result<Option<VideoFrame>> {
+    if stream.fill_buf()?.is_empty() {
+        return Ok(None);
+    }
+    let bad = |what: &str| io::Error::new(io::ErrorKind::InvalidData, what.to_string());
+    let mut header = String::new();
+    for _ in 0..3 {
+        stream.by_ref().take(64).read_line(&mut header)?;
+    }
+    let fields: Vec<&str> = header.split_ascii_whitespace().collect();
+    let ["P6", width, height, "255"] = fields[..] else {
+        return Err(bad("not an 8-bit PPM"));
+    };
+    let side = |text: &str| {
+        text.parse()
+            .ok()
+            .filter(|v| (1..=MAX_IMAGE_SIDE as usize).contains(v))
+    };
+    let (Some(width), Some(height)) = (side(width), side(height)) else {
+        return Err(bad("frames larger than 16384 pixels"));
+    };
+    let mut rgb = vec![0; width * height * 3];
+    stream.read_exact(&mut rgb)?;
+    Ok(Some(VideoFrame { width, height, rgb }))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_missing_ffmpeg_is_one_error_that_says_how_to_install_it() {
+        let path = Path::new("cam00.mp4");
+        let error = decode_with(
+            "ffmpeg-that-does-not-exist".as_ref(),
+            path,
+            &Part::default(),
+            |_| Ok(()),
+        )
+        .expect_err("no such program");
+        assert!(matches!(error, DatasetError::FfmpegMissing { .. }));
+        let message = error.to_string();
+        assert!(
+            message.contains("cam00.mp4") && message.contains("apt install ffmpeg"),
+            "{message}"
+        );
+    }
+}
