@@ -7,6 +7,7 @@
 
 mod bench;
 mod compare;
+mod config;
 mod configuration;
 mod data;
 mod doctor;
@@ -94,6 +95,7 @@ enum Command {
     Report(report::ReportArgs),
     Bench(bench::BenchArgs),
     Info(info::InfoArgs),
+    Config(config::ConfigArgs),
     Stress(stress::StressArgs),
 }
 
@@ -156,6 +158,7 @@ fn carry_out(cli: &Cli) -> Result<String, Failure> {
         Command::Report(args) => report::run(args),
         Command::Bench(args) => bench::run(args, shared),
         Command::Info(args) => info::run(args, shared),
+        Command::Config(args) => config::run(args),
         Command::Stress(args) => stress::run(args, shared),
     }
 }

@@ -2,18 +2,23 @@
 
 mod presets;
 mod ranges;
+mod reference;
 mod set;
 #[cfg(test)]
 pub(crate) mod tests;
 
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::core::{DensifySets, OptimizerConfig, ScheduleConfig};
 use super::extensions::ExtensionsConfig;
 use super::paper::MethodConfig;
+pub use reference::reference;
 
 /// Named starting points for a [`TrainConfig`].
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, clap::ValueEnum)]
+#[derive(
+    Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema, clap::ValueEnum,
+)]
 #[serde(rename_all = "snake_case")]
 pub enum Preset {
     /// Ours.
@@ -37,7 +42,7 @@ pub enum Keep {
 }
 
 /// A training run. Written with every value to `config.toml`: running it again gives the same result.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct TrainConfig {
     /// Where the values came from.

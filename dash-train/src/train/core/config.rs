@@ -1,5 +1,6 @@
 //! The configuration of what every method shares.
 
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 /// What a run does at which step, and what it starts from.
@@ -36,7 +37,7 @@ impl ScheduleConfig {
 
 /// Adam learning rates. The rates of quaternions (1e-3), log scales (5e-3), opacity logits (0.05) and colours
 /// (2.5e-3, higher degrees a twentieth) are those of 3DGS and fixed.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct OptimizerConfig {
     /// Means at the start, in units of the scene's extent. Source: 3DGS, 1.6e-4.
@@ -57,7 +58,7 @@ pub struct OptimizerConfig {
 }
 
 /// Density control of the static Gaussians (of all, before the decomposition) and of the dynamic ones.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct DensifySets {
     /// Of the static set.
@@ -70,7 +71,7 @@ pub struct DensifySets {
 /// Adaptive density control of one set (Kerbl et al. 2023, section 5). The largest scale that is cloned (0.01 of the
 /// extent), the opacity below which a Gaussian is pruned (0.005) and the scale above which it is pruned (0.1 of the
 /// extent) are those of 3DGS and fixed.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct DensifyConfig {
     /// Shares of the run at which it starts and ends. Source: 3DGS ends at half of the run.

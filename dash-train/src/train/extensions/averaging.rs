@@ -8,6 +8,7 @@ use burn::tensor::{Device, Tensor, TensorData};
 use dash_model::DynamicScene;
 use dash_model::parameters::{HostTensor, Path, named_parameters};
 
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use crate::Error;
@@ -88,7 +89,7 @@ impl Average {
 }
 
 /// `[extensions.averaging]`
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct AveragingConfig {
     /// Share of the run, at its end, over whose steps the mean is taken; not before density control is over. In these

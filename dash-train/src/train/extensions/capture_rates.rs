@@ -3,12 +3,13 @@
 //! In a monocular capture each time has one picture, and means have farther to go; where synchronised cameras show every
 //! time, scales and tables learn fast enough to profit from more.
 
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use crate::train::core::{Extension, Run};
 
 /// `[extensions.capture_rates]`
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct CaptureRatesConfig {
     /// Factor of the means' rate where no time by itself shows the scene from several sides. Source: ours.

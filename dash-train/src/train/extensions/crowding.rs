@@ -1,6 +1,7 @@
 //! Crowding: above a number of dynamic Gaussians the gradient threshold of density control rises in proportion to their
 //! number, so that each of many has to pay for more.
 
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use crate::Error;
@@ -12,7 +13,7 @@ use crate::train::paper::Dash;
 const FREE_SHARE: f32 = 0.5;
 
 /// `[extensions.crowding]`
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct CrowdingConfig {
     /// Dynamic Gaussians above which the threshold rises, at least. Source: ours.

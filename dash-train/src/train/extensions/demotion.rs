@@ -2,6 +2,7 @@
 
 use dash_model::{DynamicScene, Gaussians};
 
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use crate::Error;
@@ -20,7 +21,7 @@ const MIN_GAIN: f64 = 2e-4;
 const MIN_SHARE: f32 = 0.1;
 
 /// `[extensions.demotion]`
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct DemotionConfig {
     /// Steps of the 4D stage between two reviews. Source: ours.

@@ -1,6 +1,7 @@
 //! A cost of floaters: dark smoke in empty space, which no training picture tells from what is behind it.
 
 use burn::tensor::Tensor;
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use crate::Error;
@@ -10,7 +11,7 @@ use crate::train::core::loss::opacity;
 use crate::train::core::{Extension, Forward, Run, to_host};
 
 /// `[extensions.floaters]`
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct FloatersConfig {
     /// Weight of the mean opacity of the static Gaussians: what no picture needs fades. Source: Kheradmand et al. 2024

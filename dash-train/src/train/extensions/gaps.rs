@@ -5,6 +5,7 @@
 
 use burn::tensor::Tensor;
 use dash_model::Gaps;
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use crate::Error;
@@ -18,7 +19,7 @@ const GAP_STEPS: f32 = 1.5;
 const LONG_GAP_STEPS: f32 = 3.5;
 
 /// `[extensions.gaps]`
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct GapsConfig {
     /// Factor of the field's resolutions in space where a monocular capture lacks three times in a row or more: how things

@@ -13,6 +13,7 @@ mod prune;
 mod rest_cost;
 mod scale_limit;
 
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 pub use averaging::{Averaging, AveragingConfig};
@@ -30,7 +31,7 @@ use super::core::Extension;
 use super::paper::Dash;
 
 /// The sections `[extensions.NAME]`; an extension without a section does not run.
-#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct ExtensionsConfig {
     /// Learning rates by kind of capture.

@@ -1,6 +1,7 @@
 //! A cost of visible motion: what moves without need comes to rest.
 
 use burn::tensor::Tensor;
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use crate::Error;
@@ -15,7 +16,7 @@ const FAR_IN_FIELD: f32 = 0.2;
 const FAR_ALONE: f32 = 0.05;
 
 /// `[extensions.rest_cost]`
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct RestCostConfig {
     /// Weight of visible motion while the coarse field looks for motion, in shares of the image's width and as a mean over

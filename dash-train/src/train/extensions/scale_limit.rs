@@ -5,6 +5,7 @@
 
 use burn::tensor::Tensor;
 use dash_model::Gaussians;
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use crate::train::core::{Extension, Method, Run, SceneScale, Set};
@@ -13,7 +14,7 @@ use crate::train::core::{Extension, Method, Run, SceneScale, Set};
 const INTERVAL: usize = 10;
 
 /// `[extensions.scale_limit]`
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct ScaleLimitConfig {
     /// Largest scale, in units of the extent, or of the distance from the scene's centre where that is more. Source: 3DGS

@@ -1,6 +1,7 @@
 //! The configuration of DASH.
 
 use dash_model::{DeformationConfig, HashEncoderConfig, Heads, OffsetPlacement, Representation};
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use crate::train::core::CaptureFacts;
@@ -13,7 +14,7 @@ const PLANE_FEATURES: usize = 8;
 const LAYERS: usize = 2;
 
 /// DASH: stages, decomposition, fields.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct MethodConfig {
     /// Which Gaussians become dynamic: those that the coarse field found to move, all right after the warm-up as in
@@ -48,7 +49,7 @@ pub struct MethodConfig {
 }
 
 /// The coarse motion field.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct MotionFieldConfig {
     /// Levels of its hash grid. Source: the paper, 16.
@@ -66,10 +67,11 @@ pub struct MotionFieldConfig {
 }
 
 /// The 4D field.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct FieldConfig {
     /// How features over space and time are stored.
+    #[schemars(with = "String")]
     pub representation: Representation,
     /// Levels of its grid. Source: the paper, 16.
     pub n_levels: usize,
@@ -84,7 +86,7 @@ pub struct FieldConfig {
 }
 
 /// Cells of a grid along time.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum TimeResolution {
     /// One vertex for each frame at every level, where synchronised cameras show it; else one for two frames.
@@ -96,7 +98,7 @@ pub enum TimeResolution {
 }
 
 /// Which Gaussians become dynamic.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum Decomposition {
     /// Those that the coarse motion field found to move.
@@ -108,7 +110,7 @@ pub enum Decomposition {
 }
 
 /// Whose forms the fields have.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum Form {
     /// The paper's equations.
@@ -118,7 +120,7 @@ pub enum Form {
 }
 
 /// How motion is measured for the decomposition.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum MotionMeasure {
     /// `|dp|` in world units, as the paper writes.
@@ -131,7 +133,7 @@ pub enum MotionMeasure {
 }
 
 /// Form of the coarse trajectories.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum Trajectories {
     /// Straight, at one speed (Eq. 3); thrown away after the decomposition.

