@@ -82,11 +82,7 @@ pub fn spiral(cameras: &[Camera], n: usize, focus_depth: Option<f64>) -> Vec<Cam
         .map(|eye| {
             let mut camera = template.clone();
             camera.translation = [0.0; 3];
-            camera.look_at(
-                eye.into(),
-                target.into(),
-                up_beside(up, target - eye).into(),
-            )
+            camera.look_at(eye, target, up_beside(up, target - eye))
         })
         .collect()
 }
