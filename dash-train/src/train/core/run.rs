@@ -119,40 +119,30 @@ impl<M> Run<M> {
             &mut rng,
         )?;
         let views = || train_views.iter().map(|&index| &dataset.views[index]);
-        let times = Times::of(views().map(|view| view.time));
         let region = Region::of(&dataset, &points);
         let near_plane = config
             .near_plane
             .unwrap_or_else(|| near_plane(views(), &points));
         let extent = config.optimizer.extent.unwrap_or(region.extent);
-        let (positions, colors) = (&points.positions, &points.colors);
+        let scale = FIRST_SCALE * extent;
         let rows =
-            GaussianRows::from_points(positions, colors, config.sh_degree, FIRST_SCALE * extent);
-        let settings = SceneSettings {
-            background,
-            sh_degree: 0,
-            near_plane,
-            trajectory_basis: TrajectoryBasis::Linear,
-            offsets: OffsetPlacement::BeforeActivation,
-            gaps: Gaps::default(),
-        };
-        let is_synchronized = start.is_some_and(TimeSpan::is_one_time);
-        let trained: BTreeSet<usize> = views().map(|view| view.frame).collect();
-        let facts = CaptureFacts {
-            n_frames: if is_synchronized {
-                trained.len()
-            } else {
-                dataset.n_frames
-            },
-            is_synchronized,
-        };
+            GaussianRows::from_points(&points.positions, &points.colors, config.sh_degree, scale);
+        let facts = CaptureFacts::of(&dataset, views(), start);
         Ok(Self {
             rates: Rates::of(&config.optimizer),
             scene: DynamicScene {
                 static_set: Gaussians::from_rows(&rows, &device),
                 dynamic: None,
-                settings,
+                settings: SceneSettings {
+                    background,
+                    sh_degree: 0,
+                    near_plane,
+                    trajectory_basis: TrajectoryBasis::Linear,
+                    offsets: OffsetPlacement::BeforeActivation,
+                    gaps: Gaps::default(),
+                },
             },
+            times: Times::of(views().map(|view| view.time)),
             method: method(&facts),
             static_state: SetState {
                 statistics: DensityStatistics::new(rows.len()),
@@ -175,7 +165,6 @@ impl<M> Run<M> {
             validation_views,
             extent,
             start,
-            times,
             rng,
         })
     }
@@ -234,4 +223,22 @@ pub struct CaptureFacts {
     pub n_frames: usize,
     /// Whether every time by itself shows the scene's shape.
     pub is_synchronized: bool,
+}
+
+impl CaptureFacts {
+    fn of<'a>(
+        dataset: &Dataset,
+        train_views: impl Iterator<Item = &'a View>,
+        start: Option<TimeSpan>,
+    ) -> Self {
+        let is_synchronized = start.is_some_and(TimeSpan::is_one_time);
+        let trained: BTreeSet<usize> = train_views.map(|view| view.frame).collect();
+        Self {
+            n_frames: match is_synchronized {
+                true => trained.len(),
+                false => dataset.n_frames,
+            },
+            is_synchronized,
+        }
+    }
 }

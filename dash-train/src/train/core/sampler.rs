@@ -36,7 +36,7 @@ impl ViewSampler {
     }
 
     /// The next while candidates become more: only a few are drawn before they are listed anew, half
-    /// of them from those that are new, of every `time` as many as of any other: what moves is lost where
+    /// of them from those that are new, of every `time` as many as of any other: motion is lost where
     /// few pictures show the way.
     pub fn next_of_growing(
         &mut self,

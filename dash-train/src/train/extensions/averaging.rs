@@ -35,7 +35,7 @@ impl Average {
         });
     }
 
-    /// The scene with the means in place of its parameters; as it is, where there are none.
+    /// The scene with the means in place of its parameters; unchanged where there are none.
     fn of(self, scene: DynamicScene) -> DynamicScene {
         if self.n_steps == 0 {
             return scene;

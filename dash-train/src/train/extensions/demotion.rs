@@ -155,7 +155,7 @@ fn held_still(scene: &DynamicScene, ways: &Ways) -> Result<Gaussians, Error> {
     ))
 }
 
-/// Whether the dynamic set has had its time to grow; before, it may still be finding what moves.
+/// Whether the dynamic set has had its time to grow; before, it may still be finding motion.
 fn is_grown(run: &Run<Dash>) -> bool {
     run.step >= run.config.step_at(run.config.densify.dynamic.during[1])
 }

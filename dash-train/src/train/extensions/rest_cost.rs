@@ -1,4 +1,4 @@
-//! A cost of visible motion: what moves without need comes to rest.
+//! A cost of visible motion: Gaussians that no picture needs to move come to rest.
 
 use burn::tensor::Tensor;
 use schemars::JsonSchema;

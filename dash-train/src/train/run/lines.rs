@@ -2,7 +2,7 @@
 
 use std::fs::{self, File, OpenOptions};
 use std::io::Write;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use dash_model::scene_file::write_atomically;
 use serde::de::DeserializeOwned;
@@ -10,8 +10,11 @@ use serde::{Deserialize, Serialize};
 
 use crate::Error;
 use crate::evaluate::{CurveLine, CurveProbe};
-use crate::train::core::SkippedStep;
+use crate::train::core::{SkippedStep, StepReport};
 use crate::train::trainer::Trainer;
+
+/// Steps between two lines of `log.jsonl`.
+const LOG_INTERVAL: usize = 50;
 
 /// One line of `log.jsonl`.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -60,13 +63,67 @@ pub(super) fn append(file: &mut File, line: &impl Serialize, path: &Path) -> Res
     writeln!(file, "{text}").map_err(|e| Error::io(path, "write", e))
 }
 
-/// The log without lines that a resumed run will write again.
-pub(super) fn reopen_log(path: &Path, step: usize) -> Result<File, Error> {
-    let lines: Vec<LogLine> = read_lines(path)?;
-    reopen(path, lines.iter().filter(|line| line.step <= step))
+/// `log.jsonl` while a run goes on, with what the next line is the mean of.
+pub(super) struct Log {
+    file: File,
+    path: PathBuf,
+    loss: f32,
+    psnr: f32,
+    count: usize,
 }
 
-/// The same for the curve, and what measures it; `None` when nothing is to be measured.
+impl Log {
+    /// The file without lines that a resumed run will write again.
+    pub(super) fn reopen(path: &Path, step: usize) -> Result<Self, Error> {
+        let lines: Vec<LogLine> = read_lines(path)?;
+        Ok(Self {
+            file: reopen(path, lines.iter().filter(|line| line.step <= step))?,
+            path: path.to_path_buf(),
+            loss: 0.0,
+            psnr: 0.0,
+            count: 0,
+        })
+    }
+
+    /// Takes in a step, and writes a line where one is due.
+    pub(super) fn take(
+        &mut self,
+        report: &StepReport,
+        trainer: &mut Trainer,
+        seconds: f64,
+    ) -> Result<(), Error> {
+        if !report.skipped {
+            self.loss += report.loss;
+            self.psnr += report.psnr;
+            self.count += 1;
+        }
+        let (step, last) = (report.step, trainer.is_finished());
+        // A line of skipped steps alone has no means and waits for more.
+        if !(step.is_multiple_of(LOG_INTERVAL) || last) || self.count == 0 {
+            return Ok(());
+        }
+        let measured = step.is_multiple_of(trainer.config().validation_interval) || last;
+        let validation_psnr = match measured {
+            true => trainer.validation_psnr()?,
+            false => None,
+        };
+        let n = std::mem::take(&mut self.count) as f32;
+        let line = LogLine {
+            step,
+            seconds,
+            loss: std::mem::take(&mut self.loss) / n,
+            train_psnr: std::mem::take(&mut self.psnr) / n,
+            n_static: report.n_static,
+            n_dynamic: report.n_dynamic,
+            waited_seconds: trainer.waited_seconds(),
+            validation_psnr,
+            skipped_steps: trainer.take_skipped_steps(),
+        };
+        append(&mut self.file, &line, &self.path)
+    }
+}
+
+/// The curve without lines that a resumed run will write again, and what measures it; `None` when nothing is to be measured.
 pub(super) fn reopen_curve(
     path: &Path,
     trainer: &Trainer,

@@ -14,7 +14,7 @@ use dash_model::scene_file::TablePrecision;
 pub use self::config::{DataConfig, RunConfig, StageEnds, read_config};
 pub use self::folder::RunFolder;
 pub use self::lines::LogLine;
-use self::lines::{append, reopen_curve, reopen_log};
+use self::lines::{Log, append, reopen_curve};
 use super::config::TrainConfig;
 use super::core::StepReport;
 pub use super::core::checkpoint::latest_checkpoint;
@@ -22,9 +22,6 @@ use super::trainer::{Additions, Trainer, load_checkpoint_with, save_checkpoint};
 use crate::Error;
 use crate::dataset::Dataset;
 use crate::evaluate::CurveProbe;
-
-/// Steps between two lines of `log.jsonl`.
-const LOG_INTERVAL: usize = 50;
 
 /// How [`train`] runs.
 pub struct TrainOptions<'a> {
@@ -60,23 +57,21 @@ pub fn train(
     mut options: TrainOptions<'_>,
 ) -> Result<(Trainer, f64), Error> {
     let checkpoints = run.checkpoints_path();
-    let found = if options.resume {
-        latest_checkpoint(&checkpoints)?
-    } else {
-        None
-    };
     let additions = std::mem::take(&mut options.additions);
+    let found = match options.resume {
+        true => latest_checkpoint(&checkpoints)?,
+        false => None,
+    };
     let (mut trainer, mut seconds) = match found {
         Some(checkpoint) => load_checkpoint_with(&checkpoint, dataset, device, additions)?,
-        None => (
-            Trainer::with(config.clone(), dataset, device, additions)?,
-            0.0,
-        ),
+        None => {
+            let trainer = Trainer::with(config.clone(), dataset, device, additions)?;
+            (trainer, 0.0)
+        }
     };
-    let mut log = reopen_log(&run.log_path(), trainer.steps_done())?;
+    let mut log = Log::reopen(&run.log_path(), trainer.steps_done())?;
     let mut curve = reopen_curve(&run.curve_path(), &trainer, options.curve)?;
     fs::create_dir_all(&checkpoints).map_err(|e| Error::io(&checkpoints, "create", e))?;
-    let (mut loss, mut psnr, mut count) = (0.0, 0.0, 0);
     let mut finished = None;
     let begins = trainer.steps_done();
     while !trainer.is_finished() {
@@ -94,34 +89,9 @@ pub fn train(
             Some(clock) => clock(spent)?,
             None => spent,
         };
-        if !report.skipped {
-            loss += report.loss;
-            psnr += report.psnr;
-            count += 1;
-        }
         (options.on_step)(&report, seconds);
+        log.take(&report, &mut trainer, seconds)?;
         let step = report.step;
-        // A line of skipped steps alone has no means and waits for more.
-        if (step.is_multiple_of(LOG_INTERVAL) || last) && count > 0 {
-            let measured = step.is_multiple_of(trainer.config().validation_interval) || last;
-            let line = LogLine {
-                step,
-                seconds,
-                loss: loss / count as f32,
-                train_psnr: psnr / count as f32,
-                n_static: report.n_static,
-                n_dynamic: report.n_dynamic,
-                waited_seconds: trainer.waited_seconds(),
-                validation_psnr: if measured {
-                    trainer.validation_psnr()?
-                } else {
-                    None
-                },
-                skipped_steps: trainer.take_skipped_steps(),
-            };
-            (loss, psnr, count) = (0.0, 0.0, 0);
-            append(&mut log, &line, &run.log_path())?;
-        }
         let due = |(probe, _): &&mut (CurveProbe, File)| probe.is_due(step) && !last;
         if let Some((probe, file)) = curve.as_mut().filter(due) {
             let scene = (trainer.scene(), TablePrecision::Single);

@@ -76,7 +76,7 @@ pub(super) fn meet_new_frames(run: &mut Run<Dash>, memory: &mut Memory) -> Resul
     Ok(())
 }
 
-/// Looks for what moves fast at a new time, after some known ones, nearest first.
+/// Looks for fast Gaussians at a new time, after some known ones, nearest first.
 fn meet(run: &mut Run<Dash>, memory: &mut Memory, new: f32, known: &[f32]) -> Result<(), Error> {
     let Some(coefficients) = run.coefficients()? else {
         return Ok(());

@@ -1,7 +1,7 @@
-//! Where fast groups were found, and what it costs the coarse field to forget it.
+//! Where block matching found fast groups, and what it costs the coarse field to forget it.
 //!
 //! One network holds the motion of all times. While it learns a new frame, which is half of what it sees then, what
-//! it had of others drifts; and what moves by its own width in a frame does not find back.
+//! it had learned of others drifts; and an object that moves by its own width in a frame does not find back.
 
 use burn::tensor::activation::relu;
 use burn::tensor::{Device, Tensor, TensorData};
