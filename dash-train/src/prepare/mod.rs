@@ -3,7 +3,7 @@
 //!
 //! | file | what |
 //! | --- | --- |
-//! | `config.rs`, `summary.rs`, `error.rs` | settings, summary, errors |
+//! | `config.rs`, `summary.rs` | settings, summary |
 //! | `sources.rs`, `schedule.rs` | the cameras of a folder; their common times |
 //! | `frames.rs` | frames of videos and of folders of images |
 //! | `colmap.rs`, `reconstruct.rs` | poses and points by the program `colmap` |
@@ -13,7 +13,6 @@
 mod cloud;
 mod colmap;
 mod config;
-mod error;
 mod frames;
 mod output;
 mod random;
@@ -31,12 +30,12 @@ use std::path::{Path, PathBuf};
 pub use cloud::CloudCounts;
 pub use colmap::{COLMAP, COLMAP_VARIABLE};
 pub use config::{CameraModel, LensChoice, PrepareConfig};
-pub use error::PrepareError;
 pub use frames::FrameSize;
 pub use summary::PrepareSummary;
 
+use crate::Error;
 use crate::dataset::poses::known::{self, KnownCamera};
-use crate::dataset::{DatasetError, LoadOptions, load};
+use crate::dataset::{LoadOptions, load};
 use crate::ply::PointCloud;
 use colmap::Colmap;
 use config::{held_out, read_offsets};
@@ -54,11 +53,7 @@ const FEW_POINTS: usize = 100;
 /// # Errors
 /// An option that does not fit, recordings without a common time, a missing or failing `ffmpeg` or
 /// `colmap`, cameras whose poses are not found, or an `out` that exists and is not an empty folder.
-pub fn prepare(
-    input: &Path,
-    out: &Path,
-    config: &PrepareConfig,
-) -> Result<PrepareSummary, PrepareError> {
+pub fn prepare(input: &Path, out: &Path, config: &PrepareConfig) -> Result<PrepareSummary, Error> {
     prepare_with(input, out, config, None)
 }
 
@@ -68,7 +63,7 @@ fn prepare_with(
     out: &Path,
     config: &PrepareConfig,
     program: Option<OsString>,
-) -> Result<PrepareSummary, PrepareError> {
+) -> Result<PrepareSummary, Error> {
     config.validate()?;
     let sources = sources::find(input)?;
     let names: Vec<String> = sources.iter().map(|source| source.name.clone()).collect();
@@ -200,7 +195,7 @@ fn find_cameras_and_points(
     first_frames: &[PathBuf],
     sizes: &[[usize; 2]],
     names: &[String],
-) -> Result<Found, PrepareError> {
+) -> Result<Found, Error> {
     let given = || match &config.poses {
         Some(path) => format!("from {}", path.display()),
         None => "known".into(),
@@ -250,7 +245,7 @@ fn find_colmap(
     workspace: &Path,
     config: &PrepareConfig,
     program: Option<OsString>,
-) -> Result<Colmap, PrepareError> {
+) -> Result<Colmap, Error> {
     let (purpose, instead) = match config.poses {
         Some(_) => (
             "points with the known poses",
@@ -270,7 +265,7 @@ fn check_lenses(
     names: &[String],
     cameras: &[KnownCamera],
     config: &PrepareConfig,
-) -> Result<(), PrepareError> {
+) -> Result<(), Error> {
     let remedy = match config.poses {
         Some(_) => "undistort the pictures first and give poses without distortion",
         None => "the lens was not found well: try --camera-model simple-radial, or --lens shared",
@@ -278,7 +273,7 @@ fn check_lenses(
     let folds = |(_, known): &(&String, &KnownCamera)| !known.lens_can_be_undone();
     match names.iter().zip(cameras).find(folds) {
         None => Ok(()),
-        Some((name, known)) => Err(PrepareError::invalid(
+        Some((name, known)) => Err(Error::invalid(
             input,
             "lens distortion that can be undone over the whole picture",
             format!(
@@ -291,7 +286,7 @@ fn check_lenses(
 }
 
 /// Loads the first frame of every camera as training will, so that unreadable files are an error now.
-fn check(dataset: &Path) -> Result<(), DatasetError> {
+fn check(dataset: &Path) -> Result<(), Error> {
     let options = LoadOptions {
         max_frames: Some(1),
         ..LoadOptions::default()
