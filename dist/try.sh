@@ -12,7 +12,7 @@ SECONDS=0
 # A mount namespace of its own: nothing stays mounted.
 unshare --mount bash -euc "
     mount -t proc proc '$root/proc'
-    chroot '$root' bash -euc 'cd /root && tar -xzf *.tar.gz && cd dash-* && ./dash --version && ./dash quickstart'
+    chroot '$root' bash -euc 'cd /root && tar -xzf *.tar.gz && cd dash-*/ && ./dash --version && ./dash quickstart'
 "
 test -s "$root"/root/dash-*/out/quickstart/run/overview.png
 echo "from unpacking to pictures: $SECONDS s"

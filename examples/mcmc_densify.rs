@@ -3,6 +3,7 @@
 //!
 //! `cargo run --release --example mcmc_densify -- [FOLDER RUN [DOWNSCALE]]`
 
+#[expect(dead_code, reason = "each example uses its part")]
 mod common;
 
 use std::sync::Arc;

@@ -3,6 +3,7 @@
 //!
 //! `cargo run --release --example own_loss -- [FOLDER RUN [DOWNSCALE]]`
 
+#[expect(dead_code, reason = "each example uses its part")]
 mod common;
 
 use std::sync::Arc;

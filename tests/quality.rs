@@ -1,8 +1,9 @@
 //! The quality gate: short runs on two synthetic scenes reach what they reached when this was written, and runs with a
 //! part broken do not.
 //!
-//! Each value is the mean of eight seeds; its tolerance is four standard deviations over them, at least a quarter of a dB
-//! or 0.02. `DASH_QUALITY_SEEDS=8 cargo test --release --test quality -- --nocapture` prints means and deviations.
+//! A scene is trained with three seeds, and the median of each measure must not be below its bound. The bound is the
+//! second worst of nine seeds, which no median of three of them is below, less a margin for other processors, whose kernels
+//! round elsewhere. `DASH_QUALITY_SEEDS=9 cargo test --release --test quality -- --nocapture` prints what it is made of.
 
 use std::sync::Arc;
 
@@ -20,37 +21,39 @@ use dash_train::train::{Additions, Extension, Preset, TrainConfig, Trainer};
 type Quality = [f64; 3];
 const NAMES: [&str; 3] = ["moving PSNR", "PSNR", "F1"];
 
-/// A scene with what is expected of it.
+/// For other processors.
+const MARGIN: Quality = [0.3, 0.3, 0.03];
+/// Seeds of which the median counts.
+const SEEDS: u64 = 3;
+
+/// A scene, and the second worst of nine seeds.
 struct Gate {
     scene: SceneKind,
-    expected: Quality,
-    tolerance: Quality,
+    second_worst: Quality,
 }
 
 const BOUNCE: Gate = Gate {
     scene: SceneKind::Bounce,
-    expected: [0.0, 0.0, 0.0],
-    tolerance: [0.0, 0.0, 0.0],
+    second_worst: [0.0, 0.0, 0.0],
 };
 const TINY: Gate = Gate {
     scene: SceneKind::Tiny,
-    expected: [0.0, 0.0, 0.0],
-    tolerance: [0.0, 0.0, 0.0],
+    second_worst: [0.0, 0.0, 0.0],
 };
 
 impl Gate {
-    /// The measures that are worse than expected.
+    /// The measures that are worse than they may be.
     fn failures(&self, found: &Quality) -> Vec<String> {
-        let named = (0..3)
-            .filter(|&k| found[k].is_nan() || found[k] < self.expected[k] - self.tolerance[k]);
-        named
-            .map(|k| {
-                format!(
-                    "{:?}: {} {:.3}, expected {:.3} - {:.3}",
-                    self.scene, NAMES[k], found[k], self.expected[k], self.tolerance[k]
-                )
-            })
-            .collect()
+        let bound = |k: usize| self.second_worst[k] - MARGIN[k];
+        let worse = (0..3).filter(|&k| found[k].is_nan() || found[k] < bound(k));
+        let told = |k: usize| {
+            let (name, found, bound) = (NAMES[k], found[k], bound(k));
+            format!(
+                "{}: {name} {found:.3}, expected {bound:.3} or more",
+                self.scene
+            )
+        };
+        worse.map(told).collect()
     }
 }
 
@@ -70,20 +73,13 @@ fn clip(scene: SceneKind) -> Arc<Dataset> {
     Arc::new(dataset::load(folder.path(), &options).expect("sound"))
 }
 
-/// `quick` in 400 steps from few points, so that density control has work to do.
+/// `quick` in 900 steps.
 fn config(seed: u64) -> TrainConfig {
-    let mut config = TrainConfig::preset(Preset::Quick);
-    for assignment in [
-        "iterations=400",
-        "initial_points=[0, 600]",
-        "densify.static.interval=20",
-        "densify.dynamic.interval=20",
-        "densify.dynamic.opacity_reset_interval=none",
-    ] {
-        config.set(assignment).expect("a known key");
+    TrainConfig {
+        iterations: 900,
+        seed,
+        ..TrainConfig::preset(Preset::Quick)
     }
-    config.seed = seed;
-    config
 }
 
 /// A run on one thread.
@@ -158,26 +154,30 @@ impl ModuleVisitor for Cut<'_> {
     }
 }
 
-#[test]
-fn quality_is_what_it_was() {
+fn gate(gate: &Gate) {
     let seeds = std::env::var("DASH_QUALITY_SEEDS").ok();
-    let seeds: u64 = seeds.map_or(1, |n| n.parse().expect("a number"));
-    let mut failures = Vec::new();
-    for gate in [BOUNCE, TINY] {
-        let dataset = clip(gate.scene);
-        let found: Vec<Quality> = (0..seeds)
-            .map(|seed| trained(&dataset, config(seed), None))
-            .collect();
-        for k in 0..3 {
-            let values = || found.iter().map(|quality| quality[k]);
-            let mean = values().sum::<f64>() / seeds as f64;
-            let squares = values().map(|value| (value - mean).powi(2)).sum::<f64>();
-            let deviation = (squares / (seeds - 1).max(1) as f64).sqrt();
-            println!("{:?} {}: {mean:.3} +- {deviation:.3}", gate.scene, NAMES[k]);
-        }
-        failures.extend(found.iter().flat_map(|found| gate.failures(found)));
-    }
+    let seeds: u64 = seeds.map_or(SEEDS, |n| n.parse().expect("a number"));
+    let dataset = clip(gate.scene);
+    let runs = (0..seeds).map(|seed| trained(&dataset, config(seed), None));
+    let runs: Vec<Quality> = runs.collect();
+    let median: Quality = std::array::from_fn(|k| {
+        let mut values: Vec<f64> = runs.iter().map(|quality| quality[k]).collect();
+        values.sort_by(f64::total_cmp);
+        println!("{} {}: {values:.3?}", gate.scene, NAMES[k]);
+        values[values.len() / 2]
+    });
+    let failures = gate.failures(&median);
     assert!(failures.is_empty(), "{failures:#?}");
+}
+
+#[test]
+fn bounce_is_as_good_as_it_was() {
+    gate(&BOUNCE);
+}
+
+#[test]
+fn tiny_is_as_good_as_it_was() {
+    gate(&TINY);
 }
 
 #[test]

@@ -12,23 +12,23 @@ pub enum KernelError {
         op: &'static str,
         /// The tensor.
         tensor: &'static str,
-        /// What would fit.
+        /// The shape expected.
         expected: String,
-        /// What came.
+        /// The shape found.
         found: Vec<usize>,
     },
-    /// The device has no buffer as large as is needed.
+    /// A tensor or list exceeds the device's largest buffer.
     #[error(
         "{what} needs a buffer of {bytes} bytes, the device's largest has {limit}; {remedy}, or use the CPU"
     )]
     Limit {
-        /// What is too large.
+        /// The tensor or list that is too large.
         what: &'static str,
-        /// Its size.
+        /// Its size in bytes.
         bytes: u64,
-        /// The device's limit.
+        /// The device's limit in bytes.
         limit: u64,
-        /// What the user can change.
+        /// How to make it smaller.
         remedy: &'static str,
     },
     /// A setting is out of range.

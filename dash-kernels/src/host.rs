@@ -10,13 +10,13 @@ use burn::tensor::{TensorData, try_read_sync};
 ///
 /// Every operation implements its kernels once for all of these.
 pub trait HostBackend: Backend {
-    /// The tensor's values in row-major order, borrowed where it is contiguous already.
+    /// The tensor's values in row-major order, borrowed where the tensor is contiguous.
     ///
     /// # Panics
     /// When the tensor is not `f32`.
     fn values(tensor: &FloatTensor<Self>) -> Cow<'_, [f32]>;
 
-    /// Tensors whose values `work` has changed: in place where nobody else holds them.
+    /// Applies `work` to the tensors' values, in place where their memory is not shared.
     ///
     /// # Panics
     /// When a tensor is not `f32`.

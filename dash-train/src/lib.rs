@@ -9,7 +9,8 @@
 //! - `stress`: extreme inputs for every operation and for training.
 //! - `doctor`: what is wrong with a dataset, and how to mend it.
 //! - `compare`: methods on the same data at the same cost.
-//! - `process`: set-up and memory of the process; `device`: devices by name; `evaluate`: scores of a scene; `results`: scores of a run, its `results.json`; `render`: pictures of a scene.
+//! - `evaluate`: scores of a scene; `results`: scores of a run, its `results.json`; `render`: pictures of a scene.
+//! - `process`: set-up and memory of the process; `device`: devices by name.
 //! - `bench`: errors and times of kernels; `report`: measurements as a page, CSV and PNG.
 //! - `metrics`: picture quality; `video`: pictures and videos on disk.
 //!

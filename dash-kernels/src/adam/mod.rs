@@ -77,7 +77,7 @@ impl Default for AdamStep {
 /// let settings = AdamStep { learning_rate: 0.5, ..AdamStep::default() };
 /// let (param, _, _) = adam_step(zeros.clone(), grad, zeros.clone(), zeros, &settings)?;
 /// // The first step is one learning rate long, against the gradient's sign.
-/// assert_eq!(param.into_data().to_vec::<f32>()?, [-0.5, 0.5]);
+/// assert_eq!(param.into_data().try_into_vec::<f32>()?, [-0.5, 0.5]);
 /// # Ok::<(), Box<dyn std::error::Error>>(())
 /// ```
 pub fn adam_step<const R: usize>(

@@ -42,7 +42,7 @@ const AXES: usize = 3;
 /// // One trajectory with two basis functions: the first moves along x, the second along y.
 /// let coefficients = Tensor::from_floats([[1.0, 0.0, 0.0, 0.0, 2.0, 0.0]], &Device::flex());
 /// let moved = displacement(coefficients, &[0.5, 0.25])?;
-/// assert_eq!(moved.into_data().to_vec::<f32>()?, [0.5, 0.5, 0.0]);
+/// assert_eq!(moved.into_data().try_into_vec::<f32>()?, [0.5, 0.5, 0.0]);
 /// # Ok::<(), Box<dyn std::error::Error>>(())
 /// ```
 pub fn displacement(coefficients: Tensor<2>, basis: &[f32]) -> Result<Tensor<2>, KernelError> {
@@ -78,7 +78,7 @@ pub trait Displacement: Backend {
     fn displacement(coefficients: FloatTensor<Self>, basis: Vec<f32>) -> FloatTensor<Self>;
 }
 
-/// What a backend brings so that [`displacement`] can be differentiated on it.
+/// The pullback of [`displacement`], which a backend has to implement for gradients.
 pub trait DisplacementVjp: Displacement {
     /// Gradient of the coefficients from that of the output.
     fn displacement_vjp(v_out: FloatTensor<Self>, basis: Vec<f32>) -> FloatTensor<Self>;

@@ -1,7 +1,7 @@
 //! The hash encoding on CubeCL devices.
 //!
 //! Forward and gradient to the table: a unit owns one point on one level, neighbouring units the
-//! same level, whose part of the table stays in the cache. Gradient to the positions: a unit owns
+//! same level, whose table stays in the cache. Gradient to the positions: a unit owns
 //! one point. No shared memory. The gradient to the table is added up atomically, in any order, or
 //! by [`deterministic`] in a fixed one.
 
@@ -119,7 +119,7 @@ fn table_vjp<A: FloatAdd>(
     v_table
 }
 
-/// What a kernel is compiled for.
+/// Constants that a kernel is compiled for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 struct Grid {
     dims: usize,
@@ -137,7 +137,7 @@ fn grid(layout: &HashGridLayout) -> Grid {
     }
 }
 
-/// A gradient of the output as it counts.
+/// A gradient of the output, clamped and finite.
 #[cube]
 fn bounded(v: f32) -> f32 {
     f32::clamp(finite_or_zero(v), -LARGEST_COTANGENT, LARGEST_COTANGENT)

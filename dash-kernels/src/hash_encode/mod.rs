@@ -133,7 +133,7 @@ pub trait HashEncode: Backend {
     ) -> FloatTensor<Self>;
 }
 
-/// What a backend brings so that [`hash_encode`] can be differentiated on it.
+/// The pullback of [`hash_encode`], which a backend has to implement for gradients.
 pub trait HashEncodeVjp: HashEncode {
     /// Gradients `[v_positions, v_table]` from the gradient of the output, where `needed`.
     fn hash_encode_vjp(

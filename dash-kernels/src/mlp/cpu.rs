@@ -1,9 +1,9 @@
 //! Fully connected networks on the CPU.
 //!
-//! A piece of the work is a block of rows that goes through all layers while it is in the fast cache. Sixteen outputs
-//! of four rows at a time are summed up in registers; weights are laid out anew so that those sixteen lie side by side.
-//! Rows are independent; gradients of the parameters are summed over parts of the rows whose number and order do not
-//! depend on threads.
+//! A parallel piece is a block of rows that goes through all layers while it is in the fast cache. Sixteen outputs of
+//! four rows at a time are summed in registers; weights are packed so that those sixteen lie side by side. Rows are
+//! independent. Gradients of the parameters are summed over chunks of rows whose number and order do not depend on
+//! threads.
 
 mod lanes;
 
@@ -18,7 +18,7 @@ use lanes::{
 
 /// Rows that go through all layers together.
 const BLOCK: usize = 64;
-/// Fewest rows, and most parts, that gradients of the parameters are summed over.
+/// Fewest rows per chunk, and most chunks, of the sums of parameter gradients.
 const PART: usize = 8 * BLOCK;
 const MOST_PARTS: usize = 64;
 

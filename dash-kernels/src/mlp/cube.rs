@@ -2,7 +2,7 @@
 //!
 //! Forward and gradient to the input: a unit owns [`ROWS`] rows of [`COLUMNS`] outputs, neighbouring units neighbouring
 //! outputs of the same rows, whose values come from the cache. Gradient to the parameters: a unit owns [`INPUTS`] times
-//! [`COLUMNS`] weights and a part of the rows; a last launch adds up the parts, one unit for each parameter. No shared
+//! [`COLUMNS`] weights and a chunk of rows; a last launch adds up the chunks, one unit for each parameter. No shared
 //! memory, no atomics; deterministic.
 
 use burn_cubecl::CubeBackend;
@@ -19,7 +19,7 @@ const ROWS: usize = 8;
 const COLUMNS: usize = 4;
 /// Inputs for whose weights a unit sums gradients.
 const INPUTS: usize = 4;
-/// Fewest rows, and most parts, that gradients of the parameters are summed over.
+/// Fewest rows per chunk, and most chunks, of the sums of parameter gradients.
 const PART: usize = 128;
 const MOST_PARTS: usize = 256;
 /// Most values that those sums take.
@@ -329,8 +329,8 @@ fn layer_vjp_kernel(
     }
 }
 
-/// Parameters' gradients, summed over a part of the rows. Biases come behind the weights, as if one more input were
-/// always one.
+/// Gradients of the parameters, summed over a chunk of rows. Biases follow the weights, like weights of one more input
+/// that is always one.
 #[cube(launch)]
 fn parameters_vjp_kernel(
     inputs: &[f32],   // [N, n_inputs]

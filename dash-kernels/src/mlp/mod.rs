@@ -132,7 +132,7 @@ impl MlpLayout {
 /// let device = Device::flex();
 /// let input = Tensor::from_floats([[1.0, 2.0], [3.0, -4.0]], &device);
 /// let out = mlp(input, Tensor::from_floats(parameters, &device), &layout)?;
-/// assert_eq!(out.into_data().to_vec::<f32>()?, [3.5, 3.5]);
+/// assert_eq!(out.into_data().try_into_vec::<f32>()?, [3.5, 3.5]);
 /// # Ok::<(), Box<dyn std::error::Error>>(())
 /// ```
 pub fn mlp(
@@ -185,7 +185,7 @@ pub trait Perceptron: Backend {
     ) -> FloatTensor<Self>;
 }
 
-/// What a backend brings so that [`mlp`] can be differentiated on it.
+/// The pullback of [`mlp`], which a backend has to implement for gradients.
 pub trait PerceptronVjp: Perceptron {
     /// Gradients `[v_input, v_parameters]` from the gradient of the output, where `needed`.
     fn mlp_vjp(

@@ -54,7 +54,7 @@ pub struct Photometric {
 /// let image = Tensor::<3>::full([16, 16, 3], 0.5, &device).require_grad();
 /// let target = Tensor::full([16, 16, 3], 0.75, &device);
 /// let found = photometric(image.clone(), target, 0.2)?;
-/// assert_eq!(found.mse.into_data().to_vec::<f32>()?, [0.0625]);
+/// assert_eq!(found.mse.into_data().try_into_vec::<f32>()?, [0.0625]);
 /// let gradients = found.loss.backward();
 /// // Each brighter pixel would bring the image nearer to the target.
 /// let v_image = image.grad(&gradients).expect("tracked");
@@ -104,7 +104,7 @@ pub trait PhotometricLoss: Backend {
     ) -> FloatTensor<Self>;
 }
 
-/// What a backend brings so that [`photometric`] can be differentiated on it.
+/// The pullback of [`photometric`], which a backend has to implement for gradients.
 pub trait PhotometricVjp: PhotometricLoss {
     /// Loss and mean squared error `[2]`, and the loss's gradient to the image, of the image's shape.
     fn photometric_and_gradient(

@@ -116,7 +116,7 @@ impl ProjectVjp for CubeBackend {
     }
 }
 
-/// What the kernels are compiled for.
+/// Constants that the kernels are compiled for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 struct Form {
     /// Scales and opacities are logarithms and logits.

@@ -101,7 +101,7 @@ impl Default for ProjectOptions {
 /// let opacities = Tensor::from_floats([0.8], &device);
 /// let sh_coeffs = Tensor::<3>::zeros([1, 1, 3], &device);
 /// let packed = project(means, quats, scales, opacities, sh_coeffs, &camera, &options)?;
-/// let row = packed.into_data().to_vec::<f32>()?;
+/// let row = packed.into_data().try_into_vec::<f32>()?;
 /// assert_eq!(row.len(), splats::N_COLUMNS);
 /// assert!((row[splats::MEAN_X] - 37.0).abs() < 1e-4);
 /// assert_eq!(row[splats::RED], 0.5);
@@ -284,7 +284,7 @@ pub trait Project: Backend {
     ) -> FloatTensor<Self>;
 }
 
-/// What a backend brings so that [`project`] can be differentiated on it.
+/// The pullback of [`project`], which a backend has to implement for gradients.
 pub trait ProjectVjp: Project {
     /// Gradients of means, quats, scales, opacities and SH coefficients, constant ones first, in that order, from the
     /// gradient of `splats`, the output; those of SH coefficients only when `with_sh_coeffs` and there are any.

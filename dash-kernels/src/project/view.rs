@@ -1,4 +1,4 @@
-//! What a projection needs to know of the camera, in the precision of the computation.
+//! The camera in the precision of the computation.
 
 use num_traits::Float;
 

@@ -26,7 +26,7 @@ use blend_vjp::{BlendBandVjp, SplatGradient};
 /// Rows per parallel piece of per-splat work.
 const PIECE: usize = 1024;
 
-/// What the forward pass leaves for the backward pass.
+/// State of the forward pass for the backward pass.
 #[derive(Debug, Clone)]
 pub struct Saved(Arc<Pass>);
 

@@ -10,8 +10,10 @@ mod blend_vjp;
 mod capacity;
 mod footprint;
 mod intersect;
+mod slots;
 #[cfg(test)]
 mod tests;
+mod tile;
 
 use burn_cubecl::CubeBackend;
 use burn_cubecl::tensor::CubeTensor;

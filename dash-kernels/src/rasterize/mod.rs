@@ -76,7 +76,7 @@ pub struct RasterizeOptions {
 /// let splats = Tensor::from_floats([splat], &Device::flex());
 /// let image = rasterize(splats, &options)?;
 /// assert_eq!(image.dims(), [6, 8, N_CHANNELS]);
-/// let pixel = image.slice([2..3, 3..4]).into_data().to_vec::<f32>()?;
+/// let pixel = image.slice([2..3, 3..4]).into_data().try_into_vec::<f32>()?;
 /// assert_eq!(pixel, [0.75, 0.0, 0.25, 0.75, 1.5]);
 /// # Ok::<(), Box<dyn std::error::Error>>(())
 /// ```
@@ -124,9 +124,9 @@ pub trait Rasterize: Backend {
     fn rasterize(splats: FloatTensor<Self>, options: RasterizeOptions) -> FloatTensor<Self>;
 }
 
-/// What a backend brings so that [`rasterize`] can be differentiated on it.
+/// The pullback of [`rasterize`], which a backend has to implement for gradients.
 pub trait RasterizeVjp: Rasterize {
-    /// What the forward pass leaves for the backward pass.
+    /// State of the forward pass for the backward pass.
     type Saved: Clone + Send + Debug + 'static;
 
     /// The image, and what [`rasterize_vjp`](Self::rasterize_vjp) needs.

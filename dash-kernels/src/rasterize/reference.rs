@@ -110,7 +110,7 @@ pub fn margin<T: Float>(splats: &[T], px: usize, py: usize) -> T {
     smallest
 }
 
-/// A splat's part in a pixel.
+/// A splat's contribution to a pixel.
 struct Contribution<T> {
     splat: usize,
     alpha: T,
@@ -163,7 +163,7 @@ fn exponent<T: Float>(row: &[T], px: usize, py: usize) -> (T, T, T) {
     (c(0.5) * quadratic + row[splats::CONIC_B] * dx * dy, dx, dy)
 }
 
-/// Alpha as it is drawn and whether it was clamped; `None` where the splat is skipped.
+/// Alpha after clamping, and whether it was clamped; `None` where the splat is skipped.
 fn clamped_alpha<T: Float>(sigma: T, alpha: T) -> Option<(T, bool)> {
     let c = |value: f64| T::from(value).expect("every float type converts from f64");
     (sigma >= T::zero() && alpha >= c(ALPHA_MIN))

@@ -1,5 +1,4 @@
-//! Which tiles a splat touches, and in which order splats are drawn: layout that every backend
-//! shares.
+//! Tiles that splats touch, and the drawing order. Shared by the backends.
 
 use crate::splats::{self, ALPHA_MIN, N_COLUMNS, is_finite};
 

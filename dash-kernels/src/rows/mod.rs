@@ -41,7 +41,7 @@ const NOT_TAKEN: u32 = u32::MAX;
 ///
 /// let values = Tensor::from_floats([[1.0, 2.0], [3.0, 4.0], [5.0, 6.0]], &Device::flex());
 /// let taken = take_rows(values, &[0, 2])?;
-/// assert_eq!(taken.into_data().to_vec::<f32>()?, [1.0, 2.0, 5.0, 6.0]);
+/// assert_eq!(taken.into_data().try_into_vec::<f32>()?, [1.0, 2.0, 5.0, 6.0]);
 /// # Ok::<(), Box<dyn std::error::Error>>(())
 /// ```
 pub fn take_rows(values: Tensor<2>, rows: &[u32]) -> Result<Tensor<2>, KernelError> {
@@ -126,7 +126,7 @@ pub trait JoinRows: Backend {
     fn join_rows(first: FloatTensor<Self>, second: FloatTensor<Self>) -> FloatTensor<Self>;
 }
 
-/// What a backend brings so that [`join_rows`] can be differentiated on it.
+/// The pullback of [`join_rows`], which a backend has to implement for gradients.
 pub trait JoinRowsVjp: JoinRows {
     /// Gradients of the first, which has `n` rows, and of the second.
     fn join_rows_vjp(v_out: FloatTensor<Self>, n: usize) -> [FloatTensor<Self>; 2];
@@ -158,7 +158,7 @@ pub trait TakeRows: Backend {
     fn take_rows(values: FloatTensor<Self>, rows: Vec<u32>) -> FloatTensor<Self>;
 }
 
-/// What a backend brings so that [`take_rows`] can be differentiated on it.
+/// The pullback of [`take_rows`], which a backend has to implement for gradients.
 pub trait TakeRowsVjp: TakeRows {
     /// Gradient of all rows from that of those taken; `places` says for each row the place among these, or
     /// `u32::MAX`.

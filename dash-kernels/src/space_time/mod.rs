@@ -55,7 +55,7 @@ pub struct Bounds {
 /// let bounds = Bounds { min: [-2.0; 3], scale: [0.25; 3], clamp: true };
 /// let positions = Tensor::from_floats([[0.0, 1.0, 9.0]], &Device::flex());
 /// let points = space_time(positions, &bounds, 0.125)?;
-/// assert_eq!(points.into_data().to_vec::<f32>()?, [0.5, 0.75, 1.0, 0.125]);
+/// assert_eq!(points.into_data().try_into_vec::<f32>()?, [0.5, 0.75, 1.0, 0.125]);
 /// # Ok::<(), Box<dyn std::error::Error>>(())
 /// ```
 pub fn space_time(
@@ -97,7 +97,7 @@ pub trait SpaceTime: Backend {
     fn space_time(positions: FloatTensor<Self>, bounds: Bounds, time: f32) -> FloatTensor<Self>;
 }
 
-/// What a backend brings so that [`space_time`] can be differentiated on it.
+/// The pullback of [`space_time`], which a backend has to implement for gradients.
 pub trait SpaceTimeVjp: SpaceTime {
     /// Gradient of the positions from that of the output.
     fn space_time_vjp(

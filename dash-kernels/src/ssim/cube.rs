@@ -2,7 +2,7 @@
 //!
 //! A cube of 256 units owns a tile of 16 x 16 pixels of one channel. Moments are blurred along rows
 //! and then along columns in shared memory (forward 11.8 KiB, backward 24.8 KiB), a value by a unit, neighbours by
-//! neighbours; a barrier parts the steps. No atomics; deterministic.
+//! neighbours; a barrier separates the steps. No atomics; deterministic.
 //!
 //! So much shared memory lets few cubes run at once, so that a cube has as many units as every device can have. With 64,
 //! each of which kept a run of values in registers for all windows on it, both passes took twice as long on an H200

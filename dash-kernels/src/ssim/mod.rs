@@ -77,7 +77,7 @@ pub trait Ssim: Backend {
     fn ssim(x: FloatTensor<Self>, y: FloatTensor<Self>) -> FloatTensor<Self>;
 }
 
-/// What a backend brings so that [`ssim`] can be differentiated on it.
+/// The pullback of [`ssim`], which a backend has to implement for gradients.
 pub trait SsimVjp: Ssim {
     /// Gradients `[v_x, v_y]` from the gradient of the output, where `needed`.
     fn ssim_vjp(

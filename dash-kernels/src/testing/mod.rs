@@ -81,7 +81,7 @@ pub fn tensor<const R: usize>(values: &[f32], shape: [usize; R], device: &Device
 
 /// A tensor's values.
 pub fn values<const R: usize>(tensor: Tensor<R>) -> Vec<f32> {
-    tensor.into_data().into_vec().expect("an f32 tensor")
+    tensor.into_data().try_into_vec().expect("an f32 tensor")
 }
 
 /// A tensor's values, all of them finite.

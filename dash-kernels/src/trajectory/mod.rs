@@ -120,7 +120,7 @@ pub trait SquaredExtent: Backend {
     fn squared_extent(coefficients: FloatTensor<Self>, polyline: Polyline) -> FloatTensor<Self>;
 }
 
-/// What a backend brings so that [`squared_extent`] can be differentiated on it.
+/// The pullback of [`squared_extent`], which a backend has to implement for gradients.
 pub trait SquaredExtentVjp: SquaredExtent {
     /// Gradient of the coefficients from that of the output.
     fn squared_extent_vjp(

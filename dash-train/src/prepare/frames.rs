@@ -184,7 +184,7 @@ fn copy_images(
 pub(super) fn sizes(images: &[PathBuf]) -> Result<Vec<[usize; 2]>, Error> {
     images
         .iter()
-        .map(|image| Ok(dimensions(image).map(|(width, height)| [width, height])?))
+        .map(|image| dimensions(image).map(|(width, height)| [width, height]))
         .collect()
 }
 

@@ -6,10 +6,11 @@
 //! | `config.rs`, `summary.rs` | settings, summary |
 //! | `sources.rs`, `schedule.rs` | the cameras of a folder; their common times |
 //! | `frames.rs` | frames of videos and of folders of images |
-//! | `colmap.rs`, `reconstruct.rs` | poses and points by the program `colmap` |
+//! | `cameras.rs`, `colmap.rs`, `reconstruct.rs` | poses and points, known or by the program `colmap` |
 //! | `cloud.rs`, `random.rs` | initial points |
 //! | `write.rs`, `output.rs` | the dataset's files; all of them or none |
 
+mod cameras;
 mod cloud;
 mod colmap;
 mod config;
@@ -25,7 +26,7 @@ mod tests;
 mod write;
 
 use std::ffi::OsString;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 pub use cloud::CloudCounts;
 pub use colmap::{COLMAP, COLMAP_VARIABLE};
@@ -36,11 +37,11 @@ pub use summary::PrepareSummary;
 use crate::Error;
 use crate::dataset::poses::known::{self, KnownCamera};
 use crate::dataset::{LoadOptions, load};
-use crate::ply::PointCloud;
-use colmap::Colmap;
+use cameras::{Found, check_lenses, find_cameras_and_points, find_colmap};
 use config::{held_out, read_offsets};
 use output::Output;
-use schedule::{Wanted, schedule};
+use schedule::{Schedule, Timeline, Wanted, schedule};
+use sources::Source;
 use write::WrittenCamera;
 
 /// With fewer points than this, the summary warns.
@@ -65,71 +66,136 @@ fn prepare_with(
     program: Option<OsString>,
 ) -> Result<PrepareSummary, Error> {
     config.validate()?;
-    let sources = sources::find(input)?;
-    let names: Vec<String> = sources.iter().map(|source| source.name.clone()).collect();
-    let held_out = held_out(&config.test_cameras, names.len())?;
-    let offsets = match &config.offsets {
-        Some(path) => read_offsets(path, &names)?,
-        None => vec![0.0; names.len()],
-    };
+    let rig = Rig::find(input, config)?;
     let output = Output::create(out)?;
     // Before minutes of work.
     let colmap = match config.random_points {
         Some(_) => None,
         None => Some(find_colmap(&output.workspace(), config, program)?),
     };
-
-    let timelines = frames::timelines(&sources, &offsets, config.image_rate)?;
-    let wanted = Wanted {
-        fps: config.fps,
-        start: config.start,
-        end: config.end,
-    };
-    let mut schedule = schedule(&names, &timelines, wanted)?;
+    let mut clip = Clip::of(&rig, config)?;
     let first_frames = output.workspace().join("first");
-    let first_frames = frames::first_frames(&sources, &timelines, &schedule, &first_frames)?;
-    let recorded_sizes = frames::sizes(&first_frames)?;
-    let sizes: Vec<[usize; 2]> = recorded_sizes
-        .iter()
-        .map(|&size| config.size.of(size))
-        .collect();
-
+    let first_frames =
+        frames::first_frames(&rig.sources, &clip.timelines, &clip.schedule, &first_frames)?;
+    let sizes = frames::sizes(&first_frames)?;
     let known = config.poses.as_deref();
     let known = known
-        .map(|path| known::read(path, &names, &recorded_sizes))
+        .map(|path| known::read(path, &rig.names, &sizes))
         .transpose()?;
     let found = find_cameras_and_points(
         config,
         known,
         colmap.as_ref(),
         &first_frames,
-        &recorded_sizes,
-        &names,
+        &sizes,
+        &rig.names,
     )?;
+    check_lenses(input, &rig.names, &found.cameras, config)?;
+    let mut remarks = std::mem::take(&mut clip.schedule.remarks);
+    let (n_frames, shortened) =
+        write_dataset(&output.dataset(), &rig, &clip, &found, &sizes, config.size)?;
+    remarks.extend(shortened);
+    check(&output.dataset())?;
+    output.finish()?;
+    remarks.extend(few_points(found.points.len()));
+    let held_out = rig.names.iter().zip(&rig.held_out);
+    Ok(PrepareSummary {
+        path: out.to_path_buf(),
+        n_cameras: rig.names.len(),
+        n_frames,
+        fps: clip.schedule.fps,
+        poses: found.origin,
+        cloud: found.counts,
+        n_points: found.points.len(),
+        held_out: held_out
+            .filter(|(_, held_out)| **held_out)
+            .map(|(name, _)| name.clone())
+            .collect(),
+        remarks,
+    })
+}
 
-    check_lenses(input, &names, &found.cameras, config)?;
+/// The cameras of the input.
+struct Rig {
+    sources: Vec<Source>,
+    names: Vec<String>,
+    held_out: Vec<bool>,
+    /// Seconds by which each camera's clock is ahead of the rig's.
+    offsets: Vec<f64>,
+}
+
+impl Rig {
+    fn find(input: &Path, config: &PrepareConfig) -> Result<Self, Error> {
+        let sources = sources::find(input)?;
+        let names: Vec<String> = sources.iter().map(|source| source.name.clone()).collect();
+        Ok(Self {
+            held_out: held_out(&config.test_cameras, names.len())?,
+            offsets: match &config.offsets {
+                Some(path) => read_offsets(path, &names)?,
+                None => vec![0.0; names.len()],
+            },
+            sources,
+            names,
+        })
+    }
+}
+
+/// When each camera recorded, and when frames are taken.
+struct Clip {
+    timelines: Vec<Timeline>,
+    schedule: Schedule,
+}
+
+impl Clip {
+    fn of(rig: &Rig, config: &PrepareConfig) -> Result<Self, Error> {
+        let timelines = frames::timelines(&rig.sources, &rig.offsets, config.image_rate)?;
+        let wanted = Wanted {
+            fps: config.fps,
+            start: config.start,
+            end: config.end,
+        };
+        Ok(Self {
+            schedule: schedule(&rig.names, &timelines, wanted)?,
+            timelines,
+        })
+    }
+}
+
+/// Writes frames, poses and points; the number of frames, and a remark where videos end early.
+fn write_dataset(
+    dataset: &Path,
+    rig: &Rig,
+    clip: &Clip,
+    found: &Found,
+    recorded_sizes: &[[usize; 2]],
+    size: FrameSize,
+) -> Result<(usize, Option<String>), Error> {
+    let (names, schedule) = (&rig.names, &clip.schedule);
     tracing::info!(
         "writing {} frames of {} cameras",
         schedule.n_frames,
         names.len()
     );
+    let sizes: Vec<[usize; 2]> = recorded_sizes
+        .iter()
+        .map(|&recorded| size.of(recorded))
+        .collect();
     let (written, shortest) = frames::write_all(
-        &sources,
-        &timelines,
-        &schedule,
+        &rig.sources,
+        &clip.timelines,
+        schedule,
         &sizes,
-        &recorded_sizes,
-        &output.dataset(),
+        recorded_sizes,
+        dataset,
     )?;
     let n_frames = written.first().map_or(0, Vec::len);
-    let mut remarks = std::mem::take(&mut schedule.remarks);
-    if n_frames < schedule.n_frames {
-        remarks.push(format!(
+    let shortened = (n_frames < schedule.n_frames).then(|| {
+        format!(
             "the last {} frames are left out: {} could not be decoded so far",
             schedule.n_frames - n_frames,
             names[shortest]
-        ));
-    }
+        )
+    });
     let cameras: Vec<KnownCamera> = found
         .cameras
         .iter()
@@ -141,148 +207,25 @@ fn prepare_with(
             name: &names[index],
             known: &cameras[index],
             frames: &written[index],
-            held_out: held_out[index],
+            held_out: rig.held_out[index],
         })
         .collect();
-    if !found.points.is_empty() {
-        write::write_cloud(&output.dataset(), &found.points)?;
+    let has_points = !found.points.is_empty();
+    if has_points {
+        write::write_cloud(dataset, &found.points)?;
     }
-    write::write_transforms(
-        &output.dataset(),
-        &written,
-        &schedule,
-        !found.points.is_empty(),
-    )?;
-    check(&output.dataset())?;
-    output.finish()?;
-    if found.points.len() < FEW_POINTS {
-        remarks.push(format!(
-            "{} points are few: training looks for more by comparing views; check that the poses belong \
-             to these pictures and that neighbouring cameras see the same",
-            found.points.len()
-        ));
-    }
-    Ok(PrepareSummary {
-        path: out.to_path_buf(),
-        n_cameras: names.len(),
-        n_frames,
-        fps: schedule.fps,
-        poses: found.origin,
-        cloud: found.counts,
-        n_points: found.points.len(),
-        held_out: (names
-            .iter()
-            .zip(&held_out)
-            .filter(|(_, held_out)| **held_out))
-        .map(|(name, _)| name.clone())
-        .collect(),
-        remarks,
+    write::write_transforms(dataset, &written, schedule, has_points)?;
+    Ok((n_frames, shortened))
+}
+
+/// A remark where points are few.
+fn few_points(n: usize) -> Option<String> {
+    (n < FEW_POINTS).then(|| {
+        format!(
+            "{n} points are few: training looks for more by comparing views; check that the poses belong \
+             to these pictures and that neighbouring cameras see the same"
+        )
     })
-}
-
-/// Cameras at the size of the first frames, and the cleaned points.
-struct Found {
-    cameras: Vec<KnownCamera>,
-    origin: String,
-    points: PointCloud,
-    counts: Option<CloudCounts>,
-}
-
-fn find_cameras_and_points(
-    config: &PrepareConfig,
-    known: Option<Vec<KnownCamera>>,
-    colmap: Option<&Colmap>,
-    first_frames: &[PathBuf],
-    sizes: &[[usize; 2]],
-    names: &[String],
-) -> Result<Found, Error> {
-    let given = || match &config.poses {
-        Some(path) => format!("from {}", path.display()),
-        None => "known".into(),
-    };
-    let (cameras, origin, triangulated) = match (known, colmap) {
-        (Some(cameras), None) => {
-            let n = config.random_points.unwrap_or_default();
-            let pinholes: Vec<_> = cameras.iter().map(|known| known.camera.clone()).collect();
-            return Ok(Found {
-                cameras,
-                origin: given(),
-                points: random::random_points(&pinholes, n, config.seed),
-                counts: None,
-            });
-        }
-        (Some(cameras), Some(colmap)) => {
-            tracing::info!("COLMAP triangulates points of the first frame with the known poses");
-            let points = reconstruct::triangulate(colmap, first_frames, &cameras)?;
-            (cameras, given(), points)
-        }
-        (None, Some(colmap)) => {
-            tracing::info!("COLMAP looks for poses and points in the first frame");
-            let found = reconstruct::from_motion(
-                colmap,
-                first_frames,
-                sizes,
-                names,
-                config.camera_model,
-                config.lens,
-            )?;
-            let origin = format!("by COLMAP with {}", found.remark);
-            (found.cameras, origin, found.points)
-        }
-        // Refused by `PrepareConfig::validate`.
-        (None, None) => (Vec::new(), String::new(), Vec::new()),
-    };
-    let (points, counts) = cloud::clean(&triangulated, config.max_points);
-    Ok(Found {
-        cameras,
-        origin,
-        points,
-        counts: Some(counts),
-    })
-}
-
-fn find_colmap(
-    workspace: &Path,
-    config: &PrepareConfig,
-    program: Option<OsString>,
-) -> Result<Colmap, Error> {
-    let (purpose, instead) = match config.poses {
-        Some(_) => (
-            "points with the known poses",
-            ", or write random points instead with --random-points 20000",
-        ),
-        None => ("the cameras' poses", ", or give known poses with --poses"),
-    };
-    match program {
-        Some(program) => Colmap::find_at(program, workspace, purpose, instead),
-        None => Colmap::find(workspace, purpose, instead),
-    }
-}
-
-/// Refuses lenses whose distortion can't be undone when the dataset is loaded.
-fn check_lenses(
-    input: &Path,
-    names: &[String],
-    cameras: &[KnownCamera],
-    config: &PrepareConfig,
-) -> Result<(), Error> {
-    let remedy = match config.poses {
-        Some(_) => "undistort the pictures first and give poses without distortion",
-        None => "the lens was not found well: try --camera-model simple-radial, or --lens shared",
-    };
-    let folds = |(_, known): &(&String, &KnownCamera)| !known.lens_can_be_undone();
-    match names.iter().zip(cameras).find(folds) {
-        None => Ok(()),
-        Some((name, known)) => Err(Error::invalid(
-            input,
-            "lens distortion that can be undone over the whole picture",
-            format!(
-                "coefficients k {:?}, p {:?} of {name}",
-                known.distortion.k, known.distortion.p
-            ),
-            remedy,
-        )),
-    }
 }
 
 /// Loads the first frame of every camera as training will, so that unreadable files are an error now.

@@ -104,7 +104,7 @@ pub(super) fn triangulate(
     let model = colmap.fresh_folder("known")?;
     write_model(&model, first_frames, known)?;
     let out = colmap.triangulate(&database, folder, &model)?;
-    Ok(read_tracked_points(&out)?)
+    read_tracked_points(&out)
 }
 
 /// Camera models to try, and whether all cameras are taken to have one lens.

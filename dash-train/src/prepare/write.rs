@@ -129,5 +129,5 @@ fn camera_to_world(known: &KnownCamera) -> [[f64; 4]; 4] {
 
 /// Writes the points where readers find them.
 pub(super) fn write_cloud(dataset: &Path, points: &PointCloud) -> Result<(), Error> {
-    Ok(write_points(&dataset.join(POINTS), points)?)
+    write_points(&dataset.join(POINTS), points)
 }

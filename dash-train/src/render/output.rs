@@ -160,7 +160,7 @@ pub fn write_video(job: RenderJob<'_>, layer: PictureLayer, out: &Path) -> Resul
         writer.push(&shown(&picture, layer))?;
         (job.on_shot)(index + 1);
     }
-    Ok(writer.finish()?)
+    writer.finish()
 }
 
 fn write_picture(
@@ -180,7 +180,7 @@ fn write_picture(
         }
         (PictureFormat::Exr, _) => write_exr_rgb(path, width, height, &picture.rgb),
     };
-    Ok(written?)
+    written
 }
 
 /// What a layer looks like, `[H, W, 3]` in 8 bits.

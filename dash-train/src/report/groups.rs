@@ -1,6 +1,6 @@
 //! Runs that belong together.
 
-use super::plot::{N_COLORS, Series};
+use super::plot::{N_COLORS, Point, Series};
 use super::runs::RunRecord;
 
 /// Runs of one method, of several seeds.
@@ -56,6 +56,17 @@ pub(super) fn series(groups: &[RunGroup], group: usize) -> Series {
         dashed: group >= N_COLORS,
         ..Series::default()
     }
+}
+
+/// A line for every group that has points.
+pub(super) fn lines(groups: &[RunGroup], points: impl Fn(&RunGroup) -> Vec<Point>) -> Vec<Series> {
+    let lines = groups.iter().enumerate().map(|(i, group)| Series {
+        points: points(group),
+        joined: true,
+        named_at_end: groups.len() > 1,
+        ..series(groups, i)
+    });
+    lines.filter(|line| !line.points.is_empty()).collect()
 }
 
 /// Every run with the name of its group.

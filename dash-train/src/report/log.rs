@@ -1,7 +1,7 @@
 //! Figures of `log.jsonl`, which every run has.
 
-use super::groups::{RunGroup, runs_of, series};
-use super::plot::{Axis, Figure, Panel, Point, Series};
+use super::groups::{RunGroup, lines, runs_of};
+use super::plot::{Axis, Figure, Panel, Point};
 use super::statistics::median_points;
 use super::table::{Cell, Shown, Table};
 use crate::numbers::median_and_range;
@@ -23,17 +23,7 @@ pub(super) fn figure(groups: &[RunGroup]) -> Option<Figure> {
     let mut panels = Vec::new();
     for (label, of) in QUANTITIES {
         let mut panel = Panel::new("", Axis::linear("seconds trained"), Axis::linear(label));
-        for (i, group) in groups.iter().enumerate() {
-            let points = median_log(group, of);
-            if !points.is_empty() {
-                panel.series.push(Series {
-                    points,
-                    joined: true,
-                    named_at_end: groups.len() > 1,
-                    ..series(groups, i)
-                });
-            }
-        }
+        panel.series = lines(groups, |group| median_log(group, of));
         // A single measurement is no progress.
         if panel.series.iter().any(|series| series.points.len() > 1) {
             panels.push(panel);
@@ -66,9 +56,9 @@ pub(super) fn table(groups: &[RunGroup]) -> Option<Table> {
         .map(ToString::to_string)
         .into();
     columns.extend(QUANTITIES.map(|(label, _)| label.to_string()));
-    let lines =
+    let logged =
         runs_of(groups).flat_map(|(label, run)| run.log.iter().map(move |line| (label, run, line)));
-    let rows: Vec<Vec<Cell>> = lines
+    let rows: Vec<Vec<Cell>> = logged
         .map(|(label, run, line)| {
             let mut row = vec![
                 Cell::Text(label.into()),

@@ -1,6 +1,6 @@
 //! Figures and captions about training runs.
 
-use super::groups::{RunGroup, series};
+use super::groups::{RunGroup, lines, series};
 use super::measures::{COSTS, METRICS};
 use super::plot::{Axis, Figure, Panel, Point, Series};
 use super::runs::RunRecord;
@@ -84,17 +84,7 @@ fn along(
     let mut panels = Vec::new();
     for metric in &METRICS {
         let mut panel = Panel::new("", x.clone(), Axis::linear(metric.label));
-        for (i, group) in groups.iter().enumerate() {
-            let points = median_curve(group, against, metric.along);
-            if !points.is_empty() {
-                panel.series.push(Series {
-                    points,
-                    joined: true,
-                    named_at_end: groups.len() > 1,
-                    ..series(groups, i)
-                });
-            }
-        }
+        panel.series = lines(groups, |group| median_curve(group, against, metric.along));
         if !panel.series.is_empty() {
             panels.push(panel);
         }
@@ -104,8 +94,8 @@ fn along(
         title: title.into(),
         caption: format!(
             "Scores of held-out views that choose nothing. Evaluation and file writing are not in the \
-             seconds. Before the split into static and dynamic Gaussians, the scene is scored as it would \
-             be stored: without coarse motion. Lines are medians over the runs of a group, bands lowest \
+             seconds. Before the decomposition into static and dynamic Gaussians, the scene is scored as it \
+             would be stored: without coarse motion. Lines are medians over the runs of a group, bands lowest \
              to highest; thin dashes lead to names. {pinned}"
         ),
         legend: Vec::new(),

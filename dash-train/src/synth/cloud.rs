@@ -1,8 +1,8 @@
 //! A point cloud of frame 0, as structure from motion would find it.
 
+use super::color::linear_to_srgb8;
 use super::render::pixel_ray;
 use super::scene::{Instant, ROOM_BACK_M, ROOM_HALF_WIDTH_M, Scene, Seen};
-use super::texture::linear_to_srgb8;
 use crate::numbers::standard_normal;
 use dash_kernels::Camera;
 use glam::DVec3;

@@ -30,18 +30,21 @@
 //! - all: `motion_masks/`, and `truth.json`, see [`Truth`].
 //!
 //! # Modules
-//! `shape` (rays and solids), `texture`, `motion`, `scene` (objects and light), `room` and
-//! `furniture` (the scenes), `rig` (cameras), `render` and `tracer`, `cloud` (points), `layout`,
-//! `colmap`, `nerfies` and `files` (formats), `truth`, `write`.
+//! - `shape`: rays and solids; `texture`, `color` and `noise`: their surfaces; `motion`; `scene`: objects and light.
+//! - `room` and `furniture`: the scenes; `rig`: cameras; `cloud`: points.
+//! - `render`, `tracer` and `rendered`: pictures.
+//! - `layout`, `poses`, `colmap`, `nerfies` and `files`: formats; `truth`; `write`.
 
 mod cloud;
 mod colmap;
+mod color;
 mod config;
 mod files;
 mod furniture;
 mod layout;
 mod motion;
 mod nerfies;
+mod noise;
 mod poses;
 mod render;
 mod rendered;

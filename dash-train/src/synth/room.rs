@@ -1,11 +1,12 @@
 //! The four scenes: the room and its moving objects; `furniture` holds the rest.
 
 use super::SceneKind;
+use super::color::rgb;
 use super::motion::{Drift, Motion, Pose};
 use super::rig::focal_px;
 use super::scene::{Object, ROOM_BACK_M, ROOM_HALF_WIDTH_M, Role, Scene};
 use super::shape::Shape;
-use super::texture::{Pattern, Texture, rgb};
+use super::texture::{Pattern, Texture};
 use glam::{DVec2, DVec3};
 use rand::{Rng, SeedableRng};
 use rand_pcg::Pcg64;

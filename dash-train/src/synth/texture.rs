@@ -3,6 +3,8 @@
 //! Band-limited on purpose: no pattern repeats within less than [`SHORTEST_PERIOD_M`], noise is
 //! smooth over [`MOTTLE_CELL_M`], and edges between colours are ramps [`EDGE_M`] wide.
 
+use super::color::rgb;
+use super::noise::{noise, random};
 use glam::DVec3;
 use std::f64::consts::TAU;
 
@@ -239,79 +241,6 @@ fn sunset(u: f64, v: f64) -> DVec3 {
         .lerp(rgb(0x2a6f6b), near_hill)
 }
 
-/// An sRGB hex colour in linear RGB.
-pub fn rgb(hex: u32) -> DVec3 {
-    let channel = |shift: u32| srgb_to_linear(f64::from((hex >> shift) & 0xff) / 255.0);
-    DVec3::new(channel(16), channel(8), channel(0))
-}
-
-/// sRGB in [0, 1] to linear light.
-pub fn srgb_to_linear(value: f64) -> f64 {
-    if value <= 0.040_45 {
-        value / 12.92
-    } else {
-        ((value + 0.055) / 1.055).powf(2.4)
-    }
-}
-
-/// Linear light to 8-bit sRGB.
-pub fn linear_to_srgb8(value: f64) -> u8 {
-    let value = value.clamp(0.0, 1.0);
-    let encoded = if value <= 0.003_130_8 {
-        12.92 * value
-    } else {
-        1.055 * value.powf(1.0 / 2.4) - 0.055
-    };
-    (255.0 * encoded).round() as u8
-}
-
-/// Smooth noise in [0, 1] on the unit lattice (value noise, quintic blend).
-pub fn noise(point: DVec3, seed: u32) -> f64 {
-    let cell = point.floor();
-    let blend = (point - cell)
-        .to_array()
-        .map(|t| t * t * t * (t * (6.0 * t - 15.0) + 10.0));
-    let [x, y, z] = cell.to_array().map(|c| c as i64);
-    let weights = blend.map(|blend| [1.0 - blend, blend]);
-    let keys = [
-        [x, x.wrapping_add(1)].map(key_x),
-        [y, y.wrapping_add(1)].map(key_y),
-        [z, z.wrapping_add(1)].map(key_z),
-    ];
-    let mut value = 0.0;
-    for corner in 0..8 {
-        let [i, j, k] = [corner & 1, corner >> 1 & 1, corner >> 2];
-        let weight = weights[0][i] * weights[1][j] * weights[2][k];
-        value += weight * scramble(u64::from(seed) ^ keys[0][i] ^ keys[1][j] ^ keys[2][k]);
-    }
-    value
-}
-
-/// A number in [0, 1) that depends on the lattice point and the seed alone.
-fn random(x: i64, y: i64, z: i64, seed: u32) -> f64 {
-    scramble(u64::from(seed) ^ key_x(x) ^ key_y(y) ^ key_z(z))
-}
-
-fn key_x(x: i64) -> u64 {
-    (x as u64).wrapping_mul(0x9e37_79b9_7f4a_7c15)
-}
-
-fn key_y(y: i64) -> u64 {
-    (y as u64).wrapping_mul(0xc2b2_ae3d_27d4_eb4f)
-}
-
-fn key_z(z: i64) -> u64 {
-    (z as u64).wrapping_mul(0x1656_67b1_9e37_79f9)
-}
-
-/// A number in [0, 1) from a key: splitmix64's finaliser.
-fn scramble(key: u64) -> f64 {
-    let mut h = key;
-    h = (h ^ (h >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-    h = (h ^ (h >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
-    ((h ^ (h >> 31)) >> 11) as f64 / (1u64 << 53) as f64
-}
-
 fn smooth(t: f64) -> f64 {
     t * t * (3.0 - 2.0 * t)
 }
@@ -360,29 +289,6 @@ fn face_uv(point: DVec3, normal: DVec3) -> [f64; 2] {
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn srgb_round_trips_through_linear() {
-        for byte in 0..=255u8 {
-            let linear = srgb_to_linear(f64::from(byte) / 255.0);
-            assert_eq!(linear_to_srgb8(linear), byte);
-        }
-    }
-
-    #[test]
-    fn noise_is_smooth_bounded_and_seeded() {
-        let step = 1e-3;
-        let mut differs = false;
-        for i in 0..2000 {
-            let p = DVec3::new(0.013 * f64::from(i), 0.37, -0.021 * f64::from(i));
-            let (a, b) = (noise(p, 1), noise(p + DVec3::X * step, 1));
-            assert!((0.0..=1.0).contains(&a), "{a} at {p}");
-            // The quintic's steepest slope is 15/8 per cell.
-            assert!((a - b).abs() <= 1.9 * step, "{a} {b} at {p}");
-            differs |= (a - noise(p, 2)).abs() > 0.1;
-        }
-        assert!(differs, "the seed has no effect");
-    }
 
     #[test]
     fn steps_change_across_whole_numbers_only() {

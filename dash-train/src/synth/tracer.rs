@@ -4,10 +4,10 @@
 //! objects outside a tile, objects behind the nearest hit of a ray, and pixels without a moving object in any
 //! sample.
 
+use super::color::linear_to_srgb8;
 use super::rendered::{Rendered, Rest};
 use super::scene::{Instant, Seen, nearer};
 use super::shape::{Ray, Shape};
-use super::texture::linear_to_srgb8;
 use dash_kernels::Camera;
 use glam::{DMat3, DVec3};
 use rayon::prelude::*;

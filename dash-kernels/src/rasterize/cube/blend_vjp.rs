@@ -11,15 +11,16 @@ use burn_cubecl::tensor::CubeTensor;
 use cubecl::prelude::*;
 
 use crate::cube::atomic::{ExchangeAdd, FloatAdd, NativeAdd};
-use crate::cube::{Buffer, arg, calculate_cubes, is_finite, units};
+use crate::cube::{Buffer, arg, calculate_cubes};
 use crate::splats::{self, ALPHA_MAX, N_COLUMNS, N_DIFFERENTIABLE};
 
 use super::super::tiles::TILE;
 use super::super::{CHANNEL_ALPHA, CHANNEL_DEPTH, N_CHANNELS};
 use super::Saved;
-use super::blend::{
-    ForwardPixels, Frame, Lists, Splat, TileList, alpha_at, first_pixel, frame, lists_arg,
-    read_splat, tile_list,
+use super::blend::ForwardPixels;
+use super::slots::{Window, WindowLaunch, clear_slots, sum_window};
+use super::tile::{
+    Frame, Lists, Splat, TileList, alpha_at, first_pixel, frame, lists_arg, read_splat, tile_list,
 };
 
 /// Splats whose gradients are added up together; a round of the loop over a tile's list, whose
@@ -52,14 +53,6 @@ fn launch_vjp<A: FloatAdd>(saved: &Saved, v_image: &CubeTensor, v_splats: &CubeT
     }
 }
 
-/// The slots whose gradients are held at a time.
-#[derive(CubeType, CubeLaunch, Clone, Copy)]
-struct Window {
-    first: u32,
-    length: u32,
-    is_last: u32,
-}
-
 fn blend_window<A: FloatAdd>(
     saved: &Saved,
     v_image: &CubeTensor,
@@ -82,26 +75,6 @@ fn blend_window<A: FloatAdd>(
         frame(lists, &saved.options, &saved.splats),
         window,
         TILE * TILE / saved.tuning.units,
-    );
-}
-
-fn sum_window(saved: &Saved, v_splats: &CubeTensor, v_slots: &Buffer, window: WindowLaunch) {
-    let client = &v_splats.client;
-    let lists = &saved.intersections;
-    let n = saved.splats.meta.shape()[0];
-    let (count, dim) = units(client, n);
-    sum_slots::launch(
-        client,
-        count,
-        dim,
-        v_slots.arg(),
-        lists.firsts.arg(),
-        lists.tile_counts.arg(),
-        lists.starts.arg(),
-        arg(v_splats),
-        window,
-        n as u32,
-        lists.capacity as u32,
     );
 }
 
@@ -245,27 +218,6 @@ fn no_gradient() -> Array<f32> {
     v
 }
 
-/// Clears the slots of the splats behind all pixels, which are read all the same.
-#[cube]
-fn clear_slots(
-    v_slots: &mut [f32], // [slots per window, N_DIFFERENTIABLE]
-    list: &TileList,
-    lists: &Lists,
-    end: usize,
-    window: &Window,
-) {
-    let value = UNIT_POS as usize;
-    if !list.overflowed && value < N_DIFFERENTIABLE {
-        for place in usize::max(end, list.start)..list.end {
-            // Wraps around for slots before the window.
-            let slot = lists.slots[place] - window.first;
-            if slot < window.length {
-                v_slots[slot as usize * N_DIFFERENTIABLE + value] = 0.0f32;
-            }
-        }
-    }
-}
-
 /// Adds up the units' sums of a batch of splats that ends before `batch_end`; a unit owns a value.
 #[cube]
 fn add_up_batch<A: FloatAdd>(
@@ -367,51 +319,5 @@ fn blend_tiles_vjp<A: FloatAdd>(
         // All are added up before the next batch overwrites them.
         sync_cube();
         batch_end -= usize::min(BATCH, batch_end);
-    }
-}
-
-/// A unit owns one splat. A gradient with a value that is not finite, of colours or depths near the
-/// largest number there is, counts as zero.
-#[cube(launch)]
-fn sum_slots(
-    v_slots: &[f32],      // [slots per window, N_DIFFERENTIABLE]
-    firsts: &[u32],       // [N]
-    tile_counts: &[u32],  // [N]
-    starts: &[u32],       // [N + 1]
-    v_splats: &mut [f32], // [N, C]
-    window: Window,
-    n: u32,
-    capacity: u32,
-) {
-    let row = ABSOLUTE_POS;
-    if row < n as usize {
-        let at = row * N_COLUMNS;
-        let mut sums = Array::<f32>::new(N_DIFFERENTIABLE);
-        #[unroll]
-        for value in 0..N_DIFFERENTIABLE {
-            // What earlier windows, or the cubes of overflowed lists, have added up.
-            sums[value] = v_splats[at + value];
-        }
-        if starts[n as usize] <= capacity {
-            let window_end = window.first + window.length;
-            let from = u32::clamp(firsts[row], window.first, window_end);
-            let to = u32::clamp(firsts[row] + tile_counts[row], window.first, window_end);
-            for slot in from - window.first..to - window.first {
-                #[unroll]
-                for value in 0..N_DIFFERENTIABLE {
-                    sums[value] += v_slots[slot as usize * N_DIFFERENTIABLE + value];
-                }
-            }
-        }
-        let mut finite = true;
-        #[unroll]
-        for value in 0..N_DIFFERENTIABLE {
-            finite = finite && is_finite(sums[value]);
-        }
-        #[unroll]
-        for value in 0..N_DIFFERENTIABLE {
-            let kept = finite || window.is_last == 0u32;
-            v_splats[at + value] = select(kept, sums[value], 0.0f32);
-        }
     }
 }

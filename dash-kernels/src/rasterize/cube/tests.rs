@@ -15,7 +15,7 @@ use super::*;
 const SIZE: [usize; 2] = [97, 61];
 /// Image against image in f32: the order of a pixel's sums is the same whatever the way.
 const SAME_IMAGE: f64 = 1e-6;
-/// Gradient against gradient, as a part of its norm: the order of sums differs.
+/// Difference of gradients, relative to their norm: the order of sums differs.
 const SAME_GRADIENT: f64 = 1e-5;
 
 fn tuning() -> Tuning {
@@ -216,7 +216,7 @@ fn the_first_picture_of_a_size_has_room() {
     assert!(capacity >= needed, "room for {capacity} of {needed}");
 }
 
-/// The room follows what pictures need, without being told, also where large ones take turns with small ones.
+/// The capacity follows the need of frames, also where large and small frames alternate.
 #[test]
 fn capacity_grows() {
     let size = [1000, 1000];

@@ -1,7 +1,7 @@
 //! The COLMAP layout: a sparse model and the images it was made from.
 
 use std::collections::HashMap;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use dash_kernels::Camera;
 
@@ -16,7 +16,7 @@ use crate::dataset::pixels::lens::Lens;
 use crate::dataset::pixels::sizes::Sizes;
 use crate::dataset::points::{Models, find_points};
 use crate::dataset::poses::colmap::{
-    MODEL_FOLDERS, Registered, model_folder, read_model, warn_of_larger,
+    MODEL_FOLDERS, Model, model_folder, read_model, warn_of_larger,
 };
 use crate::dataset::unposed;
 use crate::files::{self, find_image};
@@ -72,51 +72,7 @@ impl Reader for ColmapReader {
         let n_cameras = model.images.len();
         let held_out = loader.options.held_out(every_eighth(n_cameras))?;
         let folder = loader.root.join(IMAGE_FOLDER);
-        // Many images share a lens, and working out how to undo one takes a while.
-        let mut lenses: HashMap<(u32, usize, usize), Option<Lens>> = HashMap::new();
-        let mut sizes = Sizes::default();
-        let mut planned = Vec::with_capacity(n_cameras);
-        for (camera_index, image) in model.images.into_iter().enumerate() {
-            let Registered {
-                name,
-                camera_id,
-                camera,
-                distortion,
-            } = image;
-            let file = files::confined(&folder, &name, &model.images_file)?;
-            let found = find_image(file, &model.images_file);
-            let Some(file) = loader
-                .broken
-                .readable(&format!("the image {name}"), found)?
-            else {
-                continue;
-            };
-            let camera = sizes.fit(camera, &file);
-            let lens_of = (camera_id, camera.width, camera.height);
-            let lens = match lenses.get(&lens_of) {
-                Some(known) => known.clone(),
-                None => {
-                    let lens = Lens::new(distortion, &camera, &model.cameras_file)?;
-                    lenses.insert(lens_of, lens.clone());
-                    lens
-                }
-            };
-            let inside = file.strip_prefix(&folder).unwrap_or(&file);
-            let name = inside.with_extension("").to_string_lossy().into_owned();
-            planned.push(PlannedView {
-                source: Source::File(file),
-                camera_name: name.clone(),
-                name,
-                camera_index,
-                frame: 0,
-                time: 0.0,
-                partition: Partition::held_out(held_out[camera_index]),
-                camera,
-                lens,
-                mask: None,
-            });
-        }
-        sizes.warn(&model.cameras_file);
+        let planned = plan(loader, &folder, &model, &held_out)?;
         let posed = planned.iter().map(|view| view.source.path().to_path_buf());
         unposed::warn_of_more(loader, &model.images_file, &posed.collect(), true);
         check_any(&model.images_file, !planned.is_empty())?;
@@ -130,4 +86,53 @@ impl Reader for ColmapReader {
             stated_span: None,
         })
     }
+}
+
+/// The views of a model's images, in its order.
+fn plan(
+    loader: &Loader,
+    folder: &Path,
+    model: &Model,
+    held_out: &[bool],
+) -> Result<Vec<PlannedView>, Error> {
+    // Many images share a lens, and working out how to undo one takes a while.
+    let mut lenses: HashMap<(u32, usize, usize), Option<Lens>> = HashMap::new();
+    let mut sizes = Sizes::default();
+    let mut planned = Vec::with_capacity(model.images.len());
+    for (camera_index, image) in model.images.iter().enumerate() {
+        let file = files::confined(folder, &image.name, &model.images_file)?;
+        let found = find_image(file, &model.images_file);
+        let Some(file) = loader
+            .broken
+            .readable(&format!("the image {}", image.name), found)?
+        else {
+            continue;
+        };
+        let camera = sizes.fit(image.camera.clone(), &file);
+        let lens_of = (image.camera_id, camera.width, camera.height);
+        let lens = match lenses.get(&lens_of) {
+            Some(known) => known.clone(),
+            None => {
+                let lens = Lens::new(image.distortion, &camera, &model.cameras_file)?;
+                lenses.insert(lens_of, lens.clone());
+                lens
+            }
+        };
+        let inside = file.strip_prefix(folder).unwrap_or(&file);
+        let name = inside.with_extension("").to_string_lossy().into_owned();
+        planned.push(PlannedView {
+            source: Source::File(file),
+            camera_name: name.clone(),
+            name,
+            camera_index,
+            frame: 0,
+            time: 0.0,
+            partition: Partition::held_out(held_out[camera_index]),
+            camera,
+            lens,
+            mask: None,
+        });
+    }
+    sizes.warn(&model.cameras_file);
+    Ok(planned)
 }

@@ -33,7 +33,7 @@ struct RigReader {
 }
 
 enum Poses {
-    Transforms(PathBuf, Transforms),
+    Transforms(PathBuf, Box<Transforms>),
     /// The model and its folder.
     Model(PathBuf, Model),
 }
@@ -61,7 +61,7 @@ impl RigReader {
         let file = root.join(TRANSFORMS_FILE);
         let poses = if file.is_file() {
             let transforms = transforms::parse(&file)?;
-            Poses::Transforms(file, transforms)
+            Poses::Transforms(file, Box::new(transforms))
         } else if let Some(sparse) = model_folder(root, &RIG_MODEL_FOLDERS) {
             let model = read_model(&sparse)?;
             Poses::Model(sparse, model)

@@ -156,49 +156,15 @@ impl Transforms {
                 size
             }
         };
-        // Of the pictures that the intrinsics are of.
+        // The size of the images that the intrinsics belong to.
         let (w, h) = (width as f64 * times, height as f64 * times);
-        let from_angle =
-            |angle: Option<f64>, side: f64| angle.map(|a| 0.5 * side / (0.5 * a).tan());
-        let focal = |i: &Intrinsics| i.fl_x.or(from_angle(i.camera_angle_x, w));
-        let from_height = |i: &Intrinsics| i.fl_y.or(from_angle(i.camera_angle_y, h));
-        let of_height = || from_height(own).or(from_height(shared));
-        let Some(fx) = focal(own).or(focal(shared)).or_else(of_height) else {
-            let expected = "a focal length: `fl_x`, `camera_angle_x` or `camera_angle_y`";
-            return Err(malformed(expected, "none of these".into()));
-        };
-        let focal_y = |i: &Intrinsics| {
-            i.fl_y
-                .or(i.fl_x)
-                .or(from_angle(i.camera_angle_y, h))
-                .or(from_angle(i.camera_angle_x, w))
-        };
-        let fy = focal_y(own).or(focal_y(shared)).unwrap_or(fx);
-        let cx = own.cx.or(shared.cx).unwrap_or(w / 2.0);
-        let cy = own.cy.or(shared.cy).unwrap_or(h / 2.0);
-        let positive = |v: f64| v > 0.0 && v.is_finite();
-        if !(positive(fx) && positive(fy) && cx.is_finite() && cy.is_finite()) {
-            let found = format!("focal lengths {fx}, {fy}, principal point {cx}, {cy}");
-            return Err(malformed("positive finite intrinsics", found));
-        }
-        let coefficient = |own: Option<f64>, shared: Option<f64>| own.or(shared).unwrap_or(0.0);
-        let distortion = Distortion {
-            k: [
-                coefficient(own.k1, shared.k1),
-                coefficient(own.k2, shared.k2),
-                coefficient(own.k3, shared.k3),
-                coefficient(own.k4, shared.k4),
-            ],
-            p: [
-                coefficient(own.p1, shared.p1),
-                coefficient(own.p2, shared.p2),
-            ],
-        };
+        let [fx, fy, cx, cy] =
+            pinhole(own, shared, [w, h]).map_err(|(expected, found)| malformed(expected, found))?;
         let [fx, fy, cx, cy] = [fx, fy, cx, cy].map(|v| v / times);
         let intrinsics = Camera::new(fx, fy, cx, cy, width, height);
         let camera = place(intrinsics, &frame.transform_matrix)
             .map_err(|found| malformed("a camera-to-world matrix, 4x4 or 3x4", found))?;
-        Ok((camera, distortion))
+        Ok((camera, distortion(own, shared)))
     }
 
     /// A size of pictures that a frame's intrinsics can be of, by their principal point.
@@ -254,6 +220,53 @@ impl Transforms {
                 "state the size that the intrinsics are for as `w` and `h`, or scale them with the pictures",
             )),
         }
+    }
+}
+
+/// Focal lengths and principal point for images of this size, or what was expected and found.
+fn pinhole(
+    own: &Intrinsics,
+    shared: &Intrinsics,
+    [w, h]: [f64; 2],
+) -> Result<[f64; 4], (&'static str, String)> {
+    let from_angle = |angle: Option<f64>, side: f64| angle.map(|a| 0.5 * side / (0.5 * a).tan());
+    let focal = |i: &Intrinsics| i.fl_x.or(from_angle(i.camera_angle_x, w));
+    let from_height = |i: &Intrinsics| i.fl_y.or(from_angle(i.camera_angle_y, h));
+    let of_height = || from_height(own).or(from_height(shared));
+    let Some(fx) = focal(own).or(focal(shared)).or_else(of_height) else {
+        let expected = "a focal length: `fl_x`, `camera_angle_x` or `camera_angle_y`";
+        return Err((expected, "none of these".into()));
+    };
+    let focal_y = |i: &Intrinsics| {
+        i.fl_y
+            .or(i.fl_x)
+            .or(from_angle(i.camera_angle_y, h))
+            .or(from_angle(i.camera_angle_x, w))
+    };
+    let fy = focal_y(own).or(focal_y(shared)).unwrap_or(fx);
+    let cx = own.cx.or(shared.cx).unwrap_or(w / 2.0);
+    let cy = own.cy.or(shared.cy).unwrap_or(h / 2.0);
+    let positive = |v: f64| v > 0.0 && v.is_finite();
+    if !(positive(fx) && positive(fy) && cx.is_finite() && cy.is_finite()) {
+        let found = format!("focal lengths {fx}, {fy}, principal point {cx}, {cy}");
+        return Err(("positive finite intrinsics", found));
+    }
+    Ok([fx, fy, cx, cy])
+}
+
+fn distortion(own: &Intrinsics, shared: &Intrinsics) -> Distortion {
+    let coefficient = |own: Option<f64>, shared: Option<f64>| own.or(shared).unwrap_or(0.0);
+    Distortion {
+        k: [
+            coefficient(own.k1, shared.k1),
+            coefficient(own.k2, shared.k2),
+            coefficient(own.k3, shared.k3),
+            coefficient(own.k4, shared.k4),
+        ],
+        p: [
+            coefficient(own.p1, shared.p1),
+            coefficient(own.p2, shared.p2),
+        ],
     }
 }
 

@@ -30,14 +30,6 @@ pub fn reference() -> String {
     page.text
 }
 
-/// The number of keys, each of both sets' density control counted.
-pub fn n_keys() -> usize {
-    reference()
-        .lines()
-        .filter(|line| line.starts_with("| `"))
-        .count()
-}
-
 const INTRODUCTION: &str = "# Configuration
 
 Every key of a run, made by `dash config --markdown`. `dash train --set KEY=VALUE` changes one, `--config FILE.toml` many;
@@ -140,4 +132,49 @@ fn one_line(text: Option<&Value>) -> String {
         .collect::<Vec<_>>()
         .join(" ")
         .replace('|', "\\|")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_key_is_documented_and_named_once() {
+        let page = reference();
+        let rows: Vec<&str> = page
+            .lines()
+            .filter(|line| line.starts_with("| `"))
+            .collect();
+        println!("{} keys", rows.len());
+        for row in &rows {
+            let cells: Vec<&str> = row.split(" | ").collect();
+            assert_eq!(cells.len(), 6, "{row}");
+            assert!(cells[5].len() > 10, "no documentation: {row}");
+            let is_set = cells[1..5].iter().any(|value| *value != "-");
+            let is_absent_by_default = cells[5].contains("Absent:");
+            assert!(is_set || is_absent_by_default, "no preset sets it: {row}");
+        }
+        for preset in PRESETS {
+            let text = toml::to_string(&TrainConfig::preset(preset.1)).expect("serialises");
+            for key in text.lines().filter_map(|line| line.split_once(" = ")) {
+                let row = format!("| `{}` |", key.0);
+                assert!(page.contains(&row), "{} is missing", key.0);
+            }
+        }
+    }
+
+    #[test]
+    fn the_books_page_is_what_the_code_says() {
+        let path = std::path::Path::new(env!("CARGO_MANIFEST_DIR"))
+            .join("../docs/src/reference/configuration.md");
+        let Ok(page) = std::fs::read_to_string(&path) else {
+            // A packaged crate has no book beside it.
+            return;
+        };
+        assert!(
+            page.trim_end() == reference().trim_end(),
+            "{} is not what `dash config --markdown` prints; write it anew",
+            path.display()
+        );
+    }
 }

@@ -1,13 +1,18 @@
-//! PyTorch's weight files. They describe their tensors by a pickle, which is a program for a stack
-//! machine that may call any function of Python; here only the few instructions that `torch.save`
-//! writes for a dictionary of tensors are known, and the few names they need are not called but
-//! recognised. Everything else is refused.
+//! PyTorch's weight files.
+//!
+//! They describe their tensors by a pickle: a program for a stack machine that may call any function of Python.
+//! This reader knows the few instructions that `torch.save` writes for a dictionary of tensors, and recognises the
+//! few names they need without calling anything. Everything else is refused.
+//!
+//! Burn's `pytorch-reader` 0.22.1 can't replace it. It refuses tensors wrapped in `torch.nn.parameter.Parameter`, as
+//! torchvision's `vgg16-397923af.pth` of 2017 has them. It also accepts a storage that declares more elements than
+//! the file holds, an archive with one entry twice, and calls of unknown functions beside the tensors.
 //!
 //! # Map
 //! - `pickle`, `value`, `calls`: the stack machine, its values, and the names it knows.
 //! - `tensors`: from values to tensors and their places.
 //! - `archive`: the zip archive that PyTorch writes since version 1.6.
-//! - `stream`: the stream of pickles of before, from version 0.1.10 on.
+//! - `stream`: the older stream of pickles, since version 0.1.10.
 //! - `bytes`: both formats as tests write them.
 
 pub(super) mod archive;

@@ -1,0 +1,156 @@
+//! What a cube reads while it blends a tile, forward and backward: the frame, the tile's list, its splats.
+
+use burn_cubecl::tensor::CubeTensor;
+use cubecl::prelude::*;
+
+use crate::splats::{self, ALPHA_MIN, N_COLUMNS};
+
+use super::super::RasterizeOptions;
+use super::super::tiles::TILE;
+use super::intersect::Intersections;
+
+/// The numbers of a frame.
+pub(super) fn frame(
+    lists: &Intersections,
+    options: &RasterizeOptions,
+    splats: &CubeTensor,
+) -> FrameLaunch {
+    let [red, green, blue] = options.background;
+    FrameLaunch::new(
+        options.width as u32,
+        options.height as u32,
+        lists.tiles[0] as u32,
+        lists.tiles[1] as u32,
+        splats.meta.shape()[0] as u32,
+        lists.capacity as u32,
+        red,
+        green,
+        blue,
+    )
+}
+
+/// The numbers of a frame as launched.
+#[derive(CubeType, CubeLaunch, Clone, Copy)]
+pub(super) struct Frame {
+    pub width: u32,
+    pub height: u32,
+    pub tile_columns: u32,
+    pub tile_rows: u32,
+    pub n_splats: u32,
+    pub capacity: u32,
+    /// Background.
+    pub red: f32,
+    pub green: f32,
+    pub blue: f32,
+}
+
+/// An [`Intersections`] as launched.
+#[derive(CubeType, CubeLaunch)]
+pub(super) struct Lists {
+    pub order: Box<[u32]>,   // [N]
+    tile_counts: Box<[u32]>, // [N]
+    rows: Box<[u32]>,        // [capacity]
+    pub slots: Box<[u32]>,   // [capacity]
+    ranges: Box<[u32]>,      // [n_tiles, 2]
+    starts: Box<[u32]>,      // [N + 1]
+}
+
+pub(super) fn lists_arg(lists: &Intersections) -> ListsLaunch {
+    ListsLaunch::new(
+        lists.order.arg(),
+        lists.tile_counts.arg(),
+        lists.rows.arg(),
+        lists.slots.arg(),
+        lists.ranges.arg(),
+        lists.starts.arg(),
+    )
+}
+
+/// A tile's list: its own, or all splats where the lists overflowed.
+#[derive(CubeType, Clone, Copy)]
+pub(super) struct TileList {
+    pub overflowed: bool,
+    pub start: usize,
+    pub end: usize,
+}
+
+#[cube]
+pub(super) fn tile_list(tile: usize, lists: &Lists, frame: &Frame) -> TileList {
+    let mut list = TileList {
+        overflowed: lists.starts[frame.n_splats as usize] > frame.capacity,
+        start: 0usize,
+        end: frame.n_splats as usize,
+    };
+    if !list.overflowed {
+        list.start = lists.ranges[2 * tile] as usize;
+        list.end = lists.ranges[2 * tile + 1] as usize;
+    }
+    list
+}
+
+/// What blending reads of a splat; nothing is drawn where the opacity is zero.
+#[derive(CubeType, Clone, Copy)]
+pub(super) struct Splat {
+    pub x: f32,
+    pub y: f32,
+    pub a: f32,
+    pub b: f32,
+    pub c: f32,
+    pub opacity: f32,
+    pub red: f32,
+    pub green: f32,
+    pub blue: f32,
+    pub depth: f32,
+}
+
+/// The splat at a place of a tile's list.
+#[cube]
+pub(super) fn read_splat(
+    splats: &[f32], // [N, C]
+    place: usize,
+    list: &TileList,
+    lists: &Lists,
+) -> Splat {
+    let row = if list.overflowed {
+        lists.order[place] as usize
+    } else {
+        lists.rows[place] as usize
+    };
+    let at = row * N_COLUMNS;
+    let mut splat = Splat {
+        x: splats[at + splats::MEAN_X],
+        y: splats[at + splats::MEAN_Y],
+        a: splats[at + splats::CONIC_A],
+        b: splats[at + splats::CONIC_B],
+        c: splats[at + splats::CONIC_C],
+        opacity: splats[at + splats::OPACITY],
+        red: splats[at + splats::RED],
+        green: splats[at + splats::GREEN],
+        blue: splats[at + splats::BLUE],
+        depth: splats[at + splats::DEPTH],
+    };
+    // A row that draws nothing may hold anything.
+    if list.overflowed && lists.tile_counts[row] == 0u32 {
+        splat.opacity = 0.0f32;
+    }
+    splat
+}
+
+/// Alpha before it is clamped, zero where the splat is skipped.
+#[cube]
+pub(super) fn alpha_at(splat: &Splat, dx: f32, dy: f32) -> f32 {
+    let sigma = 0.5f32 * (splat.a * dx * dx + splat.c * dy * dy) + splat.b * dx * dy;
+    let alpha = splat.opacity * (-sigma).exp();
+    let drawn = sigma >= 0.0f32 && alpha >= comptime!(ALPHA_MIN as f32);
+    select(drawn, alpha, 0.0f32)
+}
+
+/// The first pixel of this unit: column and row.
+#[cube]
+pub(super) fn first_pixel(tile: usize, frame: &Frame, #[comptime] per_unit: usize) -> (u32, u32) {
+    let side = comptime!(TILE as u32);
+    let tile = tile as u32;
+    let column = tile % frame.tile_columns * side + UNIT_POS % side;
+    let row = tile / frame.tile_columns * side + UNIT_POS / side * comptime!(per_unit as u32);
+    (column, row)
+}
