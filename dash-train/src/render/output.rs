@@ -170,7 +170,7 @@ fn write_picture(
     format: PictureFormat,
 ) -> Result<(), Error> {
     let (width, height) = (picture.width, picture.height);
-    let written = match (format, layer) {
+    match (format, layer) {
         (PictureFormat::Png, _) => write_png(path, width, height, &shown(picture, layer)),
         (PictureFormat::Exr, PictureLayer::Alpha) => {
             write_exr_plane(path, width, height, &picture.alpha)
@@ -179,8 +179,7 @@ fn write_picture(
             write_exr_plane(path, width, height, &picture.depth)
         }
         (PictureFormat::Exr, _) => write_exr_rgb(path, width, height, &picture.rgb),
-    };
-    written
+    }
 }
 
 /// What a layer looks like, `[H, W, 3]` in 8 bits.
