@@ -7,7 +7,8 @@ use std::path::Path;
 use serde::{Deserialize, Serialize};
 use serde_ply::{ElementDef, PlyFormat, PlyReader, PropertyType, ScalarType, SerializeOptions};
 
-use crate::files::{DatasetError, refuse_pointer};
+use crate::Error;
+use crate::files::refuse_pointer;
 
 /// Colour of points whose file states none.
 const NEUTRAL_GRAY: u8 = 128;
@@ -51,7 +52,7 @@ impl PointCloud {
 ///
 /// # Errors
 /// Names the file: unreadable, not a PLY file, truncated, or without positions.
-pub fn read_points(path: &Path) -> Result<PointCloud, DatasetError> {
+pub fn read_points(path: &Path) -> Result<PointCloud, Error> {
     let (points, dropped) = read_points_counting(path)?;
     if dropped > 0 {
         tracing::warn!(
@@ -66,8 +67,8 @@ pub fn read_points(path: &Path) -> Result<PointCloud, DatasetError> {
 ///
 /// # Errors
 /// As [`read_points`].
-pub fn read_points_counting(path: &Path) -> Result<(PointCloud, usize), DatasetError> {
-    let bytes = fs::read(path).map_err(DatasetError::io(path))?;
+pub fn read_points_counting(path: &Path) -> Result<(PointCloud, usize), Error> {
+    let bytes = fs::read(path).map_err(Error::access(path))?;
     parse(path, bytes)
 }
 
@@ -79,7 +80,7 @@ pub fn read_points_counting(path: &Path) -> Result<(PointCloud, usize), DatasetE
 ///
 /// # Panics
 /// When there are not as many colours as positions.
-pub fn write_points(path: &Path, points: &PointCloud) -> Result<(), DatasetError> {
+pub fn write_points(path: &Path, points: &PointCloud) -> Result<(), Error> {
     assert_eq!(
         points.positions.len(),
         points.colors.len(),
@@ -101,14 +102,14 @@ pub fn write_points(path: &Path, points: &PointCloud) -> Result<(), DatasetError
             blue,
         })
         .collect();
-    let mut file = BufWriter::new(fs::File::create(path).map_err(DatasetError::io(path))?);
+    let mut file = BufWriter::new(fs::File::create(path).map_err(Error::access(path))?);
     serde_ply::to_writer(
         &WrittenCloud { vertex },
         SerializeOptions::binary_le(),
         &mut file,
     )
-    .map_err(|e| DatasetError::io(path)(e.0))?;
-    file.flush().map_err(DatasetError::io(path))
+    .map_err(|e| Error::access(path)(e.0))?;
+    file.flush().map_err(Error::access(path))
 }
 
 #[derive(Serialize)]
@@ -148,9 +149,9 @@ struct Vertex {
 struct Skipped {}
 
 /// [`read_points_counting`] from a file's content.
-pub(crate) fn parse(path: &Path, mut bytes: Vec<u8>) -> Result<(PointCloud, usize), DatasetError> {
+pub(crate) fn parse(path: &Path, mut bytes: Vec<u8>) -> Result<(PointCloud, usize), Error> {
     let malformed = |found: String| {
-        DatasetError::invalid(
+        Error::invalid(
             path,
             "a PLY point cloud with x, y, z",
             found,
@@ -258,7 +259,7 @@ fn collect(element: &ElementDef, rows: Vec<Vertex>) -> (PointCloud, usize) {
 mod tests {
     use super::*;
 
-    fn read_text(text: &str) -> Result<(PointCloud, usize), DatasetError> {
+    fn read_text(text: &str) -> Result<(PointCloud, usize), Error> {
         parse(Path::new("cloud.ply"), text.as_bytes().to_vec())
     }
 

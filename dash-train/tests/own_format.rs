@@ -1,9 +1,10 @@
 //! A dataset format from outside the crate: one camera that stands still, and a folder of its frames.
 
 use dash_kernels::Camera;
+use dash_train::Error;
 use dash_train::dataset::{
-    Capture, DatasetError, FORMATS, Folder, Format, Layout, LoadOptions, Loader, PlannedView,
-    Reader, load, load_with,
+    Capture, FORMATS, Folder, Format, Layout, LoadOptions, Loader, PlannedView, Reader, load,
+    load_with,
 };
 
 /// The file that makes a folder this format's; it holds the focal length in pixels.
@@ -20,7 +21,7 @@ impl Format for Tripod {
         Layout::Custom
     }
 
-    fn recognise(&self, folder: &Folder) -> Result<Option<Box<dyn Reader>>, DatasetError> {
+    fn recognise(&self, folder: &Folder) -> Result<Option<Box<dyn Reader>>, Error> {
         if !folder.has(FOCAL_FILE) {
             return Ok(None);
         }
@@ -33,13 +34,13 @@ impl Format for Tripod {
 }
 
 impl Reader for TripodReader {
-    fn read(self: Box<Self>, loader: &Loader) -> Result<Capture, DatasetError> {
+    fn read(self: Box<Self>, loader: &Loader) -> Result<Capture, Error> {
         let path = loader.root().join(FOCAL_FILE);
-        let text = std::fs::read_to_string(&path).map_err(|source| DatasetError::Io {
+        let text = std::fs::read_to_string(&path).map_err(|source| Error::Access {
             path: path.clone(),
             source,
         })?;
-        let focal = text.trim().parse().map_err(|_| DatasetError::Invalid {
+        let focal = text.trim().parse().map_err(|_| Error::Invalid {
             path: path.clone(),
             expected: "a focal length in pixels".into(),
             found: text.clone(),

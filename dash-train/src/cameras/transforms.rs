@@ -6,9 +6,9 @@ use dash_kernels::Camera;
 
 use super::CameraEntry;
 use crate::Error;
+use crate::dataset::Dataset;
 use crate::dataset::pixels::dimensions;
 use crate::dataset::poses::transforms::{Frame, Transforms, parse};
-use crate::dataset::{Dataset, DatasetError};
 use crate::files::find_image;
 
 /// By this share of the clip a time may lie outside it, as rounded ones do.
@@ -119,11 +119,7 @@ impl TransformsFile {
 
     /// The camera without its lens's distortion. Its size is the file's, else that of the dataset's loaded pictures,
     /// else that of the frame's own picture.
-    fn camera(
-        &self,
-        frame: &Frame,
-        dataset: Option<&DatasetTerms>,
-    ) -> Result<Camera, DatasetError> {
+    fn camera(&self, frame: &Frame, dataset: Option<&DatasetTerms>) -> Result<Camera, Error> {
         let mut loaded = None;
         let size = || match dataset.and_then(DatasetTerms::sizes) {
             // Focal lengths in pixels are those of the pictures before they were made smaller.
@@ -143,12 +139,12 @@ impl TransformsFile {
         })
     }
 
-    fn picture_size(&self, frame: &Frame) -> Result<(usize, usize), DatasetError> {
+    fn picture_size(&self, frame: &Frame) -> Result<(usize, usize), Error> {
         let folder = self.path.parent().unwrap_or(Path::new(""));
         let picture = folder.join(frame.file_path.replace('\\', "/"));
         let size = find_image(picture, &self.path).and_then(|picture| dimensions(&picture));
         size.map_err(|_| {
-            DatasetError::invalid(
+            Error::invalid(
                 &self.path,
                 "the size of each picture as `w` and `h`, or a picture where `file_path` says",
                 format!("neither in frame `{}`", frame.file_path),

@@ -4,7 +4,7 @@ use std::path::Path;
 use std::sync::{Mutex, PoisonError};
 
 use super::pixels::dimensions;
-use crate::files::DatasetError;
+use crate::Error;
 
 /// What becomes of images and videos that cannot be read.
 #[derive(Debug)]
@@ -12,7 +12,7 @@ pub(crate) struct Broken {
     /// Whether they are left out; otherwise the first one stops the loading.
     skip: bool,
     /// The errors of those left out; `None` warns of each instead.
-    noted: Option<Mutex<Vec<DatasetError>>>,
+    noted: Option<Mutex<Vec<Error>>>,
 }
 
 impl Broken {
@@ -35,7 +35,7 @@ impl Broken {
     }
 
     /// Keeps an error, where errors are kept.
-    pub(crate) fn note(&self, error: DatasetError) {
+    pub(crate) fn note(&self, error: Error) {
         if let Some(noted) = &self.noted {
             noted
                 .lock()
@@ -45,7 +45,7 @@ impl Broken {
     }
 
     /// The errors sorted by message: threads decode in any order.
-    pub(crate) fn into_noted(self) -> Vec<DatasetError> {
+    pub(crate) fn into_noted(self) -> Vec<Error> {
         let noted = self.noted.unwrap_or_default().into_inner();
         let mut noted = noted.unwrap_or_else(PoisonError::into_inner);
         noted.sort_by_key(ToString::to_string);
@@ -58,8 +58,8 @@ impl Broken {
     /// The first error, unless broken files are left out and something remains.
     pub(crate) fn keep_readable<T>(
         &self,
-        results: Vec<(String, Result<T, DatasetError>)>,
-    ) -> Result<Vec<Option<T>>, DatasetError> {
+        results: Vec<(String, Result<T, Error>)>,
+    ) -> Result<Vec<Option<T>>, Error> {
         let mut first_error = None;
         let mut n_kept = 0;
         let mut kept = Vec::with_capacity(results.len());
@@ -94,8 +94,8 @@ impl Broken {
     pub(crate) fn readable<T>(
         &self,
         name: &str,
-        result: Result<T, DatasetError>,
-    ) -> Result<Option<T>, DatasetError> {
+        result: Result<T, Error>,
+    ) -> Result<Option<T>, Error> {
         match result {
             Ok(value) => Ok(Some(value)),
             Err(error) if !self.skip => Err(error),
@@ -117,7 +117,7 @@ impl Broken {
     pub(crate) fn first_size<'a>(
         &self,
         mut files: impl Iterator<Item = &'a Path>,
-    ) -> Option<Result<(usize, usize), DatasetError>> {
+    ) -> Option<Result<(usize, usize), Error>> {
         let first = dimensions(files.next()?);
         if first.is_ok() || !self.skip {
             return Some(first);
@@ -131,11 +131,11 @@ impl Broken {
 }
 
 /// Refuses a dataset of which nothing is left.
-pub(crate) fn check_any(listed_in: &Path, any: bool) -> Result<(), DatasetError> {
+pub(crate) fn check_any(listed_in: &Path, any: bool) -> Result<(), Error> {
     if any {
         return Ok(());
     }
-    Err(DatasetError::invalid(
+    Err(Error::invalid(
         listed_in,
         "at least one readable image",
         "none",

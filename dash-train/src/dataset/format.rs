@@ -7,7 +7,8 @@ use dash_kernels::Camera;
 use super::layout::Layout;
 use super::loader::Loader;
 use super::view::View;
-use crate::files::{self, DatasetError};
+use crate::Error;
+use crate::files::{self};
 use crate::ply::PointCloud;
 
 /// A layout of files that datasets come in.
@@ -19,15 +20,15 @@ pub trait Format: Sync {
     ///
     /// # Errors
     /// When the folder can't be listed.
-    fn recognise(&self, folder: &Folder) -> Result<Option<Box<dyn Reader>>, DatasetError>;
+    fn recognise(&self, folder: &Folder) -> Result<Option<Box<dyn Reader>>, Error>;
 
     /// The reader of a folder for which the user has chosen this format.
     ///
     /// # Errors
     /// Says what the folder lacks.
-    fn open(&self, folder: &Folder) -> Result<Box<dyn Reader>, DatasetError> {
+    fn open(&self, folder: &Folder) -> Result<Box<dyn Reader>, Error> {
         self.recognise(folder)?.ok_or_else(|| {
-            DatasetError::invalid(
+            Error::invalid(
                 folder.root(),
                 format!("a dataset of the layout {}", self.layout()),
                 "none",
@@ -40,7 +41,7 @@ pub trait Format: Sync {
     ///
     /// # Errors
     /// Names the file of poses that is missing or damaged.
-    fn poses(&self, folder: &Folder) -> Result<Option<Vec<Camera>>, DatasetError> {
+    fn poses(&self, folder: &Folder) -> Result<Option<Vec<Camera>>, Error> {
         let _ = folder;
         Ok(None)
     }
@@ -52,7 +53,7 @@ pub trait Reader: Send {
     ///
     /// # Errors
     /// Names the file at fault.
-    fn read(self: Box<Self>, loader: &Loader) -> Result<Capture, DatasetError>;
+    fn read(self: Box<Self>, loader: &Loader) -> Result<Capture, Error>;
 }
 
 /// The views and points of a folder.
@@ -82,7 +83,7 @@ impl Folder {
     ///
     /// # Errors
     /// The system's, naming the folder.
-    pub fn list(root: &Path) -> Result<Self, DatasetError> {
+    pub fn list(root: &Path) -> Result<Self, Error> {
         Ok(Self {
             root: root.to_path_buf(),
             names: files::list(root)?,

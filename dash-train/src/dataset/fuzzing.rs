@@ -10,7 +10,8 @@ use super::poses::nerfies::CameraFile;
 use super::poses::{
     npy as arrays, technicolor as technicolor_parameters, transforms as transforms_files,
 };
-use crate::files::{self, DatasetError, parse_json};
+use crate::Error;
+use crate::files::{self, parse_json};
 use crate::fuzzing::placed;
 
 /// `poses_bounds.npy`.
@@ -58,7 +59,7 @@ pub fn transforms(scratch: &Path, bytes: &[u8]) -> bool {
     })
 }
 
-fn confined(name: &str, listed_in: &Path) -> Result<(), DatasetError> {
+fn confined(name: &str, listed_in: &Path) -> Result<(), Error> {
     let root = Path::new("dataset");
     let inside = files::confined(root, name, listed_in)?;
     assert!(
@@ -69,7 +70,7 @@ fn confined(name: &str, listed_in: &Path) -> Result<(), DatasetError> {
     Ok(())
 }
 
-fn cameras(parsed: Result<Vec<ModelCamera>, DatasetError>) -> bool {
+fn cameras(parsed: Result<Vec<ModelCamera>, Error>) -> bool {
     let path = Path::new("cameras");
     parsed.is_ok_and(|cameras| {
         cameras.iter().all(|camera| {
@@ -80,7 +81,7 @@ fn cameras(parsed: Result<Vec<ModelCamera>, DatasetError>) -> bool {
     })
 }
 
-fn model_images(parsed: Result<Vec<ModelImage>, DatasetError>) -> bool {
+fn model_images(parsed: Result<Vec<ModelImage>, Error>) -> bool {
     let intrinsics = dash_kernels::Camera::new(1.0, 1.0, 0.5, 0.5, 1, 1);
     parsed.is_ok_and(|images| {
         images.iter().all(|image| {

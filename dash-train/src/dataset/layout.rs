@@ -6,7 +6,7 @@ use std::str::FromStr;
 use clap::ValueEnum;
 use serde::{Deserialize, Serialize};
 
-use crate::files::DatasetError;
+use crate::Error;
 
 /// How a dataset's folder is organised.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize, ValueEnum)]
@@ -44,10 +44,10 @@ impl fmt::Display for Layout {
 }
 
 impl FromStr for Layout {
-    type Err = DatasetError;
+    type Err = Error;
 
-    fn from_str(name: &str) -> Result<Self, DatasetError> {
-        <Self as ValueEnum>::from_str(name, true).map_err(|_| DatasetError::Option {
+    fn from_str(name: &str) -> Result<Self, Error> {
+        <Self as ValueEnum>::from_str(name, true).map_err(|_| Error::LoadOption {
             option: "--layout",
             expected: "n3dv, blender, colmap, technicolor, nerfies or rig".into(),
             found: format!("`{name}`"),

@@ -18,7 +18,7 @@ use super::pixels::image::ImageData;
 use super::pixels::lens::Lens;
 use super::pixels::masks::{self, CountedMask, MASK_FOLDER};
 use super::view::{MotionFile, MotionMask, View};
-use crate::files::DatasetError;
+use crate::Error;
 
 /// Folder with the motion masks of synthetic scenes.
 const MOTION_FOLDER: &str = "motion_masks";
@@ -98,7 +98,7 @@ impl<'a> Loader<'a> {
     ///
     /// # Errors
     /// Names the image or mask that is missing, damaged or of another size than its camera.
-    pub fn load_views(&self, planned: Vec<PlannedView>) -> Result<Vec<View>, DatasetError> {
+    pub fn load_views(&self, planned: Vec<PlannedView>) -> Result<Vec<View>, Error> {
         let skip_broken = self.options.skip_broken;
         let recipes = planned
             .par_iter()
@@ -151,7 +151,7 @@ impl<'a> Loader<'a> {
     }
 
     /// A warning about the masks of a plan, where they look wrong.
-    fn doubt_masks(&self, plan: &[(PlannedView, Recipe)]) -> Result<Option<String>, DatasetError> {
+    fn doubt_masks(&self, plan: &[(PlannedView, Recipe)]) -> Result<Option<String>, Error> {
         let size = |recipe: &Recipe| (recipe.camera.width, recipe.camera.height);
         let masks: Vec<_> = plan
             .iter()
@@ -173,7 +173,7 @@ impl<'a> Loader<'a> {
         &self,
         plan: Vec<(PlannedView, Recipe)>,
         keep: impl Fn(ImageData) -> T + Sync,
-    ) -> Result<Vec<(PlannedView, Recipe, T)>, DatasetError> {
+    ) -> Result<Vec<(PlannedView, Recipe, T)>, Error> {
         let skip_broken = self.options.skip_broken;
         let (planned, mut recipes): (Vec<_>, Vec<_>) = plan.into_iter().unzip();
         let mut made = make_all(&recipes, &keep);
@@ -186,7 +186,7 @@ impl<'a> Loader<'a> {
             if let Some(result) = outcome {
                 let name = match &result {
                     // The error covers all frames of that video.
-                    Err(DatasetError::Video { .. }) => {
+                    Err(Error::VideoDecode { .. }) => {
                         format!("damaged frames of camera {}", view.camera_name)
                     }
                     _ => format!("the view {}", view.name),
@@ -211,7 +211,7 @@ impl<'a> Loader<'a> {
         masks::beside(&self.root.join(folder), &view.name, image)
     }
 
-    fn recipe(&self, view: &PlannedView) -> Result<Recipe, DatasetError> {
+    fn recipe(&self, view: &PlannedView) -> Result<Recipe, Error> {
         let has_alpha = match &view.source {
             Source::File(path) => {
                 let (width, height, has_alpha) = header(path)?;
@@ -243,7 +243,7 @@ impl<'a> Loader<'a> {
         recipe: &Recipe,
         pixels: Pixels,
         on_demand: bool,
-    ) -> Result<View, DatasetError> {
+    ) -> Result<View, Error> {
         let motion = match view.partition {
             Partition::Test => self.mask_of(&view, MOTION_FOLDER),
             Partition::Train => None,

@@ -37,7 +37,6 @@ mod view;
 
 use std::path::{Path, PathBuf};
 
-pub use crate::files::DatasetError;
 pub use format::{Capture, Folder, Format, Reader};
 pub use formats::FORMATS;
 pub(crate) use formats::poses_alone;
@@ -52,6 +51,7 @@ pub(crate) use pixels::frames::{bytes_in_words, default_budget};
 pub(crate) use points::known_point_file;
 pub use view::View;
 
+use crate::Error;
 use crate::files;
 use crate::ply::PointCloud;
 use broken::Broken;
@@ -126,7 +126,7 @@ impl Dataset {
 /// # Errors
 /// Names the file at fault: missing, damaged or inconsistent poses, images, videos or points, or
 /// an option that does not fit.
-pub fn load(path: &Path, options: &LoadOptions) -> Result<Dataset, DatasetError> {
+pub fn load(path: &Path, options: &LoadOptions) -> Result<Dataset, Error> {
     load_with(path, options, &FORMATS)
 }
 
@@ -138,7 +138,7 @@ pub fn load_with(
     path: &Path,
     options: &LoadOptions,
     formats: &[&dyn Format],
-) -> Result<Dataset, DatasetError> {
+) -> Result<Dataset, Error> {
     load_in(&Loader::new(path, options), formats)
 }
 
@@ -146,7 +146,7 @@ pub fn load_with(
 pub(crate) fn load_decodable(
     path: &Path,
     options: &LoadOptions,
-) -> Result<(Dataset, Vec<DatasetError>), DatasetError> {
+) -> Result<(Dataset, Vec<Error>), Error> {
     let options = LoadOptions {
         skip_broken: true,
         ..options.clone()
@@ -162,7 +162,7 @@ pub(crate) fn load_decodable(
     }
 }
 
-fn load_in(loader: &Loader, formats: &[&dyn Format]) -> Result<Dataset, DatasetError> {
+fn load_in(loader: &Loader, formats: &[&dyn Format]) -> Result<Dataset, Error> {
     let (path, options) = (loader.root, loader.options);
     options.validate()?;
     files::require_folder(path)?;
@@ -176,7 +176,7 @@ fn load_in(loader: &Loader, formats: &[&dyn Format]) -> Result<Dataset, DatasetE
         Some(threads) => rayon::ThreadPoolBuilder::new()
             .num_threads(threads)
             .build()
-            .map_err(|e| DatasetError::Option {
+            .map_err(|e| Error::LoadOption {
                 option: "--threads",
                 expected: "as many threads as the system can start".into(),
                 found: format!("{threads} ({e})"),
@@ -185,7 +185,7 @@ fn load_in(loader: &Loader, formats: &[&dyn Format]) -> Result<Dataset, DatasetE
     };
     let is_train = |view: &View| view.partition == Partition::Train;
     if !capture.views.iter().any(is_train) {
-        return Err(DatasetError::invalid(
+        return Err(Error::invalid(
             path,
             "at least one camera to train on",
             format!(
@@ -201,7 +201,7 @@ fn load_in(loader: &Loader, formats: &[&dyn Format]) -> Result<Dataset, DatasetE
     {
         tracing::warn!("{}: {}; {}", path.display(), far.text(), far.mend());
     }
-    let name = path.canonicalize().map_err(DatasetError::io(path))?;
+    let name = path.canonicalize().map_err(Error::access(path))?;
     Ok(Dataset {
         name: name
             .file_name()

@@ -2,7 +2,7 @@
 
 use super::frame_range::FrameRange;
 use super::layout::Layout;
-use crate::files::DatasetError;
+use crate::Error;
 
 /// What to load of a dataset, and how.
 #[derive(Debug, Clone, PartialEq)]
@@ -51,9 +51,9 @@ impl Default for LoadOptions {
 }
 
 impl LoadOptions {
-    pub(crate) fn validate(&self) -> Result<(), DatasetError> {
+    pub(crate) fn validate(&self) -> Result<(), Error> {
         let refuse = |option, expected: &str, found: String| {
-            Err(DatasetError::Option {
+            Err(Error::LoadOption {
                 option,
                 expected: expected.into(),
                 found,
@@ -82,7 +82,7 @@ impl LoadOptions {
     ///
     /// # Errors
     /// When none of them is in the range of `--frames`.
-    pub(crate) fn wanted(&self, numbers: &[u64]) -> Result<Vec<usize>, DatasetError> {
+    pub(crate) fn wanted(&self, numbers: &[u64]) -> Result<Vec<usize>, Error> {
         let in_range: Vec<usize> = (0..numbers.len())
             .filter(|&place| {
                 self.frames
@@ -91,7 +91,7 @@ impl LoadOptions {
             .collect();
         if let (Some(range), true, [first, ..]) = (self.frames, in_range.is_empty(), numbers) {
             let last = numbers.last().unwrap_or(first);
-            return Err(DatasetError::Option {
+            return Err(Error::LoadOption {
                 option: "--frames",
                 expected: format!("some of the frames {first} to {last}"),
                 found: range.to_string(),
@@ -103,7 +103,7 @@ impl LoadOptions {
     }
 
     /// For each camera whether it is held out: by `test_cameras`, else as the layout suggests.
-    pub(crate) fn held_out(&self, suggested: Vec<bool>) -> Result<Vec<bool>, DatasetError> {
+    pub(crate) fn held_out(&self, suggested: Vec<bool>) -> Result<Vec<bool>, Error> {
         let Some(test_cameras) = &self.test_cameras else {
             // A single camera is needed for training.
             if suggested == [true] {
@@ -114,13 +114,11 @@ impl LoadOptions {
         };
         let mut held_out = vec![false; suggested.len()];
         for &camera in test_cameras {
-            *held_out
-                .get_mut(camera)
-                .ok_or_else(|| DatasetError::Option {
-                    option: "--test-cameras",
-                    expected: format!("camera indices from 0 to {}", suggested.len() - 1),
-                    found: camera.to_string(),
-                })? = true;
+            *held_out.get_mut(camera).ok_or_else(|| Error::LoadOption {
+                option: "--test-cameras",
+                expected: format!("camera indices from 0 to {}", suggested.len() - 1),
+                found: camera.to_string(),
+            })? = true;
         }
         Ok(held_out)
     }

@@ -5,7 +5,8 @@ use std::path::{Path, PathBuf};
 use super::partition::Partition;
 use super::poses::colmap::{MODEL_FOLDERS, RIG_MODEL_FOLDERS, read_model_points};
 use super::view::View;
-use crate::files::{self, DatasetError};
+use crate::Error;
+use crate::files::{self};
 use crate::ply::{PointCloud, read_points};
 
 /// Files with initial points, in the order in which they are looked for.
@@ -47,7 +48,7 @@ pub(crate) fn find_points(
     root: &Path,
     named: Option<&Path>,
     models: Models,
-) -> Result<Option<PointCloud>, DatasetError> {
+) -> Result<Option<PointCloud>, Error> {
     let known = || known_point_file(root);
     if let Some(file) = named.map(Path::to_path_buf).or_else(known) {
         return Ok(Some(read_points(&file)?).filter(|points| !points.is_empty()));
@@ -88,7 +89,7 @@ pub(crate) fn find_named_points(
     root: &Path,
     (name, listed_in): (Option<&str>, &Path),
     models: Models,
-) -> Result<Option<PointCloud>, DatasetError> {
+) -> Result<Option<PointCloud>, Error> {
     let Some(name) = name else {
         return find_points(root, None, models);
     };
@@ -105,7 +106,7 @@ pub(crate) fn find_named_points(
 }
 
 /// The first of the models with one frame each.
-fn first_frames_model(root: &Path) -> Result<Option<PathBuf>, DatasetError> {
+fn first_frames_model(root: &Path) -> Result<Option<PathBuf>, Error> {
     let of_frame = |name: &String| {
         let frame = name.strip_prefix("colmap_");
         frame.is_some_and(|digits| digits.parse::<u32>().is_ok())
@@ -115,10 +116,7 @@ fn first_frames_model(root: &Path) -> Result<Option<PathBuf>, DatasetError> {
 }
 
 /// Points with the median colour of their pixels in some training views; gray where no view shows them.
-pub(crate) fn colored(
-    positions: Vec<[f64; 3]>,
-    views: &[View],
-) -> Result<PointCloud, DatasetError> {
+pub(crate) fn colored(positions: Vec<[f64; 3]>, views: &[View]) -> Result<PointCloud, Error> {
     let train: Vec<&View> = views
         .iter()
         .filter(|v| v.partition == Partition::Train)

@@ -1,7 +1,7 @@
 //! From the times that files state to frames and times in [0, 1].
 
 use super::options::LoadOptions;
-use crate::files::DatasetError;
+use crate::Error;
 
 /// Times closer than this are one frame.
 const SAME_TIME: f64 = 1e-6;
@@ -86,7 +86,7 @@ pub(crate) fn same_time(stated: &[f64], camera_of: &[usize]) -> f64 {
 ///
 /// # Errors
 /// When none of them is wanted.
-pub(crate) fn frames(options: &LoadOptions, stated: &[f64]) -> Result<Placement, DatasetError> {
+pub(crate) fn frames(options: &LoadOptions, stated: &[f64]) -> Result<Placement, Error> {
     frames_within(options, stated, SAME_TIME)
 }
 
@@ -99,7 +99,7 @@ pub(crate) fn frames_within(
     options: &LoadOptions,
     stated: &[f64],
     same_time: f64,
-) -> Result<Placement, DatasetError> {
+) -> Result<Placement, Error> {
     let mut all: Vec<f64> = stated.to_vec();
     all.sort_by(f64::total_cmp);
     all.dedup_by(|later, earlier| *later - *earlier < same_time);

@@ -11,7 +11,7 @@ use super::pixels::decode::decode_mask;
 use super::pixels::frames::Pixels;
 use super::pixels::image::ImageData;
 use super::pixels::lens::{Lens, without_distortion};
-use crate::files::DatasetError;
+use crate::Error;
 
 /// One image of a capture. Clones share the image.
 #[derive(Debug, Clone)]
@@ -66,7 +66,7 @@ pub(crate) struct MotionFile {
 
 impl MotionFile {
     /// The mask on the pixels of the undistorted image, `[H * W]` of 0 and 255.
-    fn read(&self, width: usize, height: usize) -> Result<Vec<u8>, DatasetError> {
+    fn read(&self, width: usize, height: usize) -> Result<Vec<u8>, Error> {
         let full_size = (self.camera.width, self.camera.height);
         let mask = decode_mask(&self.path, full_size)?;
         let flat = without_distortion(mask, &self.camera, self.lens.as_ref());
@@ -109,7 +109,7 @@ impl View {
     ///
     /// # Errors
     /// When an image on demand is damaged or gone.
-    pub fn rgb(&self, background: [f32; 3]) -> Result<Vec<f32>, DatasetError> {
+    pub fn rgb(&self, background: [f32; 3]) -> Result<Vec<f32>, Error> {
         Ok(self.pixels.get()?.rgb(background))
     }
 
@@ -118,7 +118,7 @@ impl View {
         &self,
         background: [f32; 3],
         rows: Range<usize>,
-    ) -> Result<Vec<f32>, DatasetError> {
+    ) -> Result<Vec<f32>, Error> {
         Ok(self.pixels.get()?.rgb_rows(background, rows))
     }
 
@@ -126,7 +126,7 @@ impl View {
     ///
     /// # Errors
     /// As [`rgb`](Self::rgb).
-    pub fn alpha(&self) -> Result<Option<Vec<f32>>, DatasetError> {
+    pub fn alpha(&self) -> Result<Option<Vec<f32>>, Error> {
         Ok(self.pixels.get()?.alpha())
     }
 
@@ -135,7 +135,7 @@ impl View {
         &self,
         max_side: usize,
         background: [f32; 3],
-    ) -> Result<SmallView, DatasetError> {
+    ) -> Result<SmallView, Error> {
         let image = self.pixels.get()?;
         let (width, height) = (self.camera.width, self.camera.height);
         let longer = width.max(height);
@@ -163,7 +163,7 @@ impl View {
     pub fn rgb_and_counted(
         &self,
         background: [f32; 3],
-    ) -> Result<(Vec<f32>, Option<Vec<f32>>), DatasetError> {
+    ) -> Result<(Vec<f32>, Option<Vec<f32>>), Error> {
         let image = self.pixels.get()?;
         let counted = image.counted.as_ref().map(|mask| {
             mask.iter()
@@ -180,7 +180,7 @@ impl View {
     pub(crate) fn with_plain_rgb<T>(
         &self,
         work: impl FnOnce(&[u8]) -> T,
-    ) -> Result<Option<T>, DatasetError> {
+    ) -> Result<Option<T>, Error> {
         let image = self.pixels.get()?;
         let is_plain = !image.has_alpha() && image.counted.is_none();
         Ok(is_plain.then(|| work(&image.pixels)))
@@ -196,7 +196,7 @@ impl View {
     ///
     /// # Errors
     /// As [`rgb`](Self::rgb).
-    pub fn motion_mask(&self) -> Result<Option<Arc<Vec<u8>>>, DatasetError> {
+    pub fn motion_mask(&self) -> Result<Option<Arc<Vec<u8>>>, Error> {
         match &self.motion_mask {
             None => Ok(None),
             Some(MotionMask::Ready(mask)) => Ok(Some(mask.clone())),

@@ -3,7 +3,8 @@
 use dash_kernels::Camera;
 
 use super::cloud::Cloud;
-use crate::dataset::{Dataset, DatasetError, View};
+use crate::Error;
+use crate::dataset::{Dataset, View};
 use crate::numbers::median;
 
 /// Largest mean difference of the channels between a pixel and a point of the same colour.
@@ -35,7 +36,7 @@ pub(super) struct Picture {
 }
 
 /// The earliest picture of every camera, evenly chosen among them if there are very many.
-pub(super) fn first_pictures(dataset: &Dataset) -> Result<Vec<Picture>, DatasetError> {
+pub(super) fn first_pictures(dataset: &Dataset) -> Result<Vec<Picture>, Error> {
     let mut first: std::collections::BTreeMap<usize, &View> = std::collections::BTreeMap::new();
     for view in &dataset.views {
         let known = first.entry(view.camera_index).or_insert(view);
@@ -51,7 +52,7 @@ pub(super) fn first_pictures(dataset: &Dataset) -> Result<Vec<Picture>, DatasetE
 }
 
 impl Picture {
-    fn of(view: &View, background: Option<[f32; 3]>) -> Result<Self, DatasetError> {
+    fn of(view: &View, background: Option<[f32; 3]>) -> Result<Self, Error> {
         let rgb = view.rgb(background.unwrap_or([0.0; 3]))?;
         let (width, height) = (view.camera.width, view.camera.height);
         let block = (1..).find(|b| (width / b) * (height / b) <= MAX_PICTURE_PIXELS);

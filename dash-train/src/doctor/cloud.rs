@@ -11,7 +11,8 @@ use rand::SeedableRng;
 use rand_pcg::Pcg64;
 
 use super::finding::{Finding, percent};
-use crate::dataset::{Dataset, DatasetError, known_point_file};
+use crate::Error;
+use crate::dataset::{Dataset, known_point_file};
 use crate::ply::{PointCloud, read_points_counting};
 use crate::train::core::capture::start_span;
 use crate::train::core::hold_out::hold_out;
@@ -215,7 +216,7 @@ pub(super) fn inside(cloud: &Cloud, cameras: &[Camera]) -> Option<Finding> {
 
 /// The box that training would give to the 4D field, and whether it would use the points for it: if the
 /// pictures show their colours. Otherwise it is the box of what several views agree on.
-pub(super) fn training_box(dataset: &Dataset) -> Result<(SpaceBox, bool), DatasetError> {
+pub(super) fn training_box(dataset: &Dataset) -> Result<(SpaceBox, bool), Error> {
     let (train_views, _) = hold_out(dataset);
     let views = views_at_start(dataset, &train_views, start_span(dataset, &train_views));
     let sweep = Sweep::new(&views, dataset.background.unwrap_or([0.0; 3]))?;

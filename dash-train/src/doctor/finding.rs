@@ -4,7 +4,7 @@ use std::fmt;
 
 use serde::Serialize;
 
-use crate::dataset::DatasetError;
+use crate::Error;
 
 /// Names that are listed before the rest is only counted.
 const NAMES_SHOWN: usize = 8;
@@ -69,9 +69,9 @@ impl Finding {
     }
 
     /// What a reader refused.
-    pub(super) fn refused(check: &'static str, error: &DatasetError) -> Self {
+    pub(super) fn refused(check: &'static str, error: &Error) -> Self {
         let (text, mend) = match error {
-            DatasetError::Invalid {
+            Error::Invalid {
                 path,
                 expected,
                 found,
@@ -80,11 +80,11 @@ impl Finding {
                 format!("{}: expected {expected}, found {found}", path.display()),
                 remedy.as_str(),
             ),
-            DatasetError::Image { path, reason } => (
+            Error::ImageDecode { path, reason } => (
                 format!("{}: cannot be decoded: {reason}", path.display()),
                 "replace the file, or remove that frame from every camera",
             ),
-            DatasetError::Video { path, reason } => (
+            Error::VideoDecode { path, reason } => (
                 format!("{}: cannot be decoded: {reason}", path.display()),
                 "write the video again (ffmpeg -i OLD -c:v libx264 NEW.mp4), or train with --skip-broken",
             ),

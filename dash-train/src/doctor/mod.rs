@@ -38,11 +38,11 @@ use serde::Serialize;
 pub use finding::{Finding, Severity};
 pub use timing::TimedOn;
 
+use crate::Error;
 use crate::dataset::{
-    Dataset, DatasetError, FarScene, Layout, LoadOptions, Partition, View, load_decodable,
-    poses_alone,
+    Dataset, FarScene, Layout, LoadOptions, Partition, View, load_decodable, poses_alone,
 };
-use crate::video::{VideoError, write_png};
+use crate::video::write_png;
 use cloud::Cloud;
 use picture::{DrawnCamera, Sketch};
 
@@ -70,7 +70,7 @@ impl Diagnosis {
     ///
     /// # Errors
     /// The system's, naming the file.
-    pub fn write_picture(&self, path: &Path) -> Result<(), VideoError> {
+    pub fn write_picture(&self, path: &Path) -> Result<(), Error> {
         let picture = self.picture();
         let (width, height) = (picture.width() as usize, picture.height() as usize);
         write_png(path, width, height, picture.as_raw())
@@ -151,7 +151,7 @@ fn poses_only(root: &Path, layout: Layout, findings: &mut Vec<Finding>) -> Vec<D
 
 fn all_checks(
     dataset: &Dataset,
-    broken: &[DatasetError],
+    broken: &[Error],
     memory: Option<u64>,
     findings: &mut Vec<Finding>,
 ) -> Sketch {
@@ -172,7 +172,7 @@ fn all_checks(
 /// What can be decoded, and what the dataset contains.
 fn check_frames(
     dataset: &Dataset,
-    broken: &[DatasetError],
+    broken: &[Error],
     looked: &tracks::Tracks,
     findings: &mut Vec<Finding>,
 ) {

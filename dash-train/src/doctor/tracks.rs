@@ -6,7 +6,8 @@ use std::collections::BTreeMap;
 use rayon::prelude::*;
 
 use super::contents::is_rig;
-use crate::dataset::{Dataset, DatasetError, View};
+use crate::Error;
+use crate::dataset::{Dataset, View};
 use crate::numbers::median;
 
 /// Pixels that are decoded at most; of longer captures, every camera's first frames.
@@ -81,7 +82,7 @@ pub(super) struct Tracks {
     /// Frames per track that were not looked at.
     pub(super) left_out: usize,
     /// Pictures that could not be read.
-    pub(super) broken: Vec<DatasetError>,
+    pub(super) broken: Vec<Error>,
 }
 
 /// Looks at every picture, or at the first of every camera if there are very many.
@@ -105,7 +106,7 @@ pub(super) fn look(dataset: &Dataset) -> Tracks {
         .max(MIN_FRAMES)
         .min(longest);
     let background = dataset.background.unwrap_or([0.0; 3]);
-    let followed: Vec<(Track, Vec<DatasetError>)> = by_camera
+    let followed: Vec<(Track, Vec<Error>)> = by_camera
         .into_par_iter()
         .map(|(_, mut views)| {
             views.sort_by(|&a, &b| {
@@ -116,7 +117,7 @@ pub(super) fn look(dataset: &Dataset) -> Tracks {
             follow(dataset, &views, carried, background)
         })
         .collect();
-    let (tracks, broken): (Vec<Track>, Vec<Vec<DatasetError>>) = followed.into_iter().unzip();
+    let (tracks, broken): (Vec<Track>, Vec<Vec<Error>>) = followed.into_iter().unzip();
     Tracks {
         tracks,
         standing: !carried,
@@ -131,7 +132,7 @@ fn follow(
     views: &[usize],
     carried: bool,
     background: [f32; 3],
-) -> (Track, Vec<DatasetError>) {
+) -> (Track, Vec<Error>) {
     let mut broken = Vec::new();
     let mut track = Track {
         name: String::new(),

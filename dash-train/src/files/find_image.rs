@@ -2,14 +2,14 @@
 
 use std::path::{Path, PathBuf};
 
-use super::error::DatasetError;
 use super::names::{IMAGE_EXTENSIONS, UNREAD_EXTENSIONS, has_extension};
+use crate::Error;
 
 /// The image of this name: as it stands, else with an extension added, else with another extension.
 ///
 /// # Errors
 /// Says what was tried, and whether the image is there in a format that is not read.
-pub(crate) fn find_image(file: PathBuf, listed_in: &Path) -> Result<PathBuf, DatasetError> {
+pub(crate) fn find_image(file: PathBuf, listed_in: &Path) -> Result<PathBuf, Error> {
     let is_file = |path: &PathBuf| path.is_file();
     if is_file(&file) {
         return Ok(file);
@@ -30,13 +30,13 @@ pub(crate) fn find_image(file: PathBuf, listed_in: &Path) -> Result<PathBuf, Dat
         .into_iter()
         .find(is_file);
     Err(match unread {
-        Some(unread) => DatasetError::invalid(
+        Some(unread) => Error::invalid(
             listed_in,
             expected,
             format!("{}: only PNG and JPEG are read", unread.display()),
             "convert the images, or leave it out with --skip-broken",
         ),
-        None => DatasetError::invalid(
+        None => Error::invalid(
             listed_in,
             expected,
             "no such file",

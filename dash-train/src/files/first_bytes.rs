@@ -6,7 +6,7 @@ use std::path::Path;
 
 use serde::de::DeserializeOwned;
 
-use super::error::DatasetError;
+use crate::Error;
 
 /// Some editors write it before UTF-8; parsers of JSON and text trip over it.
 const BYTE_ORDER_MARK: &[u8] = b"\xef\xbb\xbf";
@@ -24,13 +24,9 @@ pub(crate) fn without_mark(text: &str) -> &str {
 }
 
 /// Refuses the bytes of a file when they are a Git LFS pointer in place of what is `expected`.
-pub(crate) fn refuse_pointer(
-    path: &Path,
-    bytes: &[u8],
-    expected: &str,
-) -> Result<(), DatasetError> {
+pub(crate) fn refuse_pointer(path: &Path, bytes: &[u8], expected: &str) -> Result<(), Error> {
     if bytes.starts_with(LFS_POINTER) {
-        return Err(DatasetError::invalid(
+        return Err(Error::invalid(
             path,
             expected,
             "a Git LFS pointer, not the file itself",
@@ -41,7 +37,7 @@ pub(crate) fn refuse_pointer(
 }
 
 /// [`refuse_pointer`] for a file that is not in memory; one that can't be read is left to its reader.
-pub(crate) fn refuse_pointer_file(path: &Path, expected: &str) -> Result<(), DatasetError> {
+pub(crate) fn refuse_pointer_file(path: &Path, expected: &str) -> Result<(), Error> {
     let mut bytes = Vec::new();
     let read = File::open(path)
         .and_then(|file| file.take(LFS_POINTER.len() as u64).read_to_end(&mut bytes));

@@ -3,15 +3,15 @@
 use std::fs;
 use std::path::{Path, PathBuf};
 
-use super::error::DatasetError;
 use super::names::{IMAGE_EXTENSIONS, UNREAD_EXTENSIONS, has_extension, natural_cmp};
+use crate::Error;
 
 /// Refuses a file in place of a folder; a missing path is left to its reader.
-pub(crate) fn require_folder(path: &Path) -> Result<(), DatasetError> {
+pub(crate) fn require_folder(path: &Path) -> Result<(), Error> {
     if !path.is_file() {
         return Ok(());
     }
-    Err(DatasetError::invalid(
+    Err(Error::invalid(
         path,
         "a folder",
         "a file",
@@ -20,11 +20,11 @@ pub(crate) fn require_folder(path: &Path) -> Result<(), DatasetError> {
 }
 
 /// The names in a folder, hidden ones left out, in natural order.
-pub(crate) fn list(folder: &Path) -> Result<Vec<String>, DatasetError> {
+pub(crate) fn list(folder: &Path) -> Result<Vec<String>, Error> {
     require_folder(folder)?;
     let mut names = Vec::new();
-    for entry in fs::read_dir(folder).map_err(DatasetError::io(folder))? {
-        let entry = entry.map_err(DatasetError::io(folder))?;
+    for entry in fs::read_dir(folder).map_err(Error::access(folder))? {
+        let entry = entry.map_err(Error::access(folder))?;
         if let Ok(name) = entry.file_name().into_string()
             && !name.starts_with('.')
         {
@@ -36,7 +36,7 @@ pub(crate) fn list(folder: &Path) -> Result<Vec<String>, DatasetError> {
 }
 
 /// The image files directly in a folder, in natural order.
-pub(crate) fn list_images(folder: &Path) -> Result<Vec<PathBuf>, DatasetError> {
+pub(crate) fn list_images(folder: &Path) -> Result<Vec<PathBuf>, Error> {
     let names = list(folder)?;
     let images = names
         .iter()

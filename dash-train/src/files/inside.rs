@@ -2,7 +2,7 @@
 
 use std::path::{Component, Path, PathBuf};
 
-use super::error::DatasetError;
+use crate::Error;
 
 /// `name` in tidy form (no `.`, no `..`), or `None` when it is absolute, empty or would leave its folder.
 pub(crate) fn confine(name: &str) -> Option<PathBuf> {
@@ -23,7 +23,7 @@ pub(crate) fn confine(name: &str) -> Option<PathBuf> {
 ///
 /// # Errors
 /// Names the file that lists it, when it lies outside.
-pub(crate) fn confined(root: &Path, name: &str, listed_in: &Path) -> Result<PathBuf, DatasetError> {
+pub(crate) fn confined(root: &Path, name: &str, listed_in: &Path) -> Result<PathBuf, Error> {
     // Except on Windows, a name may contain backslashes.
     let written = match name.contains('\\') && !root.join(name).exists() {
         true => name.replace('\\', "/"),
@@ -31,7 +31,7 @@ pub(crate) fn confined(root: &Path, name: &str, listed_in: &Path) -> Result<Path
     };
     let inside = confine(&written).or_else(|| lead_back(root, &written));
     let inside = inside.ok_or_else(|| {
-        DatasetError::invalid(
+        Error::invalid(
             listed_in,
             "file names inside the dataset's folder",
             format!("{name:?}"),

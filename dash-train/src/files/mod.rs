@@ -5,16 +5,13 @@
 //! | `names.rs`, `folder.rs` | order, numbers and extensions of names; listings |
 //! | `inside.rs`, `find_image.rs` | from a path that a file lists to the file that is meant |
 //! | `first_bytes.rs` | byte order marks, Git LFS pointers |
-//! | `error.rs` | the error of every reader |
 
-mod error;
 mod find_image;
 mod first_bytes;
 mod folder;
 mod inside;
 mod names;
 
-pub use error::DatasetError;
 pub(crate) use find_image::find_image;
 pub(crate) use first_bytes::{parse_json, refuse_pointer, refuse_pointer_file, without_mark};
 pub(crate) use folder::{list, list_images, require_folder, unread_images};

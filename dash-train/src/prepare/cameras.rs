@@ -6,9 +6,9 @@ use std::path::{Path, PathBuf};
 use super::cloud::{self, CloudCounts};
 use super::colmap::Colmap;
 use super::config::PrepareConfig;
-use super::error::PrepareError;
 use super::random::random_points;
 use super::reconstruct;
+use crate::Error;
 use crate::dataset::poses::known::KnownCamera;
 use crate::ply::PointCloud;
 
@@ -29,7 +29,7 @@ pub(super) fn find_cameras_and_points(
     first_frames: &[PathBuf],
     sizes: &[[usize; 2]],
     names: &[String],
-) -> Result<Found, PrepareError> {
+) -> Result<Found, Error> {
     let given = || match &config.poses {
         Some(path) => format!("from {}", path.display()),
         None => "known".into(),
@@ -80,7 +80,7 @@ pub(super) fn find_colmap(
     workspace: &Path,
     config: &PrepareConfig,
     program: Option<OsString>,
-) -> Result<Colmap, PrepareError> {
+) -> Result<Colmap, Error> {
     let (purpose, instead) = match config.poses {
         Some(_) => (
             "points with the known poses",
@@ -100,7 +100,7 @@ pub(super) fn check_lenses(
     names: &[String],
     cameras: &[KnownCamera],
     config: &PrepareConfig,
-) -> Result<(), PrepareError> {
+) -> Result<(), Error> {
     let remedy = match config.poses {
         Some(_) => "undistort the pictures first and give poses without distortion",
         None => "the lens was not found well: try --camera-model simple-radial, or --lens shared",
@@ -108,7 +108,7 @@ pub(super) fn check_lenses(
     let folds = |(_, known): &(&String, &KnownCamera)| !known.lens_can_be_undone();
     match names.iter().zip(cameras).find(folds) {
         None => Ok(()),
-        Some((name, known)) => Err(PrepareError::invalid(
+        Some((name, known)) => Err(Error::invalid(
             input,
             "lens distortion that can be undone over the whole picture",
             format!(

@@ -6,7 +6,7 @@ use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 
-use super::PrepareError;
+use crate::Error;
 
 /// The program that finds poses and points.
 pub const COLMAP: &str = "colmap";
@@ -49,7 +49,7 @@ impl Colmap {
         workspace: &Path,
         purpose: &'static str,
         instead: &'static str,
-    ) -> Result<Self, PrepareError> {
+    ) -> Result<Self, Error> {
         let program = std::env::var_os(COLMAP_VARIABLE)
             .filter(|program| !program.is_empty())
             .unwrap_or_else(|| COLMAP.into());
@@ -61,16 +61,16 @@ impl Colmap {
         workspace: &Path,
         purpose: &'static str,
         instead: &'static str,
-    ) -> Result<Self, PrepareError> {
+    ) -> Result<Self, Error> {
         let mut command = headless(&program);
         let help = command.args(["feature_extractor", "-h"]).output();
         let help = help.map_err(|e| match e.kind() {
-            ErrorKind::NotFound => PrepareError::ColmapMissing {
+            ErrorKind::NotFound => Error::ColmapMissing {
                 purpose,
                 program: program.to_string_lossy().into_owned(),
                 instead,
             },
-            _ => PrepareError::io(Path::new(&program))(e),
+            _ => Error::access(Path::new(&program))(e),
         })?;
         let help = [help.stdout, help.stderr].concat();
         let has_new_names = String::from_utf8_lossy(&help).contains("--FeatureExtraction.use_gpu");
@@ -83,14 +83,10 @@ impl Colmap {
     }
 
     /// Finds features in every image of the folder and matches those of every pair; returns the database.
-    pub(super) fn match_features(
-        &self,
-        images: &Path,
-        lenses: Lenses,
-    ) -> Result<PathBuf, PrepareError> {
+    pub(super) fn match_features(&self, images: &Path, lenses: Lenses) -> Result<PathBuf, Error> {
         let database = self.workspace.join("database.db");
         if database.is_file() {
-            fs::remove_file(&database).map_err(PrepareError::io(&database))?;
+            fs::remove_file(&database).map_err(Error::access(&database))?;
         }
         self.run(
             "feature_extractor",
@@ -144,7 +140,7 @@ impl Colmap {
     }
 
     /// Structure from motion; the folders of its models, none where it found no initial pair.
-    pub(super) fn map(&self, database: &Path, images: &Path) -> Result<Vec<PathBuf>, PrepareError> {
+    pub(super) fn map(&self, database: &Path, images: &Path) -> Result<Vec<PathBuf>, Error> {
         let out = self.fresh_folder("models")?;
         let mut args = Arguments::default();
         args.path("--database_path", database)
@@ -163,10 +159,10 @@ impl Colmap {
                 return Err(error);
             }
         }
-        let entries = fs::read_dir(&out).map_err(PrepareError::io(&out))?;
+        let entries = fs::read_dir(&out).map_err(Error::access(&out))?;
         let mut models = Vec::new();
         for entry in entries {
-            let path = entry.map_err(PrepareError::io(&out))?.path();
+            let path = entry.map_err(Error::access(&out))?.path();
             if path.is_dir() {
                 models.push(path);
             }
@@ -181,7 +177,7 @@ impl Colmap {
         database: &Path,
         images: &Path,
         known: &Path,
-    ) -> Result<PathBuf, PrepareError> {
+    ) -> Result<PathBuf, Error> {
         let out = self.fresh_folder("triangulated")?;
         let mut args = Arguments::default();
         args.path("--database_path", database)
@@ -200,12 +196,12 @@ impl Colmap {
         Ok(out)
     }
 
-    pub(super) fn fresh_folder(&self, name: &str) -> Result<PathBuf, PrepareError> {
+    pub(super) fn fresh_folder(&self, name: &str) -> Result<PathBuf, Error> {
         let folder = self.workspace.join(name);
         if folder.is_dir() {
-            fs::remove_dir_all(&folder).map_err(PrepareError::io(&folder))?;
+            fs::remove_dir_all(&folder).map_err(Error::access(&folder))?;
         }
-        fs::create_dir(&folder).map_err(PrepareError::io(&folder))?;
+        fs::create_dir(&folder).map_err(Error::access(&folder))?;
         Ok(folder)
     }
 
@@ -218,23 +214,23 @@ impl Colmap {
         step: &'static str,
         args: &[OsString],
         remedy: &'static str,
-    ) -> Result<(), PrepareError> {
+    ) -> Result<(), Error> {
         let path = self.log(step);
         // COLMAP complains on either stream and writes megabytes.
-        let log = File::create(&path).map_err(PrepareError::io(&path))?;
-        let complaints = log.try_clone().map_err(PrepareError::io(&path))?;
+        let log = File::create(&path).map_err(Error::access(&path))?;
+        let complaints = log.try_clone().map_err(Error::access(&path))?;
         let status = headless(&self.program)
             .arg(step)
             .args(args)
             .stdout(log)
             .stderr(complaints)
             .status()
-            .map_err(PrepareError::io(Path::new(&self.program)))?;
+            .map_err(Error::access(Path::new(&self.program)))?;
         if status.success() {
             return Ok(());
         }
         let log = fs::read(&path).unwrap_or_default();
-        Err(PrepareError::ColmapFailed {
+        Err(Error::ColmapFailed {
             step,
             status,
             words: last_words(&String::from_utf8_lossy(&log)),

@@ -6,8 +6,8 @@ use std::path::{Path, PathBuf};
 
 use clap::ValueEnum;
 
-use super::PrepareError;
 use super::frames::FrameSize;
+use crate::Error;
 use crate::files::parse_json;
 
 /// COLMAP's camera models that datasets are read with.
@@ -110,32 +110,32 @@ impl PrepareConfig {
     ///
     /// # Errors
     /// Names the option and says what would fit.
-    pub fn validate(&self) -> Result<(), PrepareError> {
+    pub fn validate(&self) -> Result<(), Error> {
         let rates = [("--fps", self.fps), ("--image-fps", Some(self.image_rate))];
         for (option, rate) in rates {
             if let Some(rate) = rate.filter(|rate| !(*rate > 0.0 && *rate <= 1e4)) {
                 let expected = "a number of frames a second above 0, at most 10000";
-                return Err(PrepareError::setting(option, expected, rate));
+                return Err(Error::prepare_setting(option, expected, rate));
             }
         }
         for (option, time) in [("--start", self.start), ("--end", self.end)] {
             if let Some(time) = time.filter(|time| !time.is_finite()) {
-                return Err(PrepareError::setting(option, "a time in seconds", time));
+                return Err(Error::prepare_setting(option, "a time in seconds", time));
             }
         }
         if let (Some(start), Some(end)) = (self.start, self.end)
             && end < start
         {
             let expected = format!("a time not before --start {start}");
-            return Err(PrepareError::setting("--end", expected, end));
+            return Err(Error::prepare_setting("--end", expected, end));
         }
         match self.size {
             FrameSize::Height(0) => {
-                return Err(PrepareError::setting("--height", "at least 1 pixel", 0));
+                return Err(Error::prepare_setting("--height", "at least 1 pixel", 0));
             }
             FrameSize::Downscale(factor) if !(factor >= 1.0 && factor.is_finite()) => {
                 let expected = "a factor of at least 1";
-                return Err(PrepareError::setting("--downscale", expected, factor));
+                return Err(Error::prepare_setting("--downscale", expected, factor));
             }
             _ => {}
         }
@@ -146,11 +146,11 @@ impl PrepareConfig {
         for (option, count) in counts {
             if let Some(count) = count.filter(|count| !(1..=MAX_POINTS).contains(count)) {
                 let expected = format!("from 1 to {MAX_POINTS} points");
-                return Err(PrepareError::setting(option, expected, count));
+                return Err(Error::prepare_setting(option, expected, count));
             }
         }
         if self.random_points.is_some() && self.poses.is_none() {
-            return Err(PrepareError::setting(
+            return Err(Error::prepare_setting(
                 "--random-points",
                 "known poses too (--poses), since random points have nothing to find poses by",
                 "none",
@@ -161,20 +161,20 @@ impl PrepareConfig {
 }
 
 /// For each of `n` cameras whether it is held out.
-pub(super) fn held_out(indices: &[usize], n: usize) -> Result<Vec<bool>, PrepareError> {
+pub(super) fn held_out(indices: &[usize], n: usize) -> Result<Vec<bool>, Error> {
     let mut held_out = vec![false; n];
     for &index in indices {
         match held_out.get_mut(index) {
             Some(held_out) => *held_out = true,
             None => {
                 let expected = format!("camera indices from 0 to {}", n.saturating_sub(1));
-                return Err(PrepareError::setting("--test-cameras", expected, index));
+                return Err(Error::prepare_setting("--test-cameras", expected, index));
             }
         }
     }
     if held_out.iter().all(|&held_out| held_out) {
         let expected = "at least one camera to train on";
-        return Err(PrepareError::setting(
+        return Err(Error::prepare_setting(
             "--test-cameras",
             expected,
             format!("all {n} held out"),
@@ -184,10 +184,10 @@ pub(super) fn held_out(indices: &[usize], n: usize) -> Result<Vec<bool>, Prepare
 }
 
 /// The seconds of each camera, zero where the file has none.
-pub(super) fn read_offsets(path: &Path, names: &[String]) -> Result<Vec<f64>, PrepareError> {
-    let bytes = fs::read(path).map_err(PrepareError::io(path))?;
+pub(super) fn read_offsets(path: &Path, names: &[String]) -> Result<Vec<f64>, Error> {
+    let bytes = fs::read(path).map_err(Error::access(path))?;
     let malformed = |found: String| {
-        PrepareError::invalid(
+        Error::invalid(
             path,
             "JSON with seconds by camera, such as {\"cam01\": 0.033}",
             found,

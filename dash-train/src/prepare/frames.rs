@@ -5,9 +5,9 @@ use std::path::{Path, PathBuf};
 
 use rayon::prelude::*;
 
-use super::PrepareError;
 use super::schedule::{Schedule, Timeline};
 use super::sources::{Recording, Source, image_times};
+use crate::Error;
 use crate::dataset::pixels::dimensions;
 use crate::dataset::pixels::shrink::write_resized;
 use crate::files;
@@ -45,7 +45,7 @@ pub(super) fn timelines(
     sources: &[Source],
     offsets: &[f64],
     image_rate: f64,
-) -> Result<Vec<Timeline>, PrepareError> {
+) -> Result<Vec<Timeline>, Error> {
     let images: Vec<&[PathBuf]> = sources
         .iter()
         .filter_map(|source| match &source.recording {
@@ -83,8 +83,8 @@ pub(super) fn first_frames(
     timelines: &[Timeline],
     schedule: &Schedule,
     folder: &Path,
-) -> Result<Vec<PathBuf>, PrepareError> {
-    fs::create_dir_all(folder).map_err(PrepareError::io(folder))?;
+) -> Result<Vec<PathBuf>, Error> {
+    fs::create_dir_all(folder).map_err(Error::access(folder))?;
     sources
         .par_iter()
         .zip(timelines)
@@ -93,19 +93,19 @@ pub(super) fn first_frames(
             Recording::Images(images) => {
                 let image = &images[timeline.nearest(schedule.start)];
                 let to = folder.join(format!("{index:04}.{}", extension(image)));
-                fs::copy(image, &to).map_err(PrepareError::io(image))?;
+                fs::copy(image, &to).map_err(Error::access(image))?;
                 Ok(to)
             }
             Recording::Video(video) => {
                 let own = folder.join(format!("{index:04}"));
-                fs::create_dir(&own).map_err(PrepareError::io(&own))?;
+                fs::create_dir(&own).map_err(Error::access(&own))?;
                 write_frames(video, &own, &selection(timeline, schedule, 1, None))?;
                 let (from, to) = (own.join("0000.png"), folder.join(format!("{index:04}.png")));
                 if !from.is_file() {
                     return Err(no_frame(video, schedule.start));
                 }
-                fs::rename(&from, &to).map_err(PrepareError::io(&to))?;
-                fs::remove_dir(&own).map_err(PrepareError::io(&own))?;
+                fs::rename(&from, &to).map_err(Error::access(&to))?;
+                fs::remove_dir(&own).map_err(Error::access(&own))?;
                 Ok(to)
             }
         })
@@ -121,12 +121,12 @@ pub(super) fn write_all(
     sizes: &[[usize; 2]],
     recorded_sizes: &[[usize; 2]],
     dataset: &Path,
-) -> Result<(Vec<Vec<PathBuf>>, usize), PrepareError> {
+) -> Result<(Vec<Vec<PathBuf>>, usize), Error> {
     let mut cameras = (0..sources.len())
         .into_par_iter()
         .map(|index| {
             let folder = dataset.join(&sources[index].name).join("images");
-            fs::create_dir_all(&folder).map_err(PrepareError::io(&folder))?;
+            fs::create_dir_all(&folder).map_err(Error::access(&folder))?;
             let size = (sizes[index] != recorded_sizes[index]).then_some(sizes[index]);
             let timeline = &timelines[index];
             match &sources[index].recording {
@@ -142,12 +142,12 @@ pub(super) fn write_all(
                 }
             }
         })
-        .collect::<Result<Vec<Vec<PathBuf>>, PrepareError>>()?;
+        .collect::<Result<Vec<Vec<PathBuf>>, Error>>()?;
     let lengths = cameras.iter().map(Vec::len).enumerate();
     let (shortest, n_frames) = lengths.min_by_key(|(_, n)| *n).unwrap_or((0, 0));
     for frames in &mut cameras {
         for extra in frames.drain(n_frames..) {
-            fs::remove_file(&extra).map_err(PrepareError::io(&extra))?;
+            fs::remove_file(&extra).map_err(Error::access(&extra))?;
         }
     }
     Ok((cameras, shortest))
@@ -159,7 +159,7 @@ fn copy_images(
     schedule: &Schedule,
     size: Option<[usize; 2]>,
     folder: &Path,
-) -> Result<Vec<PathBuf>, PrepareError> {
+) -> Result<Vec<PathBuf>, Error> {
     (0..schedule.n_frames)
         .into_par_iter()
         .map(|frame| {
@@ -172,7 +172,7 @@ fn copy_images(
             match size {
                 Some(size) => write_resized(image, &to, size)?,
                 None => {
-                    fs::copy(image, &to).map_err(PrepareError::io(image))?;
+                    fs::copy(image, &to).map_err(Error::access(image))?;
                 }
             }
             Ok(to)
@@ -181,10 +181,10 @@ fn copy_images(
 }
 
 /// Width and height of images.
-pub(super) fn sizes(images: &[PathBuf]) -> Result<Vec<[usize; 2]>, PrepareError> {
+pub(super) fn sizes(images: &[PathBuf]) -> Result<Vec<[usize; 2]>, Error> {
     images
         .iter()
-        .map(|image| Ok(dimensions(image).map(|(width, height)| [width, height])?))
+        .map(|image| dimensions(image).map(|(width, height)| [width, height]))
         .collect()
 }
 
@@ -211,8 +211,8 @@ fn extension(image: &Path) -> String {
         .to_ascii_lowercase()
 }
 
-fn no_frame(video: &Path, time: f64) -> PrepareError {
-    PrepareError::invalid(
+fn no_frame(video: &Path, time: f64) -> Error {
+    Error::invalid(
         video,
         format!("a frame at {time:.3} s"),
         "none that could be decoded",

@@ -3,7 +3,7 @@
 //!
 //! | file | what |
 //! | --- | --- |
-//! | `config.rs`, `summary.rs`, `error.rs` | settings, summary, errors |
+//! | `config.rs`, `summary.rs` | settings, summary |
 //! | `sources.rs`, `schedule.rs` | the cameras of a folder; their common times |
 //! | `frames.rs` | frames of videos and of folders of images |
 //! | `cameras.rs`, `colmap.rs`, `reconstruct.rs` | poses and points, known or by the program `colmap` |
@@ -14,7 +14,6 @@ mod cameras;
 mod cloud;
 mod colmap;
 mod config;
-mod error;
 mod frames;
 mod output;
 mod random;
@@ -32,12 +31,12 @@ use std::path::Path;
 pub use cloud::CloudCounts;
 pub use colmap::{COLMAP, COLMAP_VARIABLE};
 pub use config::{CameraModel, LensChoice, PrepareConfig};
-pub use error::PrepareError;
 pub use frames::FrameSize;
 pub use summary::PrepareSummary;
 
+use crate::Error;
 use crate::dataset::poses::known::{self, KnownCamera};
-use crate::dataset::{DatasetError, LoadOptions, load};
+use crate::dataset::{LoadOptions, load};
 use cameras::{Found, check_lenses, find_cameras_and_points, find_colmap};
 use config::{held_out, read_offsets};
 use output::Output;
@@ -55,11 +54,7 @@ const FEW_POINTS: usize = 100;
 /// # Errors
 /// An option that does not fit, recordings without a common time, a missing or failing `ffmpeg` or
 /// `colmap`, cameras whose poses are not found, or an `out` that exists and is not an empty folder.
-pub fn prepare(
-    input: &Path,
-    out: &Path,
-    config: &PrepareConfig,
-) -> Result<PrepareSummary, PrepareError> {
+pub fn prepare(input: &Path, out: &Path, config: &PrepareConfig) -> Result<PrepareSummary, Error> {
     prepare_with(input, out, config, None)
 }
 
@@ -69,7 +64,7 @@ fn prepare_with(
     out: &Path,
     config: &PrepareConfig,
     program: Option<OsString>,
-) -> Result<PrepareSummary, PrepareError> {
+) -> Result<PrepareSummary, Error> {
     config.validate()?;
     let rig = Rig::find(input, config)?;
     let output = Output::create(out)?;
@@ -130,7 +125,7 @@ struct Rig {
 }
 
 impl Rig {
-    fn find(input: &Path, config: &PrepareConfig) -> Result<Self, PrepareError> {
+    fn find(input: &Path, config: &PrepareConfig) -> Result<Self, Error> {
         let sources = sources::find(input)?;
         let names: Vec<String> = sources.iter().map(|source| source.name.clone()).collect();
         Ok(Self {
@@ -152,7 +147,7 @@ struct Clip {
 }
 
 impl Clip {
-    fn of(rig: &Rig, config: &PrepareConfig) -> Result<Self, PrepareError> {
+    fn of(rig: &Rig, config: &PrepareConfig) -> Result<Self, Error> {
         let timelines = frames::timelines(&rig.sources, &rig.offsets, config.image_rate)?;
         let wanted = Wanted {
             fps: config.fps,
@@ -174,7 +169,7 @@ fn write_dataset(
     found: &Found,
     recorded_sizes: &[[usize; 2]],
     size: FrameSize,
-) -> Result<(usize, Option<String>), PrepareError> {
+) -> Result<(usize, Option<String>), Error> {
     let (names, schedule) = (&rig.names, &clip.schedule);
     tracing::info!(
         "writing {} frames of {} cameras",
@@ -234,7 +229,7 @@ fn few_points(n: usize) -> Option<String> {
 }
 
 /// Loads the first frame of every camera as training will, so that unreadable files are an error now.
-fn check(dataset: &Path) -> Result<(), DatasetError> {
+fn check(dataset: &Path) -> Result<(), Error> {
     let options = LoadOptions {
         max_frames: Some(1),
         ..LoadOptions::default()

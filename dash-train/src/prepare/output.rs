@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 
 use tempfile::TempDir;
 
-use super::PrepareError;
+use crate::Error;
 
 /// A scratch folder beside the output, which takes the output's name at the end. Dropped before,
 /// it leaves nothing behind.
@@ -17,20 +17,20 @@ pub(super) struct Output {
 
 impl Output {
     /// Checks that `out` is free and makes the scratch folder.
-    pub(super) fn create(out: &Path) -> Result<Self, PrepareError> {
+    pub(super) fn create(out: &Path) -> Result<Self, Error> {
         let parent = free_parent(out)?;
-        fs::create_dir_all(&parent).map_err(PrepareError::io(&parent))?;
+        fs::create_dir_all(&parent).map_err(Error::access(&parent))?;
         // On the file system of `out`, so that the rename at the end is one step.
         let scratch = tempfile::Builder::new()
             .prefix(".dash-prepare-")
             .tempdir_in(&parent)
-            .map_err(PrepareError::io(&parent))?;
+            .map_err(Error::access(&parent))?;
         let output = Self {
             out: out.to_path_buf(),
             scratch,
         };
         for folder in [output.dataset(), output.workspace()] {
-            fs::create_dir(&folder).map_err(PrepareError::io(&folder))?;
+            fs::create_dir(&folder).map_err(Error::access(&folder))?;
         }
         Ok(output)
     }
@@ -46,25 +46,25 @@ impl Output {
     }
 
     /// Puts the dataset under its name.
-    pub(super) fn finish(self) -> Result<(), PrepareError> {
+    pub(super) fn finish(self) -> Result<(), Error> {
         if self.out.exists() {
             // Not every system renames over an empty folder.
-            fs::remove_dir(&self.out).map_err(PrepareError::io(&self.out))?;
+            fs::remove_dir(&self.out).map_err(Error::access(&self.out))?;
         }
-        fs::rename(self.dataset(), &self.out).map_err(PrepareError::io(&self.out))
+        fs::rename(self.dataset(), &self.out).map_err(Error::access(&self.out))
     }
 }
 
 /// Refuses an output that is not free; returns the folder it is to be in.
-fn free_parent(out: &Path) -> Result<PathBuf, PrepareError> {
+fn free_parent(out: &Path) -> Result<PathBuf, Error> {
     let refuse = |found| {
-        Err(PrepareError::OutputExists {
+        Err(Error::OutputExists {
             path: out.to_path_buf(),
             found,
         })
     };
     if out.file_name().is_none() {
-        return Err(PrepareError::setting(
+        return Err(Error::prepare_setting(
             "OUT",
             "a path that ends in a folder name, such as `data/room`",
             out.display(),
@@ -72,11 +72,11 @@ fn free_parent(out: &Path) -> Result<PathBuf, PrepareError> {
     }
     match fs::symlink_metadata(out) {
         Err(error) if error.kind() == ErrorKind::NotFound => {}
-        Err(error) => return Err(PrepareError::io(out)(error)),
+        Err(error) => return Err(Error::access(out)(error)),
         Ok(found) if found.is_symlink() => return refuse("a link"),
         Ok(found) if !found.is_dir() => return refuse("a file"),
         Ok(_) => {
-            let mut entries = fs::read_dir(out).map_err(PrepareError::io(out))?;
+            let mut entries = fs::read_dir(out).map_err(Error::access(out))?;
             if entries.next().is_some() {
                 return refuse("a folder with files in it");
             }

@@ -5,12 +5,11 @@ use std::path::{Path, PathBuf};
 
 use glam::{DMat3, DQuat};
 
-use super::PrepareError;
 use super::colmap::{Colmap, Lenses};
 use super::config::{CameraModel, LensChoice};
+use crate::Error;
 use crate::dataset::poses::colmap::{TrackedPoint, read_tracked_points};
 use crate::dataset::poses::known::{KnownCamera, model_cameras};
-use crate::files::DatasetError;
 
 /// The camera model of the second attempt, which gives each camera its own lens. One image per camera does not
 /// determine more parameters.
@@ -34,7 +33,7 @@ pub(super) fn from_motion(
     names: &[String],
     model: CameraModel,
     choice: LensChoice,
-) -> Result<Reconstruction, PrepareError> {
+) -> Result<Reconstruction, Error> {
     let folder = folder_of(first_frames);
     let mut best: Option<(Vec<Option<KnownCamera>>, PathBuf, String)> = None;
     for (model, shared) in attempts(model, choice, sizes) {
@@ -51,7 +50,7 @@ pub(super) fn from_motion(
             {
                 // Kept from the next attempt, which empties the folder.
                 let kept = colmap.fresh_folder("best")?.join("model");
-                fs::rename(&path, &kept).map_err(PrepareError::io(&path))?;
+                fs::rename(&path, &kept).map_err(Error::access(&path))?;
                 best = Some((cameras, kept, describe(model, shared)));
             }
         }
@@ -66,7 +65,7 @@ pub(super) fn from_motion(
         );
     }
     let Some((cameras, path, remark)) = best else {
-        return Err(PrepareError::NotRegistered {
+        return Err(Error::NotRegistered {
             missing: names.to_vec(),
             n_cameras: names.len(),
         });
@@ -78,7 +77,7 @@ pub(super) fn from_motion(
         .map(|(name, _)| name.clone())
         .collect();
     if !missing.is_empty() {
-        return Err(PrepareError::NotRegistered {
+        return Err(Error::NotRegistered {
             missing,
             n_cameras: names.len(),
         });
@@ -95,7 +94,7 @@ pub(super) fn triangulate(
     colmap: &Colmap,
     first_frames: &[PathBuf],
     known: &[KnownCamera],
-) -> Result<Vec<TrackedPoint>, PrepareError> {
+) -> Result<Vec<TrackedPoint>, Error> {
     let folder = folder_of(first_frames);
     let lenses = Lenses {
         model: CameraModel::Opencv.name(),
@@ -105,7 +104,7 @@ pub(super) fn triangulate(
     let model = colmap.fresh_folder("known")?;
     write_model(&model, first_frames, known)?;
     let out = colmap.triangulate(&database, folder, &model)?;
-    Ok(read_tracked_points(&out)?)
+    read_tracked_points(&out)
 }
 
 /// Camera models to try, and whether all cameras are taken to have one lens.
@@ -163,14 +162,14 @@ pub(super) fn write_model(
     folder: &Path,
     images: &[PathBuf],
     known: &[KnownCamera],
-) -> Result<(), PrepareError> {
+) -> Result<(), Error> {
     let (mut cameras, mut poses) = (String::new(), String::new());
     for (index, (image, KnownCamera { camera, distortion })) in images.iter().zip(known).enumerate()
     {
         let [k1, k2, k3, k4] = distortion.k;
         let [p1, p2] = distortion.p;
         if k4 != 0.0 {
-            return Err(PrepareError::invalid(
+            return Err(Error::invalid(
                 image,
                 "lens distortion that COLMAP knows, with k4 = 0",
                 format!("k4 = {k4} in the known poses"),
@@ -206,7 +205,7 @@ pub(super) fn write_model(
         ("points3D", String::new()),
     ] {
         let path = folder.join(format!("{name}.txt"));
-        fs::write(&path, text).map_err(|e| PrepareError::from(DatasetError::io(&path)(e)))?;
+        fs::write(&path, text).map_err(Error::access(&path))?;
     }
     Ok(())
 }

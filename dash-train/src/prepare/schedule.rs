@@ -1,6 +1,6 @@
 //! When frames are taken: the range that all cameras cover, sampled at one rate.
 
-use super::PrepareError;
+use crate::Error;
 
 /// Times are equal within this, in seconds.
 const SAME_SECS: f64 = 1e-4;
@@ -83,7 +83,7 @@ pub(super) fn schedule(
     names: &[String],
     timelines: &[Timeline],
     wanted: Wanted,
-) -> Result<Schedule, PrepareError> {
+) -> Result<Schedule, Error> {
     let mut remarks = Vec::new();
     let slowest = timelines
         .iter()
@@ -124,7 +124,7 @@ pub(super) fn schedule(
         .map_or(common_start, |start| start.max(common_start));
     let end = wanted.end.map_or(common_end, |end| end.min(common_end));
     if end < start - SAME_SECS {
-        return Err(PrepareError::setting(
+        return Err(Error::prepare_setting(
             "--start, --end, --offsets",
             "a range of time that every camera has recorded",
             format!(
@@ -137,7 +137,7 @@ pub(super) fn schedule(
     }
     let count = ((end - start).max(0.0) * fps + LAST_FRAME_SLACK).floor() + 1.0;
     if count > MAX_FRAMES {
-        return Err(PrepareError::setting(
+        return Err(Error::prepare_setting(
             "--fps",
             format!("at most {MAX_FRAMES} frames"),
             format!("{count} between {start:.3} s and {end:.3} s"),

@@ -2,7 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
-use super::PrepareError;
+use crate::Error;
 use crate::files::{self, VIDEO_EXTENSIONS};
 
 /// Folders that are searched for cameras if the input has none itself.
@@ -28,7 +28,7 @@ pub(super) enum Recording {
 
 /// The cameras in `input`, by name in natural order: videos, else folders of images, else single
 /// images; where there are none, those in `input/videos` or `input/images`.
-pub(super) fn find(input: &Path) -> Result<Vec<Source>, PrepareError> {
+pub(super) fn find(input: &Path) -> Result<Vec<Source>, Error> {
     let mut folders = vec![input.to_path_buf()];
     folders.extend(INNER_FOLDERS.map(|name| input.join(name)));
     for folder in folders {
@@ -47,7 +47,7 @@ pub(super) fn find(input: &Path) -> Result<Vec<Source>, PrepareError> {
             return check(input, sources);
         }
     }
-    Err(PrepareError::invalid(
+    Err(Error::invalid(
         input,
         format!(
             "one video per camera (.{}), or one folder of images per camera (cam00/0000.png, ..)",
@@ -58,9 +58,9 @@ pub(super) fn find(input: &Path) -> Result<Vec<Source>, PrepareError> {
     ))
 }
 
-fn check(input: &Path, sources: Vec<Source>) -> Result<Vec<Source>, PrepareError> {
+fn check(input: &Path, sources: Vec<Source>) -> Result<Vec<Source>, Error> {
     if let Some(pair) = sources.windows(2).find(|pair| pair[0].name == pair[1].name) {
-        return Err(PrepareError::invalid(
+        return Err(Error::invalid(
             input,
             "one file per camera",
             format!("several of the name `{}`", pair[0].name),
@@ -68,7 +68,7 @@ fn check(input: &Path, sources: Vec<Source>) -> Result<Vec<Source>, PrepareError
         ));
     }
     if let [only] = &sources[..] {
-        return Err(PrepareError::invalid(
+        return Err(Error::invalid(
             input,
             "at least two cameras",
             format!("one, `{}`", only.name),
@@ -78,7 +78,7 @@ fn check(input: &Path, sources: Vec<Source>) -> Result<Vec<Source>, PrepareError
     Ok(sources)
 }
 
-fn videos(folder: &Path) -> Result<Vec<Source>, PrepareError> {
+fn videos(folder: &Path) -> Result<Vec<Source>, Error> {
     let names = files::list(folder)?;
     let paths = names
         .iter()
@@ -93,7 +93,7 @@ fn videos(folder: &Path) -> Result<Vec<Source>, PrepareError> {
         .collect())
 }
 
-fn image_folders(folder: &Path) -> Result<Vec<Source>, PrepareError> {
+fn image_folders(folder: &Path) -> Result<Vec<Source>, Error> {
     let mut sources = Vec::new();
     for name in files::list(folder)? {
         let path = folder.join(&name);
@@ -118,7 +118,7 @@ fn image_folders(folder: &Path) -> Result<Vec<Source>, PrepareError> {
     Ok(sources)
 }
 
-fn single_images(folder: &Path) -> Result<Vec<Source>, PrepareError> {
+fn single_images(folder: &Path) -> Result<Vec<Source>, Error> {
     let images = files::list_images(folder)?;
     Ok(images
         .into_iter()

@@ -5,9 +5,8 @@ use std::path::{Path, PathBuf};
 
 use serde::Serialize;
 
-use super::PrepareError;
 use super::schedule::Schedule;
-use crate::dataset::DatasetError;
+use crate::Error;
 use crate::dataset::poses::known::KnownCamera;
 use crate::ply::{PointCloud, write_points};
 
@@ -63,7 +62,7 @@ pub(super) fn write_transforms(
     cameras: &[WrittenCamera],
     schedule: &Schedule,
     has_points: bool,
-) -> Result<(), PrepareError> {
+) -> Result<(), Error> {
     let with_tests = cameras.iter().any(|camera| camera.held_out);
     let files: &[(&str, bool)] = match with_tests {
         true => &[
@@ -82,9 +81,9 @@ pub(super) fn write_transforms(
                 .collect(),
         };
         let path = dataset.join(name);
-        let text = serde_json::to_vec_pretty(&transforms)
-            .map_err(|e| PrepareError::from(DatasetError::io(&path)(e.into())))?;
-        fs::write(&path, text).map_err(PrepareError::io(&path))?;
+        let text =
+            serde_json::to_vec_pretty(&transforms).map_err(|e| Error::access(&path)(e.into()))?;
+        fs::write(&path, text).map_err(Error::access(&path))?;
     }
     Ok(())
 }
@@ -129,6 +128,6 @@ fn camera_to_world(known: &KnownCamera) -> [[f64; 4]; 4] {
 }
 
 /// Writes the points where readers find them.
-pub(super) fn write_cloud(dataset: &Path, points: &PointCloud) -> Result<(), PrepareError> {
-    Ok(write_points(&dataset.join(POINTS), points)?)
+pub(super) fn write_cloud(dataset: &Path, points: &PointCloud) -> Result<(), Error> {
+    write_points(&dataset.join(POINTS), points)
 }

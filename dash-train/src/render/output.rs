@@ -160,7 +160,7 @@ pub fn write_video(job: RenderJob<'_>, layer: PictureLayer, out: &Path) -> Resul
         writer.push(&shown(&picture, layer))?;
         (job.on_shot)(index + 1);
     }
-    Ok(writer.finish()?)
+    writer.finish()
 }
 
 fn write_picture(
@@ -170,7 +170,7 @@ fn write_picture(
     format: PictureFormat,
 ) -> Result<(), Error> {
     let (width, height) = (picture.width, picture.height);
-    let written = match (format, layer) {
+    match (format, layer) {
         (PictureFormat::Png, _) => write_png(path, width, height, &shown(picture, layer)),
         (PictureFormat::Exr, PictureLayer::Alpha) => {
             write_exr_plane(path, width, height, &picture.alpha)
@@ -179,8 +179,7 @@ fn write_picture(
             write_exr_plane(path, width, height, &picture.depth)
         }
         (PictureFormat::Exr, _) => write_exr_rgb(path, width, height, &picture.rgb),
-    };
-    Ok(written?)
+    }
 }
 
 /// What a layer looks like, `[H, W, 3]` in 8 bits.

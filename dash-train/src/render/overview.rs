@@ -64,10 +64,5 @@ pub fn write_overview(scene: &DynamicScene, views: &[&View], path: &Path) -> Res
             }
         }
     }
-    Ok(write_png(
-        path,
-        columns * width,
-        rows.len() * height,
-        &pixels,
-    )?)
+    write_png(path, columns * width, rows.len() * height, &pixels)
 }

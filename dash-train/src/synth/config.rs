@@ -58,7 +58,7 @@ macro_rules! named {
             fn from_str(text: &str) -> Result<Self, Error> {
                 match text {
                     $($text => Ok(Self::$variant),)+
-                    _ => Err(Error::Setting {
+                    _ => Err(Error::SynthSetting {
                         setting: $setting,
                         found: format!("`{text}`"),
                         expected: $expected,
@@ -118,13 +118,13 @@ impl SynthConfig {
     /// Checks every setting against its range.
     ///
     /// # Errors
-    /// [`Error::Setting`] for the first one outside.
+    /// [`Error::SynthSetting`] for the first one outside.
     pub fn validate(&self) -> Result<(), Error> {
         let check = |good: bool, setting, found: String, expected| {
             if good {
                 Ok(())
             } else {
-                Err(Error::Setting {
+                Err(Error::SynthSetting {
                     setting,
                     found,
                     expected,

@@ -49,7 +49,7 @@ pub(super) fn write_png(
         PngEncoder::new_with_quality(&mut file, CompressionType::Fast, FilterType::Adaptive);
     encoder
         .write_image(pixels, width as u32, height as u32, color)
-        .map_err(|source| Error::Image {
+        .map_err(|source| Error::ImageWrite {
             path: path.to_path_buf(),
             source,
         })?;
@@ -105,7 +105,7 @@ pub(super) fn write_bytes(path: &Path, bytes: &[u8]) -> Result<(), Error> {
 pub(super) fn check_ffmpeg(program: &str) -> Result<(), Error> {
     version_status(program.as_ref())
         .map(|_| ())
-        .map_err(|source| Error::FfmpegMissing {
+        .map_err(|source| Error::FfmpegNotStarted {
             program: program.to_owned(),
             source,
         })
@@ -124,5 +124,5 @@ pub(super) fn video_writer(
         VIDEO_FRAMES_PER_SECOND,
         &FOR_TRAINING,
     )
-    .map_err(Error::DatasetVideo)
+    .map_err(Error::synth_video)
 }

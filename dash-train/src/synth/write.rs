@@ -228,7 +228,7 @@ impl<'a> Clip<'a> {
         render_over(scene, self.camera, time, self.rest.as_ref(), view);
         let size = [config.width, config.height];
         if let Some(video) = &mut self.video {
-            video.push(&view.rgb).map_err(Error::DatasetVideo)?;
+            video.push(&view.rgb).map_err(Error::synth_video)?;
         } else {
             let path = config.layout.image_path(self.index, frame, config.frames);
             files::write_png(&root.join(path), &view.rgb, size, ExtendedColorType::Rgb8)?;
@@ -248,7 +248,7 @@ impl<'a> Clip<'a> {
 
     fn finish(self, config: &SynthConfig) -> Result<ViewStats, Error> {
         if let Some(video) = self.video {
-            video.finish().map_err(Error::DatasetVideo)?;
+            video.finish().map_err(Error::synth_video)?;
         }
         Ok(ViewStats {
             moving_share: self.moving_share / config.frames as f64,

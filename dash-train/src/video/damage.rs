@@ -9,9 +9,8 @@ use std::ops::Range;
 use rayon::prelude::*;
 
 use super::decode::{Part, decode};
-use super::error::undecodable;
 use super::index::VideoIndex;
-use crate::files::DatasetError;
+use crate::Error;
 
 impl VideoIndex {
     /// The same video without its damaged pictures. Decodes all of it, some of it several times.
@@ -36,7 +35,7 @@ impl VideoIndex {
     }
 
     /// The error that lists the damaged frames and quotes the decoder.
-    pub(crate) fn damage(&self, reason: &DatasetError) -> DatasetError {
+    pub(crate) fn damage(&self, reason: &Error) -> Error {
         let damaged: Vec<usize> = (0..self.n_frames())
             .filter(|&frame| !self.is_sound(frame))
             .collect();
@@ -48,13 +47,13 @@ impl VideoIndex {
             })
             .collect();
         let reason = match reason {
-            DatasetError::Video { reason, .. } => reason.clone(),
+            Error::VideoDecode { reason, .. } => reason.clone(),
             other => other.to_string(),
         };
         let n = self.n_frames();
         let plural = if damaged.len() == 1 { "" } else { "s" };
         let which = format!("frame{plural} {} of 0 to {}", runs.join(", "), n - 1);
-        undecodable(self.path(), format!("{which} ({reason})"))
+        Error::video_decode(self.path(), format!("{which} ({reason})"))
     }
 
     /// How many coded pictures of a group decode, from its beginning.

@@ -5,9 +5,10 @@ use std::io::{self, BufRead, BufReader, Read};
 use std::path::Path;
 use std::process::{ChildStdout, Command, Stdio};
 
-use super::error::{reading, undecodable};
+use super::error::reading;
 use super::ffmpeg::{Process, ffmpeg, ffmpeg_program, file_argument, listen};
-use crate::files::{DatasetError, refuse_pointer_file};
+use crate::Error;
+use crate::files::refuse_pointer_file;
 
 /// Largest side of a picture that is read.
 pub(crate) const MAX_IMAGE_SIDE: u32 = 16_384;
@@ -38,7 +39,7 @@ pub(super) struct Part {
 }
 
 /// Width and height of the video's frames as shown; with `skip_broken`, its first pictures may be damaged.
-pub(crate) fn frame_size(path: &Path, skip_broken: bool) -> Result<(usize, usize), DatasetError> {
+pub(crate) fn frame_size(path: &Path, skip_broken: bool) -> Result<(usize, usize), Error> {
     if !skip_broken {
         refuse_pointer_file(path, "a video")?;
     }
@@ -52,7 +53,7 @@ pub(crate) fn frame_size(path: &Path, skip_broken: bool) -> Result<(usize, usize
         size = Some((frame.width, frame.height));
         Ok(())
     })?;
-    size.ok_or_else(|| undecodable(path, "it has no frames"))
+    size.ok_or_else(|| Error::video_decode(path, "it has no frames"))
 }
 
 /// Calls `on_frame` with the frames of a part, in order, and returns their number.
@@ -62,8 +63,8 @@ pub(crate) fn frame_size(path: &Path, skip_broken: bool) -> Result<(usize, usize
 pub(super) fn decode(
     path: &Path,
     part: &Part,
-    on_frame: impl FnMut(VideoFrame) -> Result<(), DatasetError>,
-) -> Result<usize, DatasetError> {
+    on_frame: impl FnMut(VideoFrame) -> Result<(), Error>,
+) -> Result<usize, Error> {
     decode_with(&ffmpeg_program(), path, part, on_frame)
 }
 
@@ -71,19 +72,19 @@ fn decode_with(
     program: &OsStr,
     path: &Path,
     part: &Part,
-    mut on_frame: impl FnMut(VideoFrame) -> Result<(), DatasetError>,
-) -> Result<usize, DatasetError> {
+    mut on_frame: impl FnMut(VideoFrame) -> Result<(), Error>,
+) -> Result<usize, Error> {
     for option in PASSTHROUGH {
         let (n_frames, complaint) = run(program, path, option, part, &mut on_frame)?;
         match complaint {
             Some(complaint) if n_frames == 0 && complaint.contains(&option[1..]) => {}
             Some(_) if n_frames > 0 && part.lenient => return Ok(n_frames),
-            Some(reason) => return Err(undecodable(path, reason)),
-            None if n_frames == 0 => return Err(undecodable(path, "it has no frames")),
+            Some(reason) => return Err(Error::video_decode(path, reason)),
+            None if n_frames == 0 => return Err(Error::video_decode(path, "it has no frames")),
             None => return Ok(n_frames),
         }
     }
-    Err(undecodable(
+    Err(Error::video_decode(
         path,
         "this ffmpeg knows neither -fps_mode nor -vsync; install a newer one",
     ))
@@ -95,8 +96,8 @@ fn run(
     path: &Path,
     passthrough: &str,
     part: &Part,
-    on_frame: &mut impl FnMut(VideoFrame) -> Result<(), DatasetError>,
-) -> Result<(usize, Option<String>), DatasetError> {
+    on_frame: &mut impl FnMut(VideoFrame) -> Result<(), Error>,
+) -> Result<(usize, Option<String>), Error> {
     let mut copier = part
         .max_packets
         .map(|n| copy_packets(program, path, part.seek, n))
@@ -107,7 +108,7 @@ fn run(
     // The command holds the copier's output open.
     drop(command);
     let (Some(stdout), Some(stderr)) = (process.stdout(), process.stderr()) else {
-        return Err(undecodable(path, "its output could not be opened"));
+        return Err(Error::video_decode(path, "its output could not be opened"));
     };
     let complaints = listen(stderr);
     let mut n_frames = 0;
@@ -125,7 +126,7 @@ fn run(
     drop(output);
     let status = process
         .wait()
-        .map_err(|e| undecodable(path, e.to_string()))?;
+        .map_err(|e| Error::video_decode(path, e.to_string()))?;
     let complaint = complaints.join().unwrap_or_default();
     if status.success() && outcome.is_none() {
         return Ok((n_frames, None));
@@ -185,7 +186,7 @@ fn copy_packets(
     path: &Path,
     from: Option<f64>,
     n: usize,
-) -> Result<Process, DatasetError> {
+) -> Result<Process, Error> {
     let mut command = ffmpeg(program);
     command.args(["-protocol_whitelist", "file"]);
     seek(&mut command, from);
@@ -248,7 +249,7 @@ mod tests {
             |_| Ok(()),
         )
         .expect_err("no such program");
-        assert!(matches!(error, DatasetError::FfmpegMissing { .. }));
+        assert!(matches!(error, Error::NoFfmpegToRead { .. }));
         let message = error.to_string();
         assert!(
             message.contains("cam00.mp4") && message.contains("apt install ffmpeg"),

@@ -8,11 +8,12 @@ use std::process::{ChildStdin, ExitStatus, Stdio};
 
 use tempfile::NamedTempFile;
 
-use super::error::{VideoError, writing};
+use super::error::writing;
 use super::ffmpeg::{
     FFMPEG, Failure, Process, ffmpeg, ffmpeg_program, file_argument, written_complaint,
 };
 use super::image_files::{checked_size, scratch_beside};
+use crate::Error;
 
 /// For watching: 4:2:0, which every player shows, and visually without loss.
 const FOR_WATCHING: Encoding = Encoding {
@@ -70,7 +71,7 @@ impl VideoWriter {
     ///
     /// # Errors
     /// When `ffmpeg` is missing, the folder can't be written to, or the size or rate is zero.
-    pub fn create(path: &Path, width: usize, height: usize, fps: f64) -> Result<Self, VideoError> {
+    pub fn create(path: &Path, width: usize, height: usize, fps: f64) -> Result<Self, Error> {
         Self::create_with(&ffmpeg_program(), path, [width, height], fps, &FOR_WATCHING)
     }
 
@@ -81,16 +82,16 @@ impl VideoWriter {
         [width, height]: [usize; 2],
         fps: f64,
         encoding: &Encoding,
-    ) -> Result<Self, VideoError> {
+    ) -> Result<Self, Error> {
         checked_size(path, [width, height], width.saturating_mul(height), 1)?;
         if !(fps.is_finite() && fps > 0.0) {
-            return Err(VideoError::Invalid {
+            return Err(Error::InvalidFrames {
                 path: path.to_path_buf(),
                 expected: "a positive number of frames per second".into(),
                 found: fps.to_string(),
             });
         }
-        let io_error = VideoError::io(path);
+        let io_error = Error::media_write(path);
         let scratch = scratch_beside(path).map_err(&io_error)?;
         let complaints = tempfile::tempfile().map_err(&io_error)?;
         let multiple = if encoding.even_sides { 2 } else { 1 };
@@ -134,7 +135,7 @@ impl VideoWriter {
     ///
     /// # Errors
     /// When the frame's size is another one, or `ffmpeg` has given up.
-    pub fn push(&mut self, rgb: &[u8]) -> Result<(), VideoError> {
+    pub fn push(&mut self, rgb: &[u8]) -> Result<(), Error> {
         checked_size(&self.path, [self.width, self.height], rgb.len(), 3)?;
         let fits = self.padded_size == [self.width, self.height];
         if !fits {
@@ -156,9 +157,9 @@ impl VideoWriter {
     ///
     /// # Errors
     /// When there are no frames, or `ffmpeg` or the renaming fails.
-    pub fn finish(mut self) -> Result<(), VideoError> {
+    pub fn finish(mut self) -> Result<(), Error> {
         if self.n_frames == 0 {
-            return Err(VideoError::Invalid {
+            return Err(Error::InvalidFrames {
                 path: self.path.clone(),
                 expected: "at least one frame".into(),
                 found: "none".into(),
@@ -169,7 +170,7 @@ impl VideoWriter {
         {
             return Err(self.gave_up(source));
         }
-        let io_error = VideoError::io(&self.path);
+        let io_error = Error::media_write(&self.path);
         let status = self.encoder.wait().map_err(&io_error)?;
         if !status.success() {
             return Err(self.failed(status));
@@ -196,15 +197,15 @@ impl VideoWriter {
     }
 
     /// The error for a pipe that broke: what `ffmpeg` said matters more than the pipe.
-    fn gave_up(&mut self, source: io::Error) -> VideoError {
+    fn gave_up(&mut self, source: io::Error) -> Error {
         self.stdin = None;
         match self.encoder.wait() {
             Ok(status) => self.failed(status),
-            Err(_) => VideoError::io(&self.path)(source),
+            Err(_) => Error::media_write(&self.path)(source),
         }
     }
 
-    fn failed(&mut self, status: ExitStatus) -> VideoError {
+    fn failed(&mut self, status: ExitStatus) -> Error {
         let words = written_complaint(&mut self.complaints);
         writing(&self.path, FFMPEG)(Failure::Stopped { status, words })
     }
@@ -223,7 +224,7 @@ pub fn write_mp4(
     height: usize,
     fps: f64,
     frames: &[Vec<u8>],
-) -> Result<(), VideoError> {
+) -> Result<(), Error> {
     let mut writer = VideoWriter::create(path, width, height, fps)?;
     for frame in frames {
         writer.push(frame)?;

@@ -4,9 +4,9 @@ use std::ffi::OsString;
 use std::path::Path;
 use std::process::Command;
 
-use super::error::{reading, undecodable};
+use super::error::reading;
 use super::ffmpeg::{ffmpeg, ffmpeg_program, file_argument, output};
-use crate::files::DatasetError;
+use crate::Error;
 
 /// Decoding begins this much before the first wanted frame, in seconds.
 const SEEK_MARGIN_SECS: f64 = 2.0;
@@ -30,13 +30,13 @@ pub(crate) struct Selection {
 
 /// The times at which a video's frames are shown, in seconds, ascending, at least one. Only the
 /// container is read; nothing is decoded.
-pub(crate) fn frame_times(video: &Path) -> Result<Vec<f64>, DatasetError> {
+pub(crate) fn frame_times(video: &Path) -> Result<Vec<f64>, Error> {
     let mut command = reader(video, 0.0);
     command.args(["-map", "0:v:0", "-c", "copy", "-f", "framecrc", "pipe:1"]);
     let listing = output(&mut command).map_err(reading(video))?;
     let times = parse_framecrc(&listing);
     if times.is_empty() {
-        return Err(undecodable(video, "it has no frames with times"));
+        return Err(Error::video_decode(video, "it has no frames with times"));
     }
     Ok(times)
 }
@@ -75,7 +75,7 @@ pub(crate) fn write_frames(
     video: &Path,
     folder: &Path,
     selection: &Selection,
-) -> Result<(), DatasetError> {
+) -> Result<(), Error> {
     let seek = (selection.start - SEEK_MARGIN_SECS).max(0.0);
     let mut command = reader(video, seek);
     command

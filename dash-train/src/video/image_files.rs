@@ -9,7 +9,7 @@ use image::codecs::png::PngEncoder;
 use image::{ExtendedColorType, ImageEncoder, ImageError};
 use tempfile::NamedTempFile;
 
-use super::error::VideoError;
+use crate::Error;
 
 /// 8-bit values of an image in [0, 1], rounded; what is below or above is clamped, NaN is 0.
 pub fn rgb8(image: &[f32]) -> Vec<u8> {
@@ -24,7 +24,7 @@ pub fn rgb8(image: &[f32]) -> Vec<u8> {
 ///
 /// # Errors
 /// When the size is zero or not that of `rgb`, or the file can't be written.
-pub fn write_png(path: &Path, width: usize, height: usize, rgb: &[u8]) -> Result<(), VideoError> {
+pub fn write_png(path: &Path, width: usize, height: usize, rgb: &[u8]) -> Result<(), Error> {
     let size = checked_size(path, [width, height], rgb.len(), 3)?;
     write_image(path, |file| {
         PngEncoder::new(file).write_image(rgb, size[0], size[1], ExtendedColorType::Rgb8)
@@ -38,12 +38,7 @@ pub fn write_png(path: &Path, width: usize, height: usize, rgb: &[u8]) -> Result
 ///
 /// # Errors
 /// When the size is zero or not that of `rgb`, or the file can't be written.
-pub fn write_exr_rgb(
-    path: &Path,
-    width: usize,
-    height: usize,
-    rgb: &[f32],
-) -> Result<(), VideoError> {
+pub fn write_exr_rgb(path: &Path, width: usize, height: usize, rgb: &[f32]) -> Result<(), Error> {
     let size = checked_size(path, [width, height], rgb.len(), 3)?;
     let bytes: Vec<u8> = rgb.iter().flat_map(|v| v.to_ne_bytes()).collect();
     write_image(path, |file| {
@@ -63,7 +58,7 @@ pub fn write_exr_plane(
     width: usize,
     height: usize,
     plane: &[f32],
-) -> Result<(), VideoError> {
+) -> Result<(), Error> {
     checked_size(path, [width, height], plane.len(), 1)?;
     let rgb: Vec<f32> = plane.iter().flat_map(|v| [*v; 3]).collect();
     write_exr_rgb(path, width, height, &rgb)
@@ -75,14 +70,14 @@ pub(super) fn checked_size(
     [width, height]: [usize; 2],
     n_values: usize,
     channels: usize,
-) -> Result<[u32; 2], VideoError> {
+) -> Result<[u32; 2], Error> {
     let expected = width
         .checked_mul(height)
         .and_then(|n| n.checked_mul(channels))
         .filter(|n| *n > 0);
     match (u32::try_from(width), u32::try_from(height)) {
         (Ok(width), Ok(height)) if expected == Some(n_values) => Ok([width, height]),
-        _ => Err(VideoError::Invalid {
+        _ => Err(Error::InvalidFrames {
             path: path.to_path_buf(),
             expected: format!("{width} x {height} pixels of {channels} values, at least one"),
             found: format!("{n_values} values"),
@@ -93,7 +88,7 @@ pub(super) fn checked_size(
 fn write_image(
     path: &Path,
     encode: impl FnOnce(&mut BufWriter<&mut File>) -> Result<(), ImageError>,
-) -> Result<(), VideoError> {
+) -> Result<(), Error> {
     let mut reason = None;
     let written = write_whole(path, |file| {
         let mut buffered = BufWriter::new(file);
@@ -108,11 +103,11 @@ fn write_image(
     });
     match (written, reason) {
         (Ok(()), _) => Ok(()),
-        (Err(_), Some(reason)) => Err(VideoError::Encode {
+        (Err(_), Some(reason)) => Err(Error::ImageEncode {
             path: path.to_path_buf(),
             reason,
         }),
-        (Err(source), None) => Err(VideoError::Io {
+        (Err(source), None) => Err(Error::MediaWrite {
             path: path.to_path_buf(),
             source,
         }),

@@ -4,9 +4,10 @@ use std::ops::Range;
 use std::path::{Path, PathBuf};
 
 use super::decode::{Part, VideoFrame, decode, frame_size};
-use super::error::{reading, undecodable};
+use super::error::reading;
 use super::ffmpeg::{ffprobe, file_argument, output};
-use crate::files::{DatasetError, refuse_pointer_file};
+use crate::Error;
+use crate::files::refuse_pointer_file;
 
 /// Frames of one file are refused beyond this: 46 hours at 60 frames a second.
 const MAX_FRAMES: usize = 10_000_000;
@@ -41,10 +42,10 @@ impl VideoIndex {
     ///
     /// # Errors
     /// When `ffprobe` or `ffmpeg` is missing, or the file is no video.
-    pub(crate) fn read(path: &Path, skip_broken: bool) -> Result<Self, DatasetError> {
+    pub(crate) fn read(path: &Path, skip_broken: bool) -> Result<Self, Error> {
         refuse_pointer_file(path, "a video")?;
         let listing = probe(path)?;
-        let (packets, start) = parse(&listing).map_err(|what| undecodable(path, what))?;
+        let (packets, start) = parse(&listing).map_err(|what| Error::video_decode(path, what))?;
         let size = frame_size(path, skip_broken)?;
         Ok(Self::new(path, size, &packets, start))
     }
@@ -104,8 +105,8 @@ impl VideoIndex {
         self.entries[number]..end.unwrap_or(self.times.len())
     }
 
-    pub(crate) fn is_missing(&self, frame: usize) -> DatasetError {
-        undecodable(&self.path, format!("frame {frame} could not be decoded"))
+    pub(crate) fn is_missing(&self, frame: usize) -> Error {
+        Error::video_decode(&self.path, format!("frame {frame} could not be decoded"))
     }
 
     /// Calls `on_frame` with the frames of a range, in order.
@@ -115,8 +116,8 @@ impl VideoIndex {
     pub(crate) fn decode(
         &self,
         range: Range<usize>,
-        mut on_frame: impl FnMut(usize, VideoFrame) -> Result<(), DatasetError>,
-    ) -> Result<(), DatasetError> {
+        mut on_frame: impl FnMut(usize, VideoFrame) -> Result<(), Error>,
+    ) -> Result<(), Error> {
         let mut next = range.start;
         let found = decode(&self.path, &self.part(range.clone()), |frame| {
             on_frame(next, frame)?;
@@ -126,7 +127,7 @@ impl VideoIndex {
         if found == range.len() {
             return Ok(());
         }
-        Err(undecodable(
+        Err(Error::video_decode(
             &self.path,
             format!(
                 "expected {} frames from number {} on, found {found}",
@@ -169,7 +170,7 @@ impl VideoIndex {
     }
 }
 
-fn probe(path: &Path) -> Result<String, DatasetError> {
+fn probe(path: &Path) -> Result<String, Error> {
     let mut command = ffprobe();
     command
         .args(["-protocol_whitelist", "file", "-select_streams", "v:0"])

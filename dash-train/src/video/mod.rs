@@ -8,7 +8,7 @@
 //! | `decode.rs`, `index.rs`, `damage.rs`, `stamps.rs` | any frame of a video, where frames are, what a damaged video still gives, what time stamps tell |
 //! | `extract.rs` | frames at given times as PNG files |
 //! | `encode.rs`, `image_files.rs` | videos and pictures that are written |
-//! | `error.rs` | how all of that fails |
+//! | `error.rs` | the errors for how `ffmpeg` fails |
 
 mod damage;
 mod decode;
@@ -23,7 +23,6 @@ pub(crate) mod stamps;
 pub(crate) use decode::{MAX_IMAGE_SIDE, VideoFrame, frame_size};
 pub(crate) use encode::Encoding;
 pub use encode::{VideoWriter, write_mp4};
-pub use error::VideoError;
 pub(crate) use extract::{Selection, frame_times, write_frames};
 pub(crate) use ffmpeg::version_status;
 pub use ffmpeg::{FFMPEG, FFMPEG_VARIABLE, ffmpeg_available, ffmpeg_program, ffprobe_program};

@@ -4,7 +4,6 @@ use std::io::Write;
 use std::path::PathBuf;
 
 use clap::Args;
-use dash_train::Error;
 use dash_train::dataset::{FrameRange, Layout, LoadOptions};
 use dash_train::doctor::{Diagnosis, Severity, TimedOn, examine_timed};
 
@@ -68,7 +67,7 @@ pub fn run(args: &DoctorArgs, shared: &Shared) -> Result<String, Failure> {
     let on = on.map(|(device, name)| TimedOn { device, name });
     let diagnosis = examine_timed(&args.dataset, &options, args.memory, on);
     if let Some(path) = &args.picture {
-        diagnosis.write_picture(path).map_err(Error::from)?;
+        diagnosis.write_picture(path)?;
     }
     let text = if args.json {
         serde_json::to_string_pretty(&diagnosis)

@@ -2,8 +2,6 @@
 
 use dash_model::ModelError;
 use dash_train::Error;
-use dash_train::dataset::DatasetError;
-use dash_train::prepare::PrepareError;
 
 /// Exit code of work that failed.
 const FAILED: u8 = 1;
@@ -72,7 +70,9 @@ pub fn on_one_line(text: &str) -> String {
 impl From<Error> for Failure {
     fn from(error: Error) -> Self {
         match error {
-            Error::Setting { .. } => Self::usage(error.to_string()),
+            Error::PrepareSetting { .. } | Error::SynthSetting { .. } => {
+                Self::usage(error.to_string())
+            }
             other => Self::from_error(&other),
         }
     }
@@ -81,20 +81,5 @@ impl From<Error> for Failure {
 impl From<ModelError> for Failure {
     fn from(error: ModelError) -> Self {
         Self::from_error(&error)
-    }
-}
-
-impl From<DatasetError> for Failure {
-    fn from(error: DatasetError) -> Self {
-        Self::from_error(&error)
-    }
-}
-
-impl From<PrepareError> for Failure {
-    fn from(error: PrepareError) -> Self {
-        match error {
-            PrepareError::Setting { .. } => Self::usage(error.to_string()),
-            other => Self::from_error(&other),
-        }
     }
 }

@@ -5,6 +5,7 @@ use std::path::{Path, PathBuf};
 
 use dash_kernels::Camera;
 
+use crate::Error;
 use crate::dataset::broken::check_any;
 use crate::dataset::format::{Capture, Folder, Format, Reader};
 use crate::dataset::layout::Layout;
@@ -18,7 +19,7 @@ use crate::dataset::poses::colmap::{
     MODEL_FOLDERS, Model, model_folder, read_model, warn_of_larger,
 };
 use crate::dataset::unposed;
-use crate::files::{self, DatasetError, find_image};
+use crate::files::{self, find_image};
 
 const IMAGE_FOLDER: &str = "images";
 
@@ -35,14 +36,14 @@ impl Format for Colmap {
         Layout::Colmap
     }
 
-    fn recognise(&self, folder: &Folder) -> Result<Option<Box<dyn Reader>>, DatasetError> {
+    fn recognise(&self, folder: &Folder) -> Result<Option<Box<dyn Reader>>, Error> {
         let sparse = model_folder(folder.root(), &MODEL_FOLDERS);
         Ok(sparse.map(|sparse| Box::new(ColmapReader { sparse }) as Box<dyn Reader>))
     }
 
-    fn open(&self, folder: &Folder) -> Result<Box<dyn Reader>, DatasetError> {
+    fn open(&self, folder: &Folder) -> Result<Box<dyn Reader>, Error> {
         self.recognise(folder)?.ok_or_else(|| {
-            DatasetError::invalid(
+            Error::invalid(
                 folder.root(),
                 "a sparse model (sparse/0/cameras.bin or .txt)",
                 "none",
@@ -51,7 +52,7 @@ impl Format for Colmap {
         })
     }
 
-    fn poses(&self, folder: &Folder) -> Result<Option<Vec<Camera>>, DatasetError> {
+    fn poses(&self, folder: &Folder) -> Result<Option<Vec<Camera>>, Error> {
         let Some(model) = model_folder(folder.root(), &MODEL_FOLDERS) else {
             return Ok(None);
         };
@@ -61,7 +62,7 @@ impl Format for Colmap {
 }
 
 impl Reader for ColmapReader {
-    fn read(self: Box<Self>, loader: &Loader) -> Result<Capture, DatasetError> {
+    fn read(self: Box<Self>, loader: &Loader) -> Result<Capture, Error> {
         // All images are of one time.
         loader.options.wanted(&[0])?;
         let mut model = read_model(&self.sparse)?;
@@ -93,7 +94,7 @@ fn plan(
     folder: &Path,
     model: &Model,
     held_out: &[bool],
-) -> Result<Vec<PlannedView>, DatasetError> {
+) -> Result<Vec<PlannedView>, Error> {
     // Many images share a lens, and working out how to undo one takes a while.
     let mut lenses: HashMap<(u32, usize, usize), Option<Lens>> = HashMap::new();
     let mut sizes = Sizes::default();

@@ -25,7 +25,7 @@ use dash_kernels::Camera;
 
 use super::format::{Folder, Format, Reader};
 use super::layout::Layout;
-use crate::files::DatasetError;
+use crate::Error;
 
 /// The formats that are read; the first that recognises a folder reads it.
 pub static FORMATS: [&dyn Format; 6] = [
@@ -62,7 +62,7 @@ impl Layout {
     ///
     /// # Errors
     /// When the folder cannot be listed or has none of the known files.
-    pub fn detect(root: &Path) -> Result<Self, DatasetError> {
+    pub fn detect(root: &Path) -> Result<Self, Error> {
         Ok(recognise(&Folder::list(root)?, &FORMATS)?.0)
     }
 }
@@ -71,10 +71,7 @@ impl Layout {
 ///
 /// # Errors
 /// When no format recognises the folder.
-pub(crate) fn recognise(
-    folder: &Folder,
-    formats: &[&dyn Format],
-) -> Result<Recognised, DatasetError> {
+pub(crate) fn recognise(folder: &Folder, formats: &[&dyn Format]) -> Result<Recognised, Error> {
     match first_that_fits(folder, formats)? {
         Some(recognised) => Ok(recognised),
         None => Err(unknown(folder, formats)),
@@ -89,10 +86,10 @@ pub(crate) fn open(
     layout: Layout,
     folder: &Folder,
     formats: &[&dyn Format],
-) -> Result<Recognised, DatasetError> {
+) -> Result<Recognised, Error> {
     match formats.iter().find(|format| format.layout() == layout) {
         Some(format) => Ok((layout, format.open(folder)?)),
-        None => Err(DatasetError::Option {
+        None => Err(Error::LoadOption {
             option: "--layout",
             expected: "a layout that one of the formats reads".into(),
             found: format!("`{layout}`"),
@@ -104,20 +101,14 @@ pub(crate) fn open(
 ///
 /// # Errors
 /// Names the file of poses that is missing or damaged.
-pub(crate) fn poses_alone(
-    root: &Path,
-    layout: Layout,
-) -> Result<Option<Vec<Camera>>, DatasetError> {
+pub(crate) fn poses_alone(root: &Path, layout: Layout) -> Result<Option<Vec<Camera>>, Error> {
     match FORMATS.iter().find(|format| format.layout() == layout) {
         Some(format) => format.poses(&Folder::list(root)?),
         None => Ok(None),
     }
 }
 
-fn first_that_fits(
-    folder: &Folder,
-    formats: &[&dyn Format],
-) -> Result<Option<Recognised>, DatasetError> {
+fn first_that_fits(folder: &Folder, formats: &[&dyn Format]) -> Result<Option<Recognised>, Error> {
     for format in formats {
         if let Some(reader) = format.recognise(folder)? {
             return Ok(Some((format.layout(), reader)));
@@ -127,12 +118,12 @@ fn first_that_fits(
 }
 
 /// The error for a folder that no format recognises.
-fn unknown(folder: &Folder, formats: &[&dyn Format]) -> DatasetError {
+fn unknown(folder: &Folder, formats: &[&dyn Format]) -> Error {
     let (root, names) = (folder.root(), folder.names());
     for (file, found, remedy) in UNSUPPORTED {
         if folder.has(file) {
             let expected = "a capture in one of the layouts that are read";
-            return DatasetError::invalid(&root.join(file), expected, found, remedy);
+            return Error::invalid(&root.join(file), expected, found, remedy);
         }
     }
     let mut found: String = match names {
@@ -146,7 +137,7 @@ fn unknown(folder: &Folder, formats: &[&dyn Format]) -> DatasetError {
         found += &format!(" (datasets among them: {})", inner.join(", "));
         remedy = "name the folder of one dataset";
     }
-    DatasetError::invalid(
+    Error::invalid(
         root,
         "poses_bounds.npy (n3dv), transforms_train.json or transforms.json (blender, rig), \
          sparse/0/cameras.bin (colmap, rig), dataset.json, metadata.json and camera/ (nerfies) \

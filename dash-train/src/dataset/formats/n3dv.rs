@@ -6,6 +6,7 @@ use std::path::{Path, PathBuf};
 
 use dash_kernels::Camera;
 
+use crate::Error;
 use crate::dataset::format::{Capture, Folder, Format, Reader};
 use crate::dataset::layout::Layout;
 use crate::dataset::loader::{Loader, PlannedView};
@@ -20,7 +21,7 @@ use crate::dataset::pixels::sizes::resized;
 use crate::dataset::points::{Models, find_points};
 use crate::dataset::poses::npy::parse_poses;
 use crate::dataset::poses::{llff, plain_order};
-use crate::files::{self, DatasetError, VIDEO_EXTENSIONS};
+use crate::files::{self, VIDEO_EXTENSIONS};
 
 pub(super) const POSES_FILE: &str = "poses_bounds.npy";
 /// Folder of the images of a capture without cameras.
@@ -40,26 +41,26 @@ impl Format for N3dv {
         Layout::N3dv
     }
 
-    fn recognise(&self, folder: &Folder) -> Result<Option<Box<dyn Reader>>, DatasetError> {
+    fn recognise(&self, folder: &Folder) -> Result<Option<Box<dyn Reader>>, Error> {
         folder
             .has(POSES_FILE)
             .then(|| self.open(folder))
             .transpose()
     }
 
-    fn open(&self, folder: &Folder) -> Result<Box<dyn Reader>, DatasetError> {
+    fn open(&self, folder: &Folder) -> Result<Box<dyn Reader>, Error> {
         Ok(Box::new(N3dvReader {
             folder: folder.clone(),
         }))
     }
 
-    fn poses(&self, folder: &Folder) -> Result<Option<Vec<Camera>>, DatasetError> {
+    fn poses(&self, folder: &Folder) -> Result<Option<Vec<Camera>>, Error> {
         read_poses(&folder.root().join(POSES_FILE)).map(Some)
     }
 }
 
 impl Reader for N3dvReader {
-    fn read(self: Box<Self>, loader: &Loader) -> Result<Capture, DatasetError> {
+    fn read(self: Box<Self>, loader: &Loader) -> Result<Capture, Error> {
         let poses_file = loader.root.join(POSES_FILE);
         let cameras = read_poses(&poses_file)?;
         match static_images(&self.folder)? {
@@ -70,8 +71,8 @@ impl Reader for N3dvReader {
 }
 
 /// The cameras of the rows of `poses_bounds.npy`.
-fn read_poses(path: &Path) -> Result<Vec<Camera>, DatasetError> {
-    let bytes = fs::read(path).map_err(DatasetError::io(path))?;
+fn read_poses(path: &Path) -> Result<Vec<Camera>, Error> {
+    let bytes = fs::read(path).map_err(Error::access(path))?;
     let rows = parse_poses(path, &bytes)?;
     let rows = rows.iter().enumerate();
     rows.map(|(index, row)| llff::camera(path, index, row))
@@ -79,7 +80,7 @@ fn read_poses(path: &Path) -> Result<Vec<Camera>, DatasetError> {
 }
 
 /// The images of a capture without cameras; `None` where there are cameras or no images.
-fn static_images(folder: &Folder) -> Result<Option<Vec<PathBuf>>, DatasetError> {
+fn static_images(folder: &Folder) -> Result<Option<Vec<PathBuf>>, Error> {
     let inner = folder.root().join(LLFF_FOLDER);
     if has_cameras(folder) || !inner.is_dir() {
         return Ok(None);
@@ -93,7 +94,7 @@ fn read_rig(
     folder: &Folder,
     poses_file: PathBuf,
     cameras: Vec<Camera>,
-) -> Result<Capture, DatasetError> {
+) -> Result<Capture, Error> {
     let (mut sources, passed_over) = sources(folder)?;
     plain_order::sort(&mut sources, &poses_file, |source| {
         plain_order::file_name(&source.path)
@@ -125,11 +126,11 @@ fn read_rig(
     })
 }
 
-fn check_count(path: &Path, n_rows: usize, names: &[&str], what: &str) -> Result<(), DatasetError> {
+fn check_count(path: &Path, n_rows: usize, names: &[&str], what: &str) -> Result<(), Error> {
     if names.len() == n_rows {
         return Ok(());
     }
-    Err(DatasetError::invalid(
+    Err(Error::invalid(
         path,
         format!("one {what} per row of {POSES_FILE}, {n_rows} of them"),
         format!("{} ({})", names.len(), shown(names)),
@@ -150,7 +151,7 @@ fn check_videos(
     sources: &[Source],
     passed_over: &[String],
     n_rows: usize,
-) -> Result<(), DatasetError> {
+) -> Result<(), Error> {
     let whole = sources.len() == n_rows && sources.iter().all(has_images);
     if passed_over.is_empty() || whole {
         return Ok(());
@@ -158,7 +159,7 @@ fn check_videos(
     let with_images = sources.iter().filter(|source| has_images(source));
     let with_images: Vec<&str> = with_images.map(|source| source.name.as_str()).collect();
     let videos: Vec<&str> = passed_over.iter().map(String::as_str).collect();
-    Err(DatasetError::invalid(
+    Err(Error::invalid(
         path,
         format!("frames of all {n_rows} cameras as images, or a video of each"),
         format!(
@@ -176,7 +177,7 @@ fn read_llff(
     poses_file: &Path,
     cameras: Vec<Camera>,
     mut images: Vec<PathBuf>,
-) -> Result<Capture, DatasetError> {
+) -> Result<Capture, Error> {
     plain_order::sort(&mut images, poses_file, |path| plain_order::file_name(path));
     let images = FrameFile::by_stems(images);
     let folder = loader.root.join(LLFF_FOLDER);
@@ -244,7 +245,7 @@ fn has_images(source: &Source) -> bool {
 
 /// The camera folders with images, else the camera videos, else camera folders in `images/`; and the videos that
 /// are ignored in favour of other cameras' folders.
-fn sources(folder: &Folder) -> Result<(Vec<Source>, Vec<String>), DatasetError> {
+fn sources(folder: &Folder) -> Result<(Vec<Source>, Vec<String>), Error> {
     let (root, names) = (folder.root(), folder.names());
     let mut folders = Vec::new();
     for name in names.iter().filter(|name| is_camera_folder(root, name)) {
@@ -289,7 +290,7 @@ fn sources(folder: &Folder) -> Result<(Vec<Source>, Vec<String>), DatasetError> 
                 format!("{n} camera folders without images{other}")
             }
         };
-        return Err(DatasetError::invalid(
+        return Err(Error::invalid(
             root,
             "camera folders (cam00/images/0000.png, ..) or videos (cam00.mp4, ..)",
             found,

@@ -9,6 +9,7 @@ use dash_kernels::Camera;
 use serde::Deserialize;
 use serde::de::DeserializeOwned;
 
+use crate::Error;
 use crate::dataset::broken::check_any;
 use crate::dataset::format::{Capture, Folder, Format, Reader};
 use crate::dataset::layout::Layout;
@@ -23,7 +24,7 @@ use crate::dataset::poses::nerfies::CameraFile;
 use crate::dataset::poses::npy::parse_points;
 use crate::dataset::poses::pose;
 use crate::dataset::times;
-use crate::files::{self, DatasetError, find_image, parse_json};
+use crate::files::{self, find_image, parse_json};
 
 const DATASET_FILE: &str = "dataset.json";
 const METADATA_FILE: &str = "metadata.json";
@@ -99,7 +100,7 @@ impl Format for Nerfies {
         Layout::Nerfies
     }
 
-    fn recognise(&self, folder: &Folder) -> Result<Option<Box<dyn Reader>>, DatasetError> {
+    fn recognise(&self, folder: &Folder) -> Result<Option<Box<dyn Reader>>, Error> {
         [DATASET_FILE, METADATA_FILE, CAMERA_FOLDER]
             .iter()
             .all(|name| folder.has(name))
@@ -107,13 +108,13 @@ impl Format for Nerfies {
             .transpose()
     }
 
-    fn open(&self, _: &Folder) -> Result<Box<dyn Reader>, DatasetError> {
+    fn open(&self, _: &Folder) -> Result<Box<dyn Reader>, Error> {
         Ok(Box::new(NerfiesReader))
     }
 }
 
 impl Reader for NerfiesReader {
-    fn read(self: Box<Self>, loader: &Loader) -> Result<Capture, DatasetError> {
+    fn read(self: Box<Self>, loader: &Loader) -> Result<Capture, Error> {
         let root = loader.root;
         let scene = read_scene(root)?;
         let ids = read_ids(&root.join(DATASET_FILE))?;
@@ -174,10 +175,10 @@ impl Reader for NerfiesReader {
     }
 }
 
-fn read_json<T: DeserializeOwned>(path: &Path, expected: &str) -> Result<T, DatasetError> {
-    let bytes = fs::read(path).map_err(DatasetError::io(path))?;
+fn read_json<T: DeserializeOwned>(path: &Path, expected: &str) -> Result<T, Error> {
+    let bytes = fs::read(path).map_err(Error::access(path))?;
     parse_json(&bytes).map_err(|e| {
-        DatasetError::invalid(
+        Error::invalid(
             path,
             expected,
             e.to_string(),
@@ -187,7 +188,7 @@ fn read_json<T: DeserializeOwned>(path: &Path, expected: &str) -> Result<T, Data
 }
 
 /// The scene's scale and centre; the identity without the file.
-fn read_scene(root: &Path) -> Result<Scene, DatasetError> {
+fn read_scene(root: &Path) -> Result<Scene, Error> {
     let path = root.join(SCENE_FILE);
     if !path.is_file() {
         return Ok(Scene {
@@ -199,7 +200,7 @@ fn read_scene(root: &Path) -> Result<Scene, DatasetError> {
     if scene.scale > 0.0 && scene.scale.is_finite() && scene.center.iter().all(|v| v.is_finite()) {
         return Ok(scene);
     }
-    Err(DatasetError::invalid(
+    Err(Error::invalid(
         &path,
         "a positive finite `scale` and a finite `center`",
         format!("{} and {:?}", scene.scale, scene.center),
@@ -208,7 +209,7 @@ fn read_scene(root: &Path) -> Result<Scene, DatasetError> {
 }
 
 /// Every id and whether it is held out: training ids, then the others of validation.
-fn read_ids(path: &Path) -> Result<Vec<(String, bool)>, DatasetError> {
+fn read_ids(path: &Path) -> Result<Vec<(String, bool)>, Error> {
     let lists: Ids = read_json(path, "JSON with `train_ids` and `val_ids`")?;
     let all = if lists.train_ids.is_empty() {
         &lists.ids
@@ -230,7 +231,7 @@ fn read_ids(path: &Path) -> Result<Vec<(String, bool)>, DatasetError> {
         }
     }
     if ids.is_empty() {
-        return Err(DatasetError::invalid(
+        return Err(Error::invalid(
             path,
             "at least one id in `train_ids` or `ids`",
             "none",
@@ -241,7 +242,7 @@ fn read_ids(path: &Path) -> Result<Vec<(String, bool)>, DatasetError> {
 }
 
 /// The time index of every id.
-fn read_times(path: &Path, ids: &[(String, bool)]) -> Result<Vec<f64>, DatasetError> {
+fn read_times(path: &Path, ids: &[(String, bool)]) -> Result<Vec<f64>, Error> {
     let expected = "JSON with `time_id` or `warp_id` for every id";
     let metadata: HashMap<String, Metadata> = read_json(path, expected)?;
     let time = |(id, _): &(String, bool)| {
@@ -249,13 +250,13 @@ fn read_times(path: &Path, ids: &[(String, bool)]) -> Result<Vec<f64>, DatasetEr
         let number = entry.and_then(|entry| entry.time_id.or(entry.warp_id));
         match number {
             Some(number) if number >= 0.0 && number.fract() == 0.0 => Ok(number),
-            Some(number) => Err(DatasetError::invalid(
+            Some(number) => Err(Error::invalid(
                 path,
                 "whole numbers of times from 0 on",
                 format!("{number} for `{id}`"),
                 "number the times",
             )),
-            None => Err(DatasetError::invalid(
+            None => Err(Error::invalid(
                 path,
                 expected,
                 format!("none for `{id}`"),
@@ -267,7 +268,7 @@ fn read_times(path: &Path, ids: &[(String, bool)]) -> Result<Vec<f64>, DatasetEr
 }
 
 /// The folder with the largest images.
-fn image_folder(root: &Path) -> Result<PathBuf, DatasetError> {
+fn image_folder(root: &Path) -> Result<PathBuf, Error> {
     let folder = root.join(IMAGE_FOLDER);
     let mut scales: Vec<(u32, String)> = files::list(&folder)?
         .into_iter()
@@ -282,7 +283,7 @@ fn image_folder(root: &Path) -> Result<PathBuf, DatasetError> {
     }
     let first = scales.first().map(|(_, name)| folder.join(name));
     let unread = first.map_or_else(String::new, |first| files::unread_images(&first));
-    Err(DatasetError::invalid(
+    Err(Error::invalid(
         &folder,
         "images in 1x, 2x, 4x or so",
         format!("none{unread}"),
@@ -297,7 +298,7 @@ fn read_item(
     folder: &Path,
     id: String,
     held_out: bool,
-) -> Result<Option<Item>, DatasetError> {
+) -> Result<Option<Item>, Error> {
     let listed_in = loader.root.join(DATASET_FILE);
     let camera_folder = loader.root.join(CAMERA_FOLDER);
     let camera_file = files::confined(&camera_folder, &format!("{id}.json"), &listed_in)?;
@@ -322,11 +323,11 @@ fn read_item(
 }
 
 /// Refuses an id whose camera is missing.
-fn require_camera(file: &Path, listed_in: &Path) -> Result<(), DatasetError> {
+fn require_camera(file: &Path, listed_in: &Path) -> Result<(), Error> {
     if file.is_file() {
         return Ok(());
     }
-    Err(DatasetError::invalid(
+    Err(Error::invalid(
         listed_in,
         format!("the camera {}", file.display()),
         "no such file",
@@ -334,12 +335,12 @@ fn require_camera(file: &Path, listed_in: &Path) -> Result<(), DatasetError> {
     ))
 }
 
-fn read_positions(root: &Path, scene: &Scene) -> Result<Option<Vec<[f64; 3]>>, DatasetError> {
+fn read_positions(root: &Path, scene: &Scene) -> Result<Option<Vec<[f64; 3]>>, Error> {
     let path = root.join(POINTS_FILE);
     if !path.is_file() {
         return Ok(None);
     }
-    let bytes = fs::read(&path).map_err(DatasetError::io(&path))?;
+    let bytes = fs::read(&path).map_err(Error::access(&path))?;
     let positions = parse_points(&path, &bytes)?.into_iter();
     let placed: Vec<[f64; 3]> = positions.map(|p| scene.place(p)).collect();
     Ok(Some(placed).filter(|placed| !placed.is_empty()))

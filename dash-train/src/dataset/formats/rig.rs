@@ -3,6 +3,7 @@
 
 use std::path::{Path, PathBuf};
 
+use crate::Error;
 use crate::dataset::format::{Capture, Folder, Format, Reader};
 use crate::dataset::layout::Layout;
 use crate::dataset::loader::Loader;
@@ -16,7 +17,7 @@ use crate::dataset::poses::colmap::{
     Model, RIG_MODEL_FOLDERS, model_folder, read_model, warn_of_larger,
 };
 use crate::dataset::poses::transforms::{self, Frame, Transforms};
-use crate::files::{self, DatasetError, VIDEO_EXTENSIONS};
+use crate::files::{self, VIDEO_EXTENSIONS};
 use crate::video::frame_size as video_size;
 
 const VIDEO_FOLDER: &str = "videos";
@@ -42,20 +43,20 @@ impl Format for Rig {
         Layout::Rig
     }
 
-    fn recognise(&self, folder: &Folder) -> Result<Option<Box<dyn Reader>>, DatasetError> {
+    fn recognise(&self, folder: &Folder) -> Result<Option<Box<dyn Reader>>, Error> {
         // A damaged file of poses may be another format's.
         let reader = RigReader::of(folder.root()).ok();
         let reader = reader.filter(RigReader::is_of_cameras);
         Ok(reader.map(|reader| Box::new(reader) as Box<dyn Reader>))
     }
 
-    fn open(&self, folder: &Folder) -> Result<Box<dyn Reader>, DatasetError> {
+    fn open(&self, folder: &Folder) -> Result<Box<dyn Reader>, Error> {
         Ok(Box::new(RigReader::of(folder.root())?))
     }
 }
 
 impl RigReader {
-    fn of(root: &Path) -> Result<Self, DatasetError> {
+    fn of(root: &Path) -> Result<Self, Error> {
         let sources = cameras(root)?;
         let file = root.join(TRANSFORMS_FILE);
         let poses = if file.is_file() {
@@ -65,7 +66,7 @@ impl RigReader {
             let model = read_model(&sparse)?;
             Poses::Model(sparse, model)
         } else {
-            return Err(DatasetError::invalid(
+            return Err(Error::invalid(
                 root,
                 format!("{TRANSFORMS_FILE} or a COLMAP model (sparse/0/cameras.bin, ..)"),
                 "neither",
@@ -97,7 +98,7 @@ impl RigReader {
 }
 
 impl Reader for RigReader {
-    fn read(self: Box<Self>, loader: &Loader) -> Result<Capture, DatasetError> {
+    fn read(self: Box<Self>, loader: &Loader) -> Result<Capture, Error> {
         let root = loader.root;
         let file = root.join(TRANSFORMS_FILE);
         let mut point_file = None;
@@ -130,7 +131,7 @@ impl Reader for RigReader {
 }
 
 /// The folders of frames, else the videos, in natural order.
-fn cameras(root: &Path) -> Result<Vec<Source>, DatasetError> {
+fn cameras(root: &Path) -> Result<Vec<Source>, Error> {
     let folders = image_folders(root)?;
     if !folders.is_empty() {
         return Ok(folders);
@@ -151,7 +152,7 @@ fn cameras(root: &Path) -> Result<Vec<Source>, DatasetError> {
         })
         .collect();
     if videos.is_empty() {
-        return Err(DatasetError::invalid(
+        return Err(Error::invalid(
             root,
             "a video per camera (videos/left.mp4, ..) or a folder of frames (images/left/0000.png, ..)",
             format!("none of these{}", unread_images(root)),
@@ -159,7 +160,7 @@ fn cameras(root: &Path) -> Result<Vec<Source>, DatasetError> {
         ));
     }
     if let Some(pair) = videos.windows(2).find(|pair| pair[0].name == pair[1].name) {
-        return Err(DatasetError::invalid(
+        return Err(Error::invalid(
             &folder,
             "one video per camera",
             format!("two called {}", pair[0].name),
@@ -183,7 +184,7 @@ fn pose_by_transforms(
     sources: Vec<Source>,
     file: &Path,
     transforms: &Transforms,
-) -> Result<Vec<RigCamera>, DatasetError> {
+) -> Result<Vec<RigCamera>, Error> {
     let frames = &transforms.frames;
     let names: Vec<String> = frames.iter().map(|frame| frame.file_path.clone()).collect();
     let assigned = assign(&sources, &names, file)?;
@@ -194,14 +195,14 @@ fn pose_by_transforms(
     for (source, index) in sources.into_iter().zip(assigned) {
         let size = || match frame_size(loader, &source) {
             // The camera is left out later, so any size will do.
-            Err(DatasetError::Video { .. }) if loader.options.skip_broken => {
+            Err(Error::VideoDecode { .. }) if loader.options.skip_broken => {
                 Ok(transforms.size_by_middle(&frames[index]).unwrap_or((1, 1)))
             }
             size => size,
         };
         let (camera, distortion) = transforms.camera(file, &frames[index], size)?;
         if !distortion.is_finite() {
-            return Err(DatasetError::invalid(
+            return Err(Error::invalid(
                 file,
                 "finite distortion coefficients",
                 format!("NaN or infinity in frame `{}`", names[index]),
@@ -231,7 +232,7 @@ fn unused_masks(transforms: &Transforms) -> Option<String> {
 }
 
 /// The size of a camera's frames: of an image by its header, of a video by its first frame.
-fn frame_size(loader: &Loader, source: &Source) -> Result<(usize, usize), DatasetError> {
+fn frame_size(loader: &Loader, source: &Source) -> Result<(usize, usize), Error> {
     let size = match &source.frames {
         Frames::Images(images) => {
             let files = images.iter().map(|image| image.file.as_path());
@@ -239,9 +240,7 @@ fn frame_size(loader: &Loader, source: &Source) -> Result<(usize, usize), Datase
         }
         Frames::Video => Some(video_size(&source.path, loader.options.skip_broken)?),
     };
-    size.ok_or_else(|| {
-        DatasetError::invalid(&source.path, "at least one frame", "none", "add frames")
-    })
+    size.ok_or_else(|| Error::invalid(&source.path, "at least one frame", "none", "add frames"))
 }
 
 #[cfg(test)]

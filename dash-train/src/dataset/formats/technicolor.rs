@@ -6,6 +6,7 @@ use std::ops::RangeInclusive;
 use std::path::{Path, PathBuf};
 
 use super::n3dv;
+use crate::Error;
 use crate::dataset::format::{Capture, Folder, Format, Reader};
 use crate::dataset::layout::Layout;
 use crate::dataset::loader::Loader;
@@ -17,7 +18,7 @@ use crate::dataset::pixels::distortion::Distortion;
 use crate::dataset::points::{Models, find_points};
 use crate::dataset::poses::colmap::{model_folder, read_model};
 use crate::dataset::poses::technicolor::parse;
-use crate::files::{self, DatasetError};
+use crate::files::{self};
 
 const PARAMETERS_FILE: &str = "cameras_parameters.txt";
 /// Where the prepared layout has its model.
@@ -52,7 +53,7 @@ impl Format for Technicolor {
         Layout::Technicolor
     }
 
-    fn recognise(&self, folder: &Folder) -> Result<Option<Box<dyn Reader>>, DatasetError> {
+    fn recognise(&self, folder: &Folder) -> Result<Option<Box<dyn Reader>>, Error> {
         if folder.has(PARAMETERS_FILE) {
             return self.open(folder).map(Some);
         }
@@ -63,7 +64,7 @@ impl Format for Technicolor {
         Ok(reader.map(|reader| Box::new(reader) as Box<dyn Reader>))
     }
 
-    fn open(&self, folder: &Folder) -> Result<Box<dyn Reader>, DatasetError> {
+    fn open(&self, folder: &Folder) -> Result<Box<dyn Reader>, Error> {
         let root = folder.root();
         let raw = root.join(PARAMETERS_FILE);
         if raw.is_file() {
@@ -71,7 +72,7 @@ impl Format for Technicolor {
         }
         match model_folder(root, &MODEL_FOLDER) {
             Some(model) => Ok(Box::new(TechnicolorReader::Prepared(model))),
-            None => Err(DatasetError::invalid(
+            None => Err(Error::invalid(
                 root,
                 format!(
                     "{PARAMETERS_FILE} beside <Scene>_undist_00000_00.png, .., or \
@@ -94,7 +95,7 @@ fn prepared_model(root: &Path) -> Option<PathBuf> {
 }
 
 impl Reader for TechnicolorReader {
-    fn read(self: Box<Self>, loader: &Loader) -> Result<Capture, DatasetError> {
+    fn read(self: Box<Self>, loader: &Loader) -> Result<Capture, Error> {
         let (cameras, is_rig) = match *self {
             Self::Raw(parameters) => (read_raw(loader, &parameters)?, true),
             Self::Prepared(model) => read_prepared(loader, &model)?,
@@ -119,11 +120,11 @@ impl Reader for TechnicolorReader {
 }
 
 /// The prepared layout's cameras, and whether they can be the 4x4 rig's.
-fn read_prepared(loader: &Loader, model: &Path) -> Result<(Vec<RigCamera>, bool), DatasetError> {
+fn read_prepared(loader: &Loader, model: &Path) -> Result<(Vec<RigCamera>, bool), Error> {
     let mut sources = image_folders(loader.root)?;
     sources.retain(|source| camera_number(&source.name).is_some());
     if sources.is_empty() {
-        return Err(DatasetError::invalid(
+        return Err(Error::invalid(
             &loader.root.join(IMAGE_FOLDER),
             "a folder of frames per camera (cam00/0000.png, ..)",
             "none",
@@ -143,8 +144,8 @@ fn read_prepared(loader: &Loader, model: &Path) -> Result<(Vec<RigCamera>, bool)
 }
 
 /// The raw layout's cameras.
-fn read_raw(loader: &Loader, path: &Path) -> Result<Vec<RigCamera>, DatasetError> {
-    let bytes = fs::read(path).map_err(DatasetError::io(path))?;
+fn read_raw(loader: &Loader, path: &Path) -> Result<Vec<RigCamera>, Error> {
+    let bytes = fs::read(path).map_err(Error::access(path))?;
     let rows = parse(path, &String::from_utf8_lossy(&bytes))?;
     let (scene, frames) = raw_frames(loader.root)?;
     let range = published(loader, &scene);
@@ -152,7 +153,7 @@ fn read_raw(loader: &Loader, path: &Path) -> Result<Vec<RigCamera>, DatasetError
     for (number, images) in frames {
         let name = format!("cam{number:02}");
         let Some(row) = rows.get(number) else {
-            return Err(DatasetError::invalid(
+            return Err(Error::invalid(
                 path,
                 format!("a line for every camera, {name} among them"),
                 format!("{} lines", rows.len()),
@@ -178,7 +179,7 @@ fn read_raw(loader: &Loader, path: &Path) -> Result<Vec<RigCamera>, DatasetError
 }
 
 /// The scene's name and each camera's frames, from file names in the folder or its `images/`.
-fn raw_frames(root: &Path) -> Result<(String, BTreeMap<usize, Vec<FrameFile>>), DatasetError> {
+fn raw_frames(root: &Path) -> Result<(String, BTreeMap<usize, Vec<FrameFile>>), Error> {
     let mut found: Option<String> = None;
     let mut cameras: BTreeMap<usize, (Vec<PathBuf>, Vec<String>)> = BTreeMap::new();
     let inner = root.join(IMAGE_FOLDER);
@@ -193,7 +194,7 @@ fn raw_frames(root: &Path) -> Result<(String, BTreeMap<usize, Vec<FrameFile>>), 
         };
         match &found {
             Some(first) if first != scene => {
-                return Err(DatasetError::invalid(
+                return Err(Error::invalid(
                     &file,
                     format!("images of one scene, {first}"),
                     format!("one of {scene}"),
@@ -212,7 +213,7 @@ fn raw_frames(root: &Path) -> Result<(String, BTreeMap<usize, Vec<FrameFile>>), 
         .collect();
     match found {
         Some(scene) => Ok((scene, cameras)),
-        None => Err(DatasetError::invalid(
+        None => Err(Error::invalid(
             root,
             format!("images called <Scene>{UNDISTORTED}_00000_00.png (frame, camera)"),
             "none",
@@ -269,14 +270,14 @@ fn keep_published(source: &mut Source, scene: &str, range: Option<&RangeInclusiv
 }
 
 /// The size of a camera's images, which the parameters do not state.
-fn image_size(loader: &Loader, source: &Source) -> Result<(usize, usize), DatasetError> {
+fn image_size(loader: &Loader, source: &Source) -> Result<(usize, usize), Error> {
     let images = match &source.frames {
         Frames::Images(images) => images.as_slice(),
         Frames::Video => &[],
     };
     let files = images.iter().map(|image| image.file.as_path());
     loader.broken.first_size(files).unwrap_or_else(|| {
-        Err(DatasetError::invalid(
+        Err(Error::invalid(
             &source.path,
             "at least one frame",
             "none",

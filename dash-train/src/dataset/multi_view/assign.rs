@@ -3,8 +3,9 @@
 use std::path::Path;
 
 use super::camera::{Frames, RigCamera, Source};
+use crate::Error;
 use crate::dataset::poses::colmap::Model;
-use crate::files::{self, DatasetError};
+use crate::files::{self};
 
 /// The indices of the names that mean a camera: its own name, with any folder and extension
 /// (`left`, `left.png`, `videos/left.mp4`); or else an image in the camera's folder
@@ -43,7 +44,7 @@ pub(crate) fn assign(
     sources: &[Source],
     names: &[String],
     listed_in: &Path,
-) -> Result<Vec<usize>, DatasetError> {
+) -> Result<Vec<usize>, Error> {
     let mut assigned = Vec::with_capacity(sources.len());
     let mut missing = Vec::new();
     for source in sources {
@@ -51,7 +52,7 @@ pub(crate) fn assign(
             [] => missing.push(source.name.as_str()),
             [index] => assigned.push(*index),
             [first, second, ..] => {
-                return Err(DatasetError::invalid(
+                return Err(Error::invalid(
                     listed_in,
                     format!("one pose for camera {}", source.name),
                     format!("`{}` and `{}`", names[*first], names[*second]),
@@ -63,7 +64,7 @@ pub(crate) fn assign(
     if !missing.is_empty() {
         let shown: Vec<&str> = names.iter().take(32).map(String::as_str).collect();
         let more = if names.len() > 32 { ", .." } else { "" };
-        return Err(DatasetError::invalid(
+        return Err(Error::invalid(
             listed_in,
             format!("a pose for every camera, {} among them", missing.join(", ")),
             format!("poses of {}{more}", shown.join(", ")),
@@ -79,10 +80,7 @@ pub(crate) fn assign(
 }
 
 /// Cameras with the poses of a COLMAP model.
-pub(crate) fn pose_by_model(
-    sources: Vec<Source>,
-    model: Model,
-) -> Result<Vec<RigCamera>, DatasetError> {
+pub(crate) fn pose_by_model(sources: Vec<Source>, model: Model) -> Result<Vec<RigCamera>, Error> {
     let names: Vec<String> = model
         .images
         .iter()

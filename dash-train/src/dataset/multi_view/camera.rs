@@ -4,10 +4,11 @@ use std::path::{Path, PathBuf};
 
 use dash_kernels::Camera;
 
+use crate::Error;
 use crate::dataset::pixels::distortion::Distortion;
 use crate::dataset::pixels::lens::Lens;
 use crate::dataset::pixels::sizes::resized;
-use crate::files::{self, DatasetError};
+use crate::files::{self};
 
 /// Where a camera's frames are.
 #[derive(Debug, Clone)]
@@ -98,7 +99,7 @@ impl RigCamera {
         &self,
         size: (usize, usize),
         path: &Path,
-    ) -> Result<(Camera, Option<Lens>), DatasetError> {
+    ) -> Result<(Camera, Option<Lens>), Error> {
         let camera = resized(&self.camera, size, path, &self.posed_by)?;
         let lens = Lens::new(self.distortion, &camera, &self.posed_by)?;
         Ok((camera, lens))
@@ -111,11 +112,11 @@ pub(crate) fn same_count(
     expected: usize,
     source: &Source,
     found: usize,
-) -> Result<(), DatasetError> {
+) -> Result<(), Error> {
     if found == expected {
         return Ok(());
     }
-    Err(DatasetError::invalid(
+    Err(Error::invalid(
         &source.path,
         format!(
             "{expected} frames, as many as {} has{}",

@@ -3,13 +3,14 @@
 use std::path::Path;
 
 use super::camera::{FrameFile, Frames, Source};
-use crate::files::{self, DatasetError};
+use crate::Error;
+use crate::files::{self};
 
 /// Folder of the cameras' folders.
 pub(crate) const IMAGE_FOLDER: &str = "images";
 
 /// The folders with images below `images/`, in natural order; none where there is no such folder.
-pub(crate) fn image_folders(root: &Path) -> Result<Vec<Source>, DatasetError> {
+pub(crate) fn image_folders(root: &Path) -> Result<Vec<Source>, Error> {
     let folder = root.join(IMAGE_FOLDER);
     let mut sources = Vec::new();
     if !folder.is_dir() {

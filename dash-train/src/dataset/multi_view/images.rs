@@ -3,11 +3,11 @@
 use std::collections::BTreeMap;
 
 use super::camera::{FrameFile, RigCamera, same_count};
+use crate::Error;
 use crate::dataset::loader::{Loader, PlannedView};
 use crate::dataset::partition::Partition;
 use crate::dataset::pixels::frames::Source;
 use crate::dataset::times::{self, frame_time};
-use crate::files::DatasetError;
 
 /// A camera's images by frame; `None` where it lacks one.
 type Row<'a> = Vec<Option<&'a FrameFile>>;
@@ -22,7 +22,7 @@ pub(crate) fn plan(
     cameras: &[RigCamera],
     lists: &[&[FrameFile]],
     held_out: &[bool],
-) -> Result<(Vec<PlannedView>, usize), DatasetError> {
+) -> Result<(Vec<PlannedView>, usize), Error> {
     let rows = match check_frames(cameras, lists) {
         Ok(()) => lists.iter().map(|l| l.iter().map(Some).collect()).collect(),
         Err(error) if !loader.options.skip_broken => return Err(error),
@@ -90,7 +90,7 @@ fn warn_of_missing(cameras: &[RigCamera], rows: &[Row]) {
 }
 
 /// Every camera must have the same frames, or times would be mixed up between cameras.
-fn check_frames(cameras: &[RigCamera], lists: &[&[FrameFile]]) -> Result<(), DatasetError> {
+fn check_frames(cameras: &[RigCamera], lists: &[&[FrameFile]]) -> Result<(), Error> {
     let Some((first, expected)) = cameras.first().zip(lists.first()) else {
         return Ok(());
     };
@@ -99,7 +99,7 @@ fn check_frames(cameras: &[RigCamera], lists: &[&[FrameFile]]) -> Result<(), Dat
         let repeated =
             |pair: &[FrameFile]| pair[0].digits.is_some() && pair[0].digits == pair[1].digits;
         if let Some(pair) = list.windows(2).find(|pair| repeated(pair)) {
-            return Err(DatasetError::invalid(
+            return Err(Error::invalid(
                 &source.path,
                 "one image per frame",
                 format!(
@@ -113,7 +113,7 @@ fn check_frames(cameras: &[RigCamera], lists: &[&[FrameFile]]) -> Result<(), Dat
         same_count(&first.source, expected.len(), source, list.len())?;
         let differs = |(a, b): &(&FrameFile, &FrameFile)| a.digits != b.digits;
         if let Some((wanted, found)) = expected.iter().zip(*list).find(differs) {
-            return Err(DatasetError::invalid(
+            return Err(Error::invalid(
                 &source.path,
                 format!(
                     "the frames of {}, the next being {}",
@@ -135,7 +135,7 @@ fn views(
     rows: &[Row],
     wanted: &[(usize, f32)],
     held_out: &[bool],
-) -> Result<Vec<PlannedView>, DatasetError> {
+) -> Result<Vec<PlannedView>, Error> {
     let mut planned = Vec::new();
     for (camera_index, (rig_camera, row)) in cameras.iter().zip(rows).enumerate() {
         let files = wanted.iter().filter_map(|&(place, _)| row[place]);

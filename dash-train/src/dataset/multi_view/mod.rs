@@ -16,7 +16,7 @@ use camera::{FrameFile, RigCamera};
 
 use super::loader::Loader;
 use super::view::View;
-use crate::files::DatasetError;
+use crate::Error;
 
 /// The views of all cameras at all wanted frames, camera by camera, and the number of frames.
 ///
@@ -26,7 +26,7 @@ pub(crate) fn load(
     loader: &Loader,
     cameras: &[RigCamera],
     held_out: &[bool],
-) -> Result<(Vec<View>, usize), DatasetError> {
+) -> Result<(Vec<View>, usize), Error> {
     let lists: Option<Vec<&[FrameFile]>> = cameras.iter().map(|c| c.source.images()).collect();
     let (planned, n_frames) = match lists {
         Some(lists) => images::plan(loader, cameras, &lists, held_out)?,

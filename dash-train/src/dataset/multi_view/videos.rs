@@ -6,11 +6,11 @@ use std::sync::Arc;
 use rayon::prelude::*;
 
 use super::camera::{RigCamera, same_count};
+use crate::Error;
 use crate::dataset::loader::{Loader, PlannedView};
 use crate::dataset::partition::Partition;
 use crate::dataset::pixels::frames::Source;
 use crate::dataset::times::frame_time;
-use crate::files::DatasetError;
 use crate::video::{VideoIndex, stamps};
 
 /// Frames of different videos show one time if their time stamps differ by at most this share of the frame
@@ -35,7 +35,7 @@ pub(crate) fn plan(
     loader: &Loader,
     cameras: &[RigCamera],
     held_out: &[bool],
-) -> Result<(Vec<PlannedView>, usize), DatasetError> {
+) -> Result<(Vec<PlannedView>, usize), Error> {
     let skip_broken = loader.options.skip_broken;
     let videos = read(loader, cameras)?;
     let Some(reference) = reference(cameras, &videos, skip_broken) else {
@@ -84,10 +84,7 @@ pub(crate) fn plan(
 }
 
 /// The indices of all videos; with `skip_broken`, `None` for those that can't be read.
-fn read(
-    loader: &Loader,
-    cameras: &[RigCamera],
-) -> Result<Vec<Option<Arc<VideoIndex>>>, DatasetError> {
+fn read(loader: &Loader, cameras: &[RigCamera]) -> Result<Vec<Option<Arc<VideoIndex>>>, Error> {
     let skip_broken = loader.options.skip_broken;
     let read = cameras
         .par_iter()
@@ -160,7 +157,7 @@ fn frames_of_times(
     loader: &Loader,
     reference: Recording,
     (camera, video): Recording,
-) -> Result<Vec<Option<usize>>, DatasetError> {
+) -> Result<Vec<Option<usize>>, Error> {
     let n = reference.1.n_frames();
     let (times, found) = (reference.1.times(), video.times());
     let (error, frames) = match same_count(&reference.0.source, n, &camera.source, found.len()) {
@@ -192,7 +189,7 @@ fn apart(
     (camera, video): Recording,
     frame: usize,
     lacks_some: bool,
-) -> DatasetError {
+) -> Error {
     let (path, first) = (&camera.source.path, &first.source.name);
     let (times, found) = (reference.times(), video.times());
     let hundredths = |rate: f64| (rate * 100.0).round() / 100.0;
@@ -201,7 +198,7 @@ fn apart(
         && hundredths(wanted) != hundredths(own)
     {
         let slower = (own / wanted * 1e5).round() / 1e5;
-        return DatasetError::invalid(
+        return Error::invalid(
             path,
             format!("{} frames per second, as {first} has", hundredths(wanted)),
             format!("{}, and as many frames", hundredths(own)),
@@ -216,7 +213,7 @@ fn apart(
     } else {
         "let `dash prepare` take frames of the same times, or leave this camera out"
     };
-    DatasetError::invalid(
+    Error::invalid(
         path,
         format!(
             "frame {frame} at {:.3} s from the first, as {first} has",

@@ -9,7 +9,8 @@ use image::{DynamicImage, ImageDecoder, ImageFormat, ImageReader, Limits};
 use super::image::{ImageData, RGBA};
 use super::image_size::can_hold_its_pixels;
 use super::scale::is_scaled;
-use crate::files::{DatasetError, refuse_pointer, refuse_pointer_file};
+use crate::Error;
+use crate::files::{refuse_pointer, refuse_pointer_file};
 
 pub(crate) use crate::video::MAX_IMAGE_SIDE;
 
@@ -17,20 +18,20 @@ pub(crate) use crate::video::MAX_IMAGE_SIDE;
 const YES: u16 = 1;
 
 /// An image's width and height from its header.
-pub(crate) fn dimensions(path: &Path) -> Result<(usize, usize), DatasetError> {
+pub(crate) fn dimensions(path: &Path) -> Result<(usize, usize), Error> {
     let (width, height, _) = header(path)?;
     Ok((width, height))
 }
 
 /// An image's width, height and whether it has alpha, from its header.
-pub(crate) fn header(path: &Path) -> Result<(usize, usize, bool), DatasetError> {
+pub(crate) fn header(path: &Path) -> Result<(usize, usize, bool), Error> {
     let mut reader = ImageReader::open(path)
         .and_then(ImageReader::with_guessed_format)
-        .map_err(DatasetError::io(path))?;
+        .map_err(Error::access(path))?;
     reader.limits(limits());
     let decoder = reader.into_decoder().or_else(|e| {
         refuse_pointer_file(path, "an image")?;
-        Err(DatasetError::image(path, e))
+        Err(Error::image_decode(path, e))
     })?;
     let (width, height) = decoder.dimensions();
     let has_alpha = decoder.color_type().has_alpha();
@@ -59,7 +60,7 @@ fn limits() -> Limits {
 }
 
 /// Decodes an image file completely.
-pub(crate) fn decode(path: &Path) -> Result<ImageData, DatasetError> {
+pub(crate) fn decode(path: &Path) -> Result<ImageData, Error> {
     let decoded = decode_any(path)?;
     let (width, height) = (decoded.width() as usize, decoded.height() as usize);
     Ok(if decoded.color().has_alpha() {
@@ -77,17 +78,14 @@ pub(crate) fn decode(path: &Path) -> Result<ImageData, DatasetError> {
 }
 
 /// Decodes the mask of an image of the given size; one of the same shape is scaled to it.
-pub(crate) fn decode_mask(
-    path: &Path,
-    full_size: (usize, usize),
-) -> Result<ImageData, DatasetError> {
+pub(crate) fn decode_mask(path: &Path, full_size: (usize, usize)) -> Result<ImageData, Error> {
     let decoded = decode_any(path)?;
     let has_wide_values = decoded.color().bytes_per_pixel() == 2 * decoded.color().channel_count();
     let wide = has_wide_values.then(|| decoded.to_rgb16());
     let decoded = decoded.into_rgb8();
     let found = (decoded.width() as usize, decoded.height() as usize);
     if found != full_size && !is_scaled(full_size, found) {
-        return Err(DatasetError::invalid(
+        return Err(Error::invalid(
             path,
             format!(
                 "a mask shaped like the {}x{} of its image",
@@ -102,7 +100,7 @@ pub(crate) fn decode_mask(
         None => (decoded.iter().copied().max().map(u16::from), u8::MAX.into()),
     };
     if brightest == Some(YES) {
-        return Err(DatasetError::invalid(
+        return Err(Error::invalid(
             path,
             format!("a mask in black and white (0 and {white})"),
             format!("values up to {YES}, which are all black"),
@@ -113,30 +111,30 @@ pub(crate) fn decode_mask(
     Ok(mask.nearest(full_size.0, full_size.1))
 }
 
-fn decode_any(path: &Path) -> Result<DynamicImage, DatasetError> {
-    let bytes = fs::read(path).map_err(DatasetError::io(path))?;
+fn decode_any(path: &Path) -> Result<DynamicImage, Error> {
+    let bytes = fs::read(path).map_err(Error::access(path))?;
     refuse_pointer(path, &bytes, "an image")?;
     let mut reader = ImageReader::new(Cursor::new(&bytes))
         .with_guessed_format()
-        .map_err(DatasetError::io(path))?;
+        .map_err(Error::access(path))?;
     // The content decides, not the name; other decoders of the image crate stay unused.
     let Some(format @ (ImageFormat::Png | ImageFormat::Jpeg)) = reader.format() else {
-        return Err(DatasetError::image(path, "it is neither PNG nor JPEG"));
+        return Err(Error::image_decode(path, "it is neither PNG nor JPEG"));
     };
     if !can_hold_its_pixels(&bytes, format) {
-        return Err(DatasetError::image(
+        return Err(Error::image_decode(
             path,
             "its header announces more pixels than a file of its size can hold",
         ));
     }
     if format == ImageFormat::Jpeg && !jpeg_is_complete(&bytes) {
-        return Err(DatasetError::image(
+        return Err(Error::image_decode(
             path,
             "the file ends before the image does (truncated)",
         ));
     }
     reader.limits(limits());
-    reader.decode().map_err(|e| DatasetError::image(path, e))
+    reader.decode().map_err(|e| Error::image_decode(path, e))
 }
 
 /// Whether a JPEG's segments reach the end-of-image marker. The decoder fills what is missing of a

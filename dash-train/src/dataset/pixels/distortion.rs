@@ -5,7 +5,7 @@ use std::path::Path;
 use dash_kernels::Camera;
 
 use super::image::{ImageData, accumulate};
-use crate::files::DatasetError;
+use crate::Error;
 
 /// Coefficients below this move no pixel that matters.
 const NEGLIGIBLE: f64 = 1e-6;
@@ -56,9 +56,9 @@ impl Distortion {
     ///
     /// # Errors
     /// Names `path` when the lens folds the image onto itself or needs a zoom beyond 2.
-    pub(crate) fn pinhole(&self, camera: &Camera, path: &Path) -> Result<Camera, DatasetError> {
+    pub(crate) fn pinhole(&self, camera: &Camera, path: &Path) -> Result<Camera, Error> {
         let refused = |found: &str| {
-            DatasetError::invalid(
+            Error::invalid(
                 path,
                 "lens distortion that can be undone over the whole image",
                 format!("{found} with coefficients k {:?}, p {:?}", self.k, self.p),

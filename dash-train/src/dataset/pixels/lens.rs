@@ -6,7 +6,7 @@ use dash_kernels::Camera;
 
 use super::distortion::{Distortion, undistort};
 use super::image::ImageData;
-use crate::files::DatasetError;
+use crate::Error;
 
 /// How to undo a lens's distortion.
 #[derive(Debug, Clone)]
@@ -22,7 +22,7 @@ impl Lens {
         distortion: Distortion,
         camera: &Camera,
         path: &Path,
-    ) -> Result<Option<Self>, DatasetError> {
+    ) -> Result<Option<Self>, Error> {
         if distortion.is_negligible() {
             return Ok(None);
         }

@@ -5,7 +5,8 @@ use std::path::{Path, PathBuf};
 use rayon::prelude::*;
 
 use super::decode::decode_mask;
-use crate::files::{self, DatasetError};
+use crate::Error;
+use crate::files::{self};
 
 /// Folder with masks of the pixels that count.
 pub(crate) const MASK_FOLDER: &str = "masks";
@@ -50,7 +51,7 @@ pub(crate) fn unused_folder(root: &Path, name: &str) -> Option<String> {
 /// When a mask that is looked at does not fit or can't be read.
 pub(crate) fn doubt(
     masks: &[Option<(&CountedMask, (usize, usize))>],
-) -> Result<Option<String>, DatasetError> {
+) -> Result<Option<String>, Error> {
     let masked: Vec<_> = masks.iter().flatten().copied().collect();
     if masked.is_empty() {
         return Ok(None);
@@ -60,7 +61,7 @@ pub(crate) fn doubt(
     let shares: Vec<f64> = looked_at
         .into_par_iter()
         .map(|(mask, size)| counted_share(mask, size))
-        .collect::<Result<_, DatasetError>>()?;
+        .collect::<Result<_, Error>>()?;
     let without = (masks.len() - masked.len()) as f64;
     let counted = without + shares.iter().sum::<f64>() / kept as f64 * masked.len() as f64;
     let share = counted / masks.len() as f64;
@@ -73,7 +74,7 @@ pub(crate) fn doubt(
 }
 
 /// Share of the pixels that count in an image, before its lens is undone.
-fn counted_share(mask: &CountedMask, size: (usize, usize)) -> Result<f64, DatasetError> {
+fn counted_share(mask: &CountedMask, size: (usize, usize)) -> Result<f64, Error> {
     let counted = decode_mask(&mask.path, size)?.thresholded(mask.inverted);
     let n = counted.iter().filter(|&&counts| counts > 0).count();
     Ok(n as f64 / counted.len() as f64)

@@ -6,7 +6,7 @@ use dash_kernels::Camera;
 
 use super::decode::{dimensions, turned};
 use super::scale::{has_shape_of, is_scaled};
-use crate::files::DatasetError;
+use crate::Error;
 
 /// The images of one dataset so far: how many are at another size.
 #[derive(Debug, Default)]
@@ -59,7 +59,7 @@ pub(crate) fn resized(
     (width, height): (usize, usize),
     path: &Path,
     posed_by: &Path,
-) -> Result<Camera, DatasetError> {
+) -> Result<Camera, Error> {
     if !has_shape_of(camera, (width, height)) {
         let posed_by = posed_by.file_name().unwrap_or(posed_by.as_os_str());
         let turned = if has_shape_of(camera, (height, width)) {
@@ -67,7 +67,7 @@ pub(crate) fn resized(
         } else {
             String::new()
         };
-        return Err(DatasetError::invalid(
+        return Err(Error::invalid(
             path,
             format!(
                 "frames shaped like the {}x{} of {}",

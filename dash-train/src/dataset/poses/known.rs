@@ -8,10 +8,11 @@ use dash_kernels::Camera;
 use super::colmap::{MODEL_FOLDERS, model_folder, read_model as read_registered};
 use super::npy::parse_poses;
 use super::{llff, plain_order, pose, transforms};
+use crate::Error;
 use crate::dataset::pixels::distortion::Distortion;
 use crate::dataset::pixels::lens::Lens;
 use crate::dataset::pixels::scale::has_shape_of;
-use crate::files::{self, DatasetError};
+use crate::files::{self};
 
 /// A camera and its lens.
 #[derive(Debug, Clone, PartialEq)]
@@ -48,14 +49,14 @@ pub(crate) fn read(
     path: &Path,
     names: &[String],
     sizes: &[[usize; 2]],
-) -> Result<Vec<KnownCamera>, DatasetError> {
+) -> Result<Vec<KnownCamera>, Error> {
     let is = |extension| files::has_extension(&path.to_string_lossy(), &[extension]);
     let (listed_in, cameras) = if path.is_dir() {
         let folder = if has_model(path) {
             path.to_path_buf()
         } else {
             model_folder(path, &MODEL_FOLDERS).ok_or_else(|| {
-                DatasetError::invalid(
+                Error::invalid(
                     path,
                     "a COLMAP model (cameras.bin and images.bin, or .txt)",
                     "none in this folder",
@@ -71,8 +72,8 @@ pub(crate) fn read(
         (path.to_path_buf(), read_transforms(path, names, sizes)?)
     } else {
         // A path that does not exist is told apart from one of another kind.
-        fs::metadata(path).map_err(DatasetError::io(path))?;
-        return Err(DatasetError::invalid(
+        fs::metadata(path).map_err(Error::access(path))?;
+        return Err(Error::invalid(
             path,
             "poses as poses_bounds.npy, transforms.json or the folder of a COLMAP model",
             "another kind of file",
@@ -90,7 +91,7 @@ pub(crate) fn read(
 ///
 /// # Errors
 /// When a file is missing or damaged, or a camera model has no pinhole counterpart.
-pub(crate) fn model_cameras(folder: &Path) -> Result<Vec<(String, KnownCamera)>, DatasetError> {
+pub(crate) fn model_cameras(folder: &Path) -> Result<Vec<(String, KnownCamera)>, Error> {
     let model = read_registered(folder)?;
     Ok(model
         .images
@@ -111,11 +112,11 @@ fn has_model(folder: &Path) -> bool {
         .any(|name| folder.join(name).is_file())
 }
 
-fn read_rows(path: &Path, names: &[String]) -> Result<Vec<KnownCamera>, DatasetError> {
-    let bytes = fs::read(path).map_err(DatasetError::io(path))?;
+fn read_rows(path: &Path, names: &[String]) -> Result<Vec<KnownCamera>, Error> {
+    let bytes = fs::read(path).map_err(Error::access(path))?;
     let rows = parse_poses(path, &bytes)?;
     if rows.len() != names.len() {
-        return Err(DatasetError::invalid(
+        return Err(Error::invalid(
             path,
             format!("one row per camera, {} ({})", names.len(), names.join(", ")),
             format!("{} rows", rows.len()),
@@ -141,7 +142,7 @@ fn read_transforms(
     path: &Path,
     names: &[String],
     sizes: &[[usize; 2]],
-) -> Result<Vec<KnownCamera>, DatasetError> {
+) -> Result<Vec<KnownCamera>, Error> {
     let transforms = transforms::parse(path)?;
     let mut poses = Vec::new();
     for frame in &transforms.frames {
@@ -155,7 +156,7 @@ fn read_transforms(
     one_each(path, names, poses)
 }
 
-fn read_model(folder: &Path, names: &[String]) -> Result<Vec<KnownCamera>, DatasetError> {
+fn read_model(folder: &Path, names: &[String]) -> Result<Vec<KnownCamera>, Error> {
     let poses = model_cameras(folder)?
         .into_iter()
         .filter_map(|(image, known)| Some((camera_of(&image, names)?, known)))
@@ -181,13 +182,13 @@ fn one_each(
     path: &Path,
     names: &[String],
     poses: Vec<(usize, KnownCamera)>,
-) -> Result<Vec<KnownCamera>, DatasetError> {
+) -> Result<Vec<KnownCamera>, Error> {
     let mut found: Vec<Option<KnownCamera>> = vec![None; names.len()];
     let extent = pose::extent(poses.iter().map(|(_, known)| &known.camera));
     for (index, known) in poses {
         match &found[index] {
             Some(first) if !pose::same_pose(&first.camera, &known.camera, extent) => {
-                return Err(DatasetError::invalid(
+                return Err(Error::invalid(
                     path,
                     "one pose for each camera, which stands still",
                     format!("several different ones for {}", names[index]),
@@ -204,7 +205,7 @@ fn one_each(
         .filter_map(|(name, found)| found.is_none().then_some(name.as_str()))
         .collect();
     if !missing.is_empty() {
-        return Err(DatasetError::invalid(
+        return Err(Error::invalid(
             path,
             "a pose for each camera, in an entry with its name (cam01.png or cam01/images/0000.png)",
             format!("none for {}", missing.join(", ")),
@@ -220,10 +221,10 @@ fn fit(
     size @ [width, height]: [usize; 2],
     name: &str,
     listed_in: &Path,
-) -> Result<KnownCamera, DatasetError> {
+) -> Result<KnownCamera, Error> {
     let camera = &known.camera;
     if !has_shape_of(camera, (width, height)) {
-        return Err(DatasetError::invalid(
+        return Err(Error::invalid(
             listed_in,
             format!("poses for pictures shaped like the {width}x{height} of {name}"),
             format!("{}x{}", camera.width, camera.height),

@@ -6,8 +6,8 @@ use dash_kernels::Camera;
 
 use super::npy::POSE_COLUMNS;
 use super::pose;
+use crate::Error;
 use crate::dataset::pixels::MAX_IMAGE_SIDE;
-use crate::files::DatasetError;
 
 /// The camera of one LLFF row: 3x5 of the axes down, right, backwards, the position and
 /// (height, width, focal); then the depth bounds.
@@ -15,9 +15,9 @@ pub(crate) fn camera(
     path: &Path,
     index: usize,
     row: &[f64; POSE_COLUMNS],
-) -> Result<Camera, DatasetError> {
+) -> Result<Camera, Error> {
     let malformed = |found: String| {
-        DatasetError::invalid(
+        Error::invalid(
             path,
             "in every row a finite pose, height, width, focal length and depth bounds",
             format!("{found} in row {index}"),

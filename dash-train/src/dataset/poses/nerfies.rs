@@ -6,10 +6,10 @@ use dash_kernels::Camera;
 use serde::Deserialize;
 
 use super::pose;
+use crate::Error;
 use crate::dataset::pixels::MAX_IMAGE_SIDE;
 use crate::dataset::pixels::distortion::Distortion;
 use crate::dataset::pixels::scale::is_in_the_middle;
-use crate::files::DatasetError;
 
 /// A smaller skew moves no pixel that matters.
 const MAX_SKEW_PX: f64 = 0.1;
@@ -47,9 +47,9 @@ impl CameraFile {
         &self,
         path: &Path,
         place: impl Fn([f64; 3]) -> [f64; 3],
-    ) -> Result<(Camera, Distortion), DatasetError> {
+    ) -> Result<(Camera, Distortion), Error> {
         let malformed = |expected: &str, found: String| {
-            DatasetError::invalid(path, expected, found, "mend the file or write it again")
+            Error::invalid(path, expected, found, "mend the file or write it again")
         };
         let aspect = self.pixel_aspect_ratio.unwrap_or(1.0);
         let (fx, fy) = (self.focal_length, self.focal_length * aspect);

@@ -4,7 +4,8 @@ use std::path::Path;
 
 use npyz::{DType, NpyFile, Order, TypeChar};
 
-use crate::files::{DatasetError, refuse_pointer};
+use crate::Error;
+use crate::files::refuse_pointer;
 
 /// Columns of a row of poses: a 3x5 pose and two depth bounds.
 pub(crate) const POSE_COLUMNS: usize = 17;
@@ -17,10 +18,7 @@ const MAX_HEADER_DIGITS: usize = 19;
 const MAX_HEADER_BRACKETS: usize = 2;
 
 /// Parses LLFF poses and bounds.
-pub(crate) fn parse_poses(
-    path: &Path,
-    bytes: &[u8],
-) -> Result<Vec<[f64; POSE_COLUMNS]>, DatasetError> {
+pub(crate) fn parse_poses(path: &Path, bytes: &[u8]) -> Result<Vec<[f64; POSE_COLUMNS]>, Error> {
     let what = "[cameras, 17] of f32 or f64 (LLFF poses and bounds)";
     let rows = parse_rows(path, bytes, what)?;
     if rows.is_empty() {
@@ -30,7 +28,7 @@ pub(crate) fn parse_poses(
 }
 
 /// Parses positions of points, of which there may be none.
-pub(crate) fn parse_points(path: &Path, bytes: &[u8]) -> Result<Vec<[f64; 3]>, DatasetError> {
+pub(crate) fn parse_points(path: &Path, bytes: &[u8]) -> Result<Vec<[f64; 3]>, Error> {
     parse_rows(path, bytes, "[points, 3] of f32 or f64 (positions)")
 }
 
@@ -39,7 +37,7 @@ fn parse_rows<const COLUMNS: usize>(
     path: &Path,
     bytes: &[u8],
     what: &str,
-) -> Result<Vec<[f64; COLUMNS]>, DatasetError> {
+) -> Result<Vec<[f64; COLUMNS]>, Error> {
     refuse_pointer(path, bytes, &format!("a NumPy array {what}"))?;
     let malformed = |found: String| malformed(path, what, found);
     check_header(bytes).map_err(malformed)?;
@@ -88,8 +86,8 @@ fn parse_rows<const COLUMNS: usize>(
     Ok((0..n).map(row).collect())
 }
 
-fn malformed(path: &Path, what: &str, found: String) -> DatasetError {
-    DatasetError::invalid(
+fn malformed(path: &Path, what: &str, found: String) -> Error {
+    Error::invalid(
         path,
         format!("a NumPy array {what}"),
         found,
@@ -142,7 +140,7 @@ mod tests {
     use super::*;
     use crate::test_kit::{npy, npy_f64};
 
-    fn read(bytes: &[u8]) -> Result<Vec<[f64; POSE_COLUMNS]>, DatasetError> {
+    fn read(bytes: &[u8]) -> Result<Vec<[f64; POSE_COLUMNS]>, Error> {
         parse_poses(Path::new("poses_bounds.npy"), bytes)
     }
 

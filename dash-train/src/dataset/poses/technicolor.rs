@@ -5,8 +5,8 @@ use std::path::Path;
 use dash_kernels::Camera;
 
 use super::pose;
+use crate::Error;
 use crate::dataset::pixels::scale::is_in_the_middle;
-use crate::files::DatasetError;
 
 /// A column each: focal length, principal point, aspect, skew, quaternion (w, x, y, z), translation.
 const COLUMNS: usize = 12;
@@ -25,9 +25,9 @@ pub(crate) struct Row {
 }
 
 /// The lines after the header.
-pub(crate) fn parse(path: &Path, text: &str) -> Result<Vec<Row>, DatasetError> {
+pub(crate) fn parse(path: &Path, text: &str) -> Result<Vec<Row>, Error> {
     let malformed = |found: String| {
-        DatasetError::invalid(
+        Error::invalid(
             path,
             "a header line, then 12 numbers per camera (focal length, principal point, aspect, \
              skew, quaternion w x y z, translation)",
@@ -58,7 +58,7 @@ pub(crate) fn parse(path: &Path, text: &str) -> Result<Vec<Row>, DatasetError> {
             return Err(malformed(format!("{} in line {line}", fields.len())));
         };
         if skew.is_nan() || skew.abs() > MAX_SKEW_PX {
-            return Err(DatasetError::invalid(
+            return Err(Error::invalid(
                 path,
                 "pixels without skew",
                 format!("skew {skew} in line {line}"),
@@ -92,9 +92,9 @@ impl Row {
         &self,
         path: &Path,
         (width, height): (usize, usize),
-    ) -> Result<Camera, DatasetError> {
+    ) -> Result<Camera, Error> {
         let malformed = |expected: &str, found: String| {
-            DatasetError::invalid(
+            Error::invalid(
                 path,
                 expected,
                 format!("{found} in line {}", self.line),

@@ -8,10 +8,11 @@ use dash_kernels::Camera;
 use serde::Deserialize;
 
 use super::pose;
+use crate::Error;
 use crate::dataset::pixels::MAX_IMAGE_SIDE;
 use crate::dataset::pixels::distortion::Distortion;
 use crate::dataset::pixels::scale::{is_in_the_middle, times_larger};
-use crate::files::{DatasetError, parse_json};
+use crate::files::parse_json;
 
 /// One file.
 #[derive(Debug, Deserialize)]
@@ -91,10 +92,10 @@ impl Frame {
 }
 
 /// Reads a file, which may list no frames.
-pub(crate) fn parse_any(path: &Path) -> Result<Transforms, DatasetError> {
-    let bytes = fs::read(path).map_err(DatasetError::io(path))?;
+pub(crate) fn parse_any(path: &Path) -> Result<Transforms, Error> {
+    let bytes = fs::read(path).map_err(Error::access(path))?;
     parse_json(&bytes).map_err(|e| {
-        DatasetError::invalid(
+        Error::invalid(
             path,
             "JSON with `frames`, each with `file_path` and `transform_matrix`",
             e.to_string(),
@@ -104,10 +105,10 @@ pub(crate) fn parse_any(path: &Path) -> Result<Transforms, DatasetError> {
 }
 
 /// Reads a file with at least one frame.
-pub(crate) fn parse(path: &Path) -> Result<Transforms, DatasetError> {
+pub(crate) fn parse(path: &Path) -> Result<Transforms, Error> {
     let transforms = parse_any(path)?;
     if transforms.frames.is_empty() {
-        return Err(DatasetError::invalid(
+        return Err(Error::invalid(
             path,
             "at least one frame",
             "none",
@@ -125,10 +126,10 @@ impl Transforms {
         &self,
         path: &Path,
         frame: &Frame,
-        image_size: impl FnOnce() -> Result<(usize, usize), DatasetError>,
-    ) -> Result<(Camera, Distortion), DatasetError> {
+        image_size: impl FnOnce() -> Result<(usize, usize), Error>,
+    ) -> Result<(Camera, Distortion), Error> {
         let malformed = |expected: &str, found: String| {
-            DatasetError::invalid(
+            Error::invalid(
                 path,
                 expected,
                 format!("{found} in frame `{}`", frame.file_path),
@@ -191,7 +192,7 @@ impl Transforms {
         path: &Path,
         frame: &Frame,
         size @ (width, height): (usize, usize),
-    ) -> Result<f64, DatasetError> {
+    ) -> Result<f64, Error> {
         let stated = self.principal_point(frame);
         if stated == [None, None] {
             return Ok(1.0);
@@ -212,7 +213,7 @@ impl Transforms {
                 Ok(times)
             }
             None if is_in_the_middle([cx, cy], size) => Ok(1.0),
-            None => Err(DatasetError::invalid(
+            None => Err(Error::invalid(
                 path,
                 format!("a principal point near the middle of the {width}x{height} pictures"),
                 format!("{cx}, {cy} in frame `{}`", frame.file_path),

@@ -2,9 +2,10 @@
 
 use std::fs;
 
-use super::super::{Dataset, DatasetError, LoadOptions, load, load_decodable};
+use super::super::{Dataset, LoadOptions, load, load_decodable};
 use super::n3dv::row;
 use super::videos::write_video_with;
+use crate::Error;
 use crate::test_kit::{Fixture, camera, npy_f64};
 
 /// Frames per video, in groups of four of which the file holds some out of order.
@@ -181,7 +182,7 @@ fn damage_costs_frames_up_to_the_next_key_frame() {
         assert!(on_demand.frame_statistics().is_some());
         assert_eq!(frames(&on_demand, &whole), found);
         let (_, broken) = load_decodable(fixture.root(), &LoadOptions::default()).expect("loads");
-        let told: Vec<String> = broken.iter().map(DatasetError::to_string).collect();
+        let told: Vec<String> = broken.iter().map(Error::to_string).collect();
         assert_eq!(told.len(), 1, "{told:?}");
         assert!(
             told[0].contains(&format!(

@@ -21,15 +21,16 @@ mod videos;
 use std::fs;
 use std::path::Path;
 
-use super::{Dataset, DatasetError, LoadOptions, load};
+use super::{Dataset, LoadOptions, load};
+use crate::Error;
 use crate::test_kit::{Fixture, H, W, camera, npy_f64};
 
 impl Fixture {
-    fn load(&self) -> Result<Dataset, DatasetError> {
+    fn load(&self) -> Result<Dataset, Error> {
         self.load_with(&LoadOptions::default())
     }
 
-    fn load_with(&self, options: &LoadOptions) -> Result<Dataset, DatasetError> {
+    fn load_with(&self, options: &LoadOptions) -> Result<Dataset, Error> {
         load(self.root(), options)
     }
 

@@ -1,8 +1,9 @@
 //! Which times frames of videos have: evenly spaced ones, those of the stamps, and of videos whose stamps
 //! differ.
 
-use super::super::{Dataset, DatasetError, LoadOptions, load_decodable};
+use super::super::{Dataset, LoadOptions, load_decodable};
 use super::n3dv::row;
+use crate::Error;
 use crate::test_kit::{Fixture, camera, ffmpeg, grey_frames, npy_f64, output, run};
 
 const ENCODING: [&str; 8] = ["-c:v", "mpeg4", "-q:v", "1", "-g", "4", "-bf", "2"];
@@ -235,7 +236,7 @@ fn a_lost_frame_moves_no_other() {
         [all.clone(), all_but(N, &[5]), all.clone()]
     );
     let (_, broken) = load_decodable(fixture.root(), &LoadOptions::default()).expect("loads");
-    let told: Vec<String> = broken.iter().map(DatasetError::to_string).collect();
+    let told: Vec<String> = broken.iter().map(Error::to_string).collect();
     assert!(told.len() == 1 && told[0].contains("cam01.mp4"), "{told:?}");
 
     // Most cameras say which frames there are.

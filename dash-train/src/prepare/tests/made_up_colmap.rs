@@ -6,8 +6,9 @@ use std::os::unix::fs::PermissionsExt;
 use std::path::PathBuf;
 
 use super::super::reconstruct::write_model;
-use super::super::{PrepareConfig, PrepareError, PrepareSummary, prepare_with};
+use super::super::{PrepareConfig, PrepareSummary, prepare_with};
 use super::{Bench, H, W, assert_close, known};
+use crate::Error;
 use crate::dataset::poses::known::{self as known_poses, KnownCamera};
 use crate::ply::read_points;
 
@@ -59,7 +60,7 @@ impl Bench {
         fs::write(folder.join("points3D.txt"), points()).expect("writes");
     }
 
-    fn run(&self, body: &str, config: &PrepareConfig) -> Result<PrepareSummary, PrepareError> {
+    fn run(&self, body: &str, config: &PrepareConfig) -> Result<PrepareSummary, Error> {
         let program = self.program(body).into_os_string();
         prepare_with(
             &self.path("input"),

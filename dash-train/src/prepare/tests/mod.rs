@@ -12,7 +12,8 @@ use std::path::{Path, PathBuf};
 
 use dash_kernels::Camera;
 
-use super::{PrepareConfig, PrepareError, PrepareSummary, prepare};
+use super::{PrepareConfig, PrepareSummary, prepare};
+use crate::Error;
 use crate::dataset::pixels::distortion::Distortion;
 use crate::dataset::poses::known::KnownCamera;
 use crate::test_kit::Fixture;
@@ -63,7 +64,7 @@ impl Bench {
         )
     }
 
-    fn prepare(&self, config: &PrepareConfig) -> Result<PrepareSummary, PrepareError> {
+    fn prepare(&self, config: &PrepareConfig) -> Result<PrepareSummary, Error> {
         prepare(&self.path("input"), &self.path("out/made"), config)
     }
 
@@ -75,7 +76,7 @@ impl Bench {
     }
 
     #[track_caller]
-    fn check_refusal(&self, error: &PrepareError, words: &[&str]) {
+    fn check_refusal(&self, error: &Error, words: &[&str]) {
         let message = error.to_string();
         for word in words {
             assert!(message.contains(word), "`{word}` is not in: {message}");

@@ -3,7 +3,6 @@
 use crate::Error;
 use crate::synth::write::write_with;
 use crate::synth::*;
-use crate::video::VideoError;
 use image::GenericImageView;
 use serde::Deserialize;
 use std::collections::BTreeMap;
@@ -330,7 +329,7 @@ fn videos_need_ffmpeg_and_a_failure_leaves_nothing() {
     // `false` starts like any program, and then fails on every video.
     let error = write_with(&out, &config, "false").expect_err("fails");
     assert!(
-        matches!(error, Error::DatasetVideo(VideoError::FfmpegFailed { .. })),
+        matches!(&error, Error::SynthVideo(cause) if matches!(**cause, Error::VideoEncode { .. })),
         "{error}"
     );
     assert_eq!(left(), 0, "half a dataset stays");
@@ -342,7 +341,7 @@ fn videos_need_ffmpeg_and_a_failure_leaves_nothing() {
             let frames = files.keys().filter(|f| f.ends_with(".png"));
             assert!(frames.into_iter().all(|f| f.starts_with("motion_masks/")));
         }
-        Err(error) => assert!(matches!(error, Error::FfmpegMissing { .. }), "{error}"),
+        Err(error) => assert!(matches!(error, Error::FfmpegNotStarted { .. }), "{error}"),
     }
 }
 

@@ -75,7 +75,7 @@ fn every_layout_reads_back_with_the_same_cameras_times_points_and_pictures() {
         };
         let out = folder.path().join(layout.to_string());
         match write(&out, &config) {
-            Err(Error::FfmpegMissing { .. }) => {
+            Err(Error::FfmpegNotStarted { .. }) => {
                 eprintln!("ffmpeg is not installed: {layout} is not tried");
                 continue;
             }

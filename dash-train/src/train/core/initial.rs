@@ -9,8 +9,9 @@ use rand_pcg::Pcg64;
 use super::capture::TimeSpan;
 use super::points::InitialPoints;
 use super::sweep::Sweep;
+use crate::Error;
 use crate::cameras::focus_point;
-use crate::dataset::{Dataset, DatasetError, View};
+use crate::dataset::{Dataset, View};
 
 /// Most views that points are looked for in.
 const MAX_VIEWS: usize = 64;
@@ -37,7 +38,7 @@ pub(crate) fn initial_points(
     background: [f32; 3],
     limits: [usize; 2],
     rng: &mut Pcg64,
-) -> Result<InitialPoints, DatasetError> {
+) -> Result<InitialPoints, Error> {
     let cloud = dataset.points.as_ref();
     let n = cloud.map_or(0, |cloud| cloud.positions.len());
     let kept = n.min(limits[1]);

@@ -8,8 +8,9 @@ use rand_pcg::Pcg64;
 use rayon::prelude::*;
 
 use super::points::InitialPoints;
+use crate::Error;
 use crate::cameras::focus_point;
-use crate::dataset::{DatasetError, View};
+use crate::dataset::View;
 
 /// Depths between which points are looked for, in units of the distance to where the cameras look.
 const DEPTHS: [f64; 2] = [0.25, 8.0];
@@ -64,7 +65,7 @@ pub(crate) struct Sweep {
 
 impl Sweep {
     /// Prepares views.
-    pub(crate) fn new(views: &[&View], background: [f32; 3]) -> Result<Self, DatasetError> {
+    pub(crate) fn new(views: &[&View], background: [f32; 3]) -> Result<Self, Error> {
         let cameras: Vec<Camera> = views.iter().map(|view| view.camera.clone()).collect();
         let pictures = views
             .par_iter()
@@ -78,7 +79,7 @@ impl Sweep {
                     witnesses: witnesses(&cameras, index),
                 })
             })
-            .collect::<Result<_, DatasetError>>()?;
+            .collect::<Result<_, Error>>()?;
         let focus = glam::DVec3::from(focus_point(&cameras));
         Ok(Self { pictures, focus })
     }
@@ -104,7 +105,7 @@ impl Sweep {
         others: &[(usize, &View)],
         background: [f32; 3],
         rng: &mut Pcg64,
-    ) -> Result<InitialPoints, DatasetError> {
+    ) -> Result<InitialPoints, Error> {
         let changes: Vec<Vec<(usize, usize, usize)>> = others
             .par_iter()
             .map(|&(index, other)| {
@@ -120,7 +121,7 @@ impl Sweep {
                     .map(|(k, _)| (index, k % width, k / width))
                     .collect())
             })
-            .collect::<Result<_, DatasetError>>()?;
+            .collect::<Result<_, Error>>()?;
         let mut rays = changes.concat();
         rays.sort_unstable();
         rays.dedup();

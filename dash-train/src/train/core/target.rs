@@ -3,7 +3,8 @@
 use burn::tensor::{Device, Int, Tensor, TensorData};
 use dash_kernels::limits;
 
-use crate::dataset::{DatasetError, View};
+use crate::Error;
+use crate::dataset::View;
 
 /// Values from which on a picture goes to a GPU as bytes, a quarter of what they are as numbers: of smaller ones, the
 /// launches that unpack them would cost more.
@@ -16,7 +17,7 @@ const BYTES: usize = 4;
 ///
 /// # Errors
 /// When the image is read only now and is damaged or gone.
-pub(super) fn as_bytes(view: &View, device: &Device) -> Result<Option<Tensor<3>>, DatasetError> {
+pub(super) fn as_bytes(view: &View, device: &Device) -> Result<Option<Tensor<3>>, Error> {
     let shape = [view.camera.height, view.camera.width, 3];
     let is_large = shape.iter().product::<usize>() >= LARGE;
     if !is_large || limits::largest_buffer_bytes(device).is_none() {

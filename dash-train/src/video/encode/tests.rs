@@ -71,7 +71,7 @@ fn a_missing_program_says_how_to_install_it() {
     )
     .err()
     .expect("there is no such program");
-    assert!(matches!(error, VideoError::FfmpegMissing { .. }), "{error}");
+    assert!(matches!(error, Error::NoFfmpegToWrite { .. }), "{error}");
     let text = error.to_string();
     for part in ["clip.mp4", "`no-such-ffmpeg`", "apt install ffmpeg", "PNG"] {
         assert!(text.contains(part), "{text}");

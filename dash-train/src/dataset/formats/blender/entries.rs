@@ -5,13 +5,14 @@ use std::path::{Path, PathBuf};
 
 use dash_kernels::Camera;
 
+use crate::Error;
 use crate::dataset::loader::Loader;
 use crate::dataset::pixels::dimensions;
 use crate::dataset::pixels::distortion::Distortion;
 use crate::dataset::pixels::sizes::Sizes;
 use crate::dataset::poses::pose;
 use crate::dataset::poses::transforms::{Frame, Transforms};
-use crate::files::{self, DatasetError, find_image};
+use crate::files::{self, find_image};
 
 /// A frame of any of the files.
 pub(super) struct Entry {
@@ -35,7 +36,7 @@ pub(super) fn collect(
     held_out: bool,
     sizes: &mut Sizes,
     entries: &mut Vec<Entry>,
-) -> Result<(), DatasetError> {
+) -> Result<(), Error> {
     let mut lacking_masks = 0;
     for frame in &transforms.frames {
         let file = files::confined(loader.root, &frame.file_path, listed_in)?;
@@ -50,7 +51,7 @@ pub(super) fn collect(
         let (camera, distortion) = transforms.camera(listed_in, frame, || dimensions(&file))?;
         let finite = distortion.is_finite() && frame.time.is_none_or(f64::is_finite);
         if !finite {
-            return Err(DatasetError::invalid(
+            return Err(Error::invalid(
                 listed_in,
                 "finite times and distortion coefficients",
                 format!("NaN or infinity in frame `{}`", frame.file_path),
@@ -117,10 +118,10 @@ pub(super) fn at_one_instant(camera_of: &[usize], names: &[String]) -> Option<St
 }
 
 /// Either every frame has a time or none has.
-pub(super) fn check_times(entries: &[Entry]) -> Result<(), DatasetError> {
+pub(super) fn check_times(entries: &[Entry]) -> Result<(), Error> {
     let with_time = entries.iter().any(|entry| entry.time.is_some());
     match entries.iter().find(|entry| entry.time.is_none()) {
-        Some(entry) if with_time => Err(DatasetError::invalid(
+        Some(entry) if with_time => Err(Error::invalid(
             &entry.listed_in,
             "`time` in every frame or in none",
             format!("none in frame `{}`", entry.name),

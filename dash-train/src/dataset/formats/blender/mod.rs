@@ -8,6 +8,7 @@ use std::path::{Path, PathBuf};
 
 use dash_kernels::Camera;
 
+use crate::Error;
 use crate::dataset::broken::check_any;
 use crate::dataset::format::{Capture, Folder, Format, Reader};
 use crate::dataset::layout::Layout;
@@ -21,7 +22,7 @@ use crate::dataset::points::{Models, find_named_points};
 use crate::dataset::poses::transforms::{Transforms, parse, parse_any};
 use crate::dataset::times::{self, Placement};
 use crate::dataset::unposed;
-use crate::files::{self, DatasetError, find_image};
+use crate::files::{self, find_image};
 use entries::{Entry, at_one_instant, cameras, check_times, collect, number_times};
 use partition::{drop_held_out, hold_out};
 
@@ -47,18 +48,18 @@ impl Format for Blender {
         Layout::Blender
     }
 
-    fn recognise(&self, folder: &Folder) -> Result<Option<Box<dyn Reader>>, DatasetError> {
+    fn recognise(&self, folder: &Folder) -> Result<Option<Box<dyn Reader>>, Error> {
         let is_any = FILES.iter().any(|name| folder.has(name));
         is_any.then(|| self.open(folder)).transpose()
     }
 
-    fn open(&self, folder: &Folder) -> Result<Box<dyn Reader>, DatasetError> {
+    fn open(&self, folder: &Folder) -> Result<Box<dyn Reader>, Error> {
         let [train, single] = FILES.map(|name| folder.root().join(name));
         let first = if train.is_file() { train } else { single };
         Ok(Box::new(BlenderReader { first }))
     }
 
-    fn poses(&self, folder: &Folder) -> Result<Option<Vec<Camera>>, DatasetError> {
+    fn poses(&self, folder: &Folder) -> Result<Option<Vec<Camera>>, Error> {
         let root = folder.root();
         let files = FILES.map(|name| root.join(name));
         let Some(path) = files.iter().find(|path| path.is_file()) else {
@@ -80,7 +81,7 @@ impl Format for Blender {
 }
 
 impl Reader for BlenderReader {
-    fn read(self: Box<Self>, loader: &Loader) -> Result<Capture, DatasetError> {
+    fn read(self: Box<Self>, loader: &Loader) -> Result<Capture, Error> {
         let first = self.first.as_path();
         let transforms = parse(first)?;
         let mut entries = list(loader, first, &transforms)?;
@@ -132,11 +133,7 @@ impl Reader for BlenderReader {
 }
 
 /// The frames of the first file, and of the file of views to hold out where there is one.
-fn list(
-    loader: &Loader,
-    first: &Path,
-    transforms: &Transforms,
-) -> Result<Vec<Entry>, DatasetError> {
+fn list(loader: &Loader, first: &Path, transforms: &Transforms) -> Result<Vec<Entry>, Error> {
     let mut entries = Vec::new();
     let mut sizes = Sizes::default();
     collect(loader, first, transforms, false, &mut sizes, &mut entries)?;
@@ -166,7 +163,7 @@ fn place(
     first: &Path,
     transforms: &Transforms,
     entries: &[Entry],
-) -> Result<Placement, DatasetError> {
+) -> Result<Placement, Error> {
     let stated: Vec<f64> = entries.iter().map(|e| e.time.unwrap_or(0.0)).collect();
     let same_time = times::same_time(&stated, &cameras(entries).0);
     let placed = times::frames_within(loader.options, &stated, same_time)?;

@@ -4,10 +4,11 @@ use std::collections::HashSet;
 use std::path::{Path, PathBuf};
 
 use super::entries::{Entry, entry_name};
+use crate::Error;
 use crate::dataset::loader::Loader;
 use crate::dataset::partition::every_eighth;
 use crate::dataset::poses::transforms::Transforms;
-use crate::files::{self, DatasetError};
+use crate::files::{self};
 
 /// Decides for the frames of a single file: by nerfstudio's lists if these name any, else every eighth by name is
 /// held out. If there is a list of training frames, frames in no list are dropped.
@@ -73,7 +74,7 @@ pub(super) fn drop_held_out(
     loader: &Loader,
     listed_in: &Path,
     entries: &mut Vec<Entry>,
-) -> Result<(), DatasetError> {
+) -> Result<(), Error> {
     let picture = |entry: &Entry| -> PathBuf {
         let real = entry.file.canonicalize();
         real.unwrap_or_else(|_| entry.file.clone())
@@ -95,7 +96,7 @@ pub(super) fn drop_held_out(
         let held_out_by = entries
             .first()
             .map_or(listed_in, |entry| entry.listed_in.as_path());
-        return Err(DatasetError::invalid(
+        return Err(Error::invalid(
             held_out_by,
             format!(
                 "other pictures than those to train on of {}",

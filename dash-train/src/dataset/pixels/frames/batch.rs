@@ -6,11 +6,11 @@ use rayon::prelude::*;
 
 use super::groups::{groups, make_group};
 use super::recipe::{Recipe, Source};
+use crate::Error;
 use crate::dataset::pixels::image::ImageData;
-use crate::files::DatasetError;
 
 /// A decoded frame or its error; `None` if the error of another frame covers it.
-pub(crate) type Outcome<T> = Option<Result<T, DatasetError>>;
+pub(crate) type Outcome<T> = Option<Result<T, Error>>;
 
 /// Makes all images, in parallel over files and videos, and keeps the result of `keep`.
 pub(crate) fn make_all<T: Send>(
@@ -41,7 +41,7 @@ pub(crate) fn salvage<T: Send>(
         let Some((failed, reason)) = reason else {
             continue;
         };
-        let (Source::Video { video, .. }, DatasetError::Video { .. }) =
+        let (Source::Video { video, .. }, Error::VideoDecode { .. }) =
             (&recipes[failed].source, &reason)
         else {
             made[failed] = Some(Err(reason));
@@ -73,8 +73,8 @@ fn make_groups<T: Send>(
     recipes: &[Recipe],
     groups: Vec<Vec<usize>>,
     keep: impl Fn(ImageData) -> T + Sync,
-) -> Vec<Result<T, DatasetError>> {
-    let made: Vec<Vec<Result<T, DatasetError>>> = groups
+) -> Vec<Result<T, Error>> {
+    let made: Vec<Vec<Result<T, Error>>> = groups
         .into_par_iter()
         .map(|group| {
             let mut made: Vec<Option<T>> = group.iter().map(|_| None).collect();

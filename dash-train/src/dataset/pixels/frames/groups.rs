@@ -3,8 +3,8 @@
 use std::sync::Arc;
 
 use super::recipe::{Recipe, Source};
+use crate::Error;
 use crate::dataset::pixels::image::ImageData;
-use crate::files::DatasetError;
 use crate::video::VideoIndex;
 
 /// Recipes that are decoded together: a group of pictures of a video, or a single file.
@@ -31,8 +31,8 @@ pub(crate) fn groups(recipes: &[Recipe]) -> Vec<Vec<usize>> {
 pub(crate) fn make_group(
     recipes: &[Recipe],
     group: &[usize],
-    mut on_image: impl FnMut(usize, ImageData) -> Result<(), DatasetError>,
-) -> Result<(), DatasetError> {
+    mut on_image: impl FnMut(usize, ImageData) -> Result<(), Error>,
+) -> Result<(), Error> {
     let frames_of_video = |index: usize| match &recipes[index].source {
         Source::File(_) => None,
         Source::Video { video, frame } => Some((video, *frame)),

@@ -3,8 +3,8 @@
 use std::sync::Arc;
 
 use super::store::FrameStore;
+use crate::Error;
 use crate::dataset::pixels::image::ImageData;
-use crate::files::DatasetError;
 
 /// The pixels of a view.
 #[derive(Debug, Clone)]
@@ -27,7 +27,7 @@ impl Pixels {
         }
     }
 
-    pub(crate) fn get(&self) -> Result<Arc<ImageData>, DatasetError> {
+    pub(crate) fn get(&self) -> Result<Arc<ImageData>, Error> {
         match self {
             Self::Ready(image) => Ok(image.clone()),
             Self::Stored { store, index } => store.get(*index),

@@ -5,11 +5,11 @@ use std::sync::Arc;
 
 use dash_kernels::Camera;
 
+use crate::Error;
 use crate::dataset::pixels::decode::{decode, decode_mask, turned};
 use crate::dataset::pixels::image::ImageData;
 use crate::dataset::pixels::lens::{Lens, without_distortion};
 use crate::dataset::pixels::masks::CountedMask;
-use crate::files::DatasetError;
 use crate::video::VideoIndex;
 
 /// Where a view's image is.
@@ -26,9 +26,9 @@ pub(crate) enum Source {
 
 impl Source {
     /// The error for an image that was not decoded.
-    pub(crate) fn is_missing(&self) -> DatasetError {
+    pub(crate) fn is_missing(&self) -> Error {
         match self {
-            Self::File(path) => DatasetError::image(path, "it gave no picture"),
+            Self::File(path) => Error::image_decode(path, "it gave no picture"),
             Self::Video { video, frame } => video.is_missing(*frame),
         }
     }
@@ -70,7 +70,7 @@ impl Recipe {
     }
 
     /// The image, from its own file; a video's frames are decoded by group.
-    pub(crate) fn make(&self) -> Result<ImageData, DatasetError> {
+    pub(crate) fn make(&self) -> Result<ImageData, Error> {
         match &self.source {
             Source::File(path) => self.finish(decode(path)?),
             Source::Video { video, frame } => {
@@ -85,7 +85,7 @@ impl Recipe {
     }
 
     /// Checks, undistorts and downscales a decoded image.
-    pub(crate) fn finish(&self, image: ImageData) -> Result<ImageData, DatasetError> {
+    pub(crate) fn finish(&self, image: ImageData) -> Result<ImageData, Error> {
         let full_size = (image.width, image.height);
         check_size(self.source.path(), &self.camera, full_size)?;
         let flat = |image| without_distortion(image, &self.camera, self.lens.as_ref());
@@ -108,7 +108,7 @@ pub(crate) fn check_size(
     path: &Path,
     camera: &Camera,
     (width, height): (usize, usize),
-) -> Result<(), DatasetError> {
+) -> Result<(), Error> {
     let expected = (camera.width, camera.height);
     if expected == (width, height) {
         return Ok(());
@@ -118,7 +118,7 @@ pub(crate) fn check_size(
     } else {
         String::new()
     };
-    Err(DatasetError::invalid(
+    Err(Error::invalid(
         path,
         format!("an image of {}x{} pixels", expected.0, expected.1),
         format!("{width}x{height}{turned}"),

@@ -13,8 +13,8 @@ use std::time::{Duration, Instant};
 use super::groups::{groups, make_group};
 use super::memory::bytes_in_words;
 use super::recipe::Recipe;
+use crate::Error;
 use crate::dataset::pixels::image::ImageData;
-use crate::files::DatasetError;
 
 /// Frames that must fit besides those being decoded; with fewer, the same ones would be decoded again and again.
 const LEAST_FRAMES: u64 = 4;
@@ -66,7 +66,7 @@ struct State {
     /// Groups being made.
     at_work: HashSet<usize>,
     /// Groups that failed while a caller waited.
-    failures: HashMap<usize, DatasetError>,
+    failures: HashMap<usize, Error>,
     /// Groups that failed ahead of time; they are tried again only when a caller waits.
     broken: HashSet<usize>,
     statistics: FrameStatistics,
@@ -79,16 +79,12 @@ impl FrameStore {
     ///
     /// # Errors
     /// When not even a few frames fit the budget.
-    pub(crate) fn new(
-        recipes: Vec<Recipe>,
-        budget: u64,
-        threads: usize,
-    ) -> Result<Self, DatasetError> {
+    pub(crate) fn new(recipes: Vec<Recipe>, budget: u64, threads: usize) -> Result<Self, Error> {
         let largest = |of: fn(&Recipe) -> u64| recipes.iter().map(of).max().unwrap_or(0);
         let working = largest(Recipe::working_bytes) * threads as u64;
         let least = working + (LEAST_FRAMES + threads as u64) * largest(Recipe::bytes);
         if budget < least {
-            return Err(DatasetError::Option {
+            return Err(Error::LoadOption {
                 option: "--memory",
                 expected: format!(
                     "at least {} for frames of this size, or smaller ones (--downscale)",
@@ -127,7 +123,7 @@ impl FrameStore {
     }
 
     /// The frame, waited for where it is not there.
-    pub(crate) fn get(&self, index: usize) -> Result<Arc<ImageData>, DatasetError> {
+    pub(crate) fn get(&self, index: usize) -> Result<Arc<ImageData>, Error> {
         self.shared.get(index)
     }
 
@@ -190,7 +186,7 @@ impl Shared {
             .unwrap_or_else(|poisoned| poisoned.into_inner())
     }
 
-    fn get(&self, index: usize) -> Result<Arc<ImageData>, DatasetError> {
+    fn get(&self, index: usize) -> Result<Arc<ImageData>, Error> {
         let mut state = self.lock();
         state.statistics.asked += 1;
         state.consume(index);

@@ -3,7 +3,7 @@
 use std::path::Path;
 
 use super::rows::{ModelCamera, ModelImage, parameter_names};
-use crate::files::DatasetError;
+use crate::Error;
 use crate::ply::PointCloud;
 
 /// Smallest size of one entry of each file, with an empty name and no observations.
@@ -13,7 +13,7 @@ pub(crate) const POINT_BYTES: usize = 8 + 3 * 8 + 3 + 8 + 8;
 const OBSERVATION_BYTES: usize = 24;
 pub(crate) const TRACK_BYTES: usize = 8;
 
-pub(crate) fn cameras(path: &Path, bytes: &[u8]) -> Result<Vec<ModelCamera>, DatasetError> {
+pub(crate) fn cameras(path: &Path, bytes: &[u8]) -> Result<Vec<ModelCamera>, Error> {
     let mut reader = Reader::new(path, bytes);
     let n = reader.count(CAMERA_BYTES, "cameras")?;
     let mut cameras = Vec::with_capacity(n);
@@ -22,7 +22,7 @@ pub(crate) fn cameras(path: &Path, bytes: &[u8]) -> Result<Vec<ModelCamera>, Dat
         let model = reader.u32("camera model")?;
         let (width, height) = (reader.u64("width")?, reader.u64("height")?);
         let Some((model, names)) = parameter_names(model) else {
-            return Err(DatasetError::invalid(
+            return Err(Error::invalid(
                 path,
                 "a camera model among SIMPLE_PINHOLE, PINHOLE, SIMPLE_RADIAL, RADIAL, OPENCV and \
                  FULL_OPENCV",
@@ -47,7 +47,7 @@ pub(crate) fn cameras(path: &Path, bytes: &[u8]) -> Result<Vec<ModelCamera>, Dat
     Ok(cameras)
 }
 
-pub(crate) fn images(path: &Path, bytes: &[u8]) -> Result<Vec<ModelImage>, DatasetError> {
+pub(crate) fn images(path: &Path, bytes: &[u8]) -> Result<Vec<ModelImage>, Error> {
     let mut reader = Reader::new(path, bytes);
     let n = reader.count(IMAGE_BYTES, "images")?;
     let mut images = Vec::with_capacity(n);
@@ -61,7 +61,7 @@ pub(crate) fn images(path: &Path, bytes: &[u8]) -> Result<Vec<ModelImage>, Datas
 }
 
 /// The points, and how many were not finite and left out.
-pub(crate) fn points(path: &Path, bytes: &[u8]) -> Result<(PointCloud, usize), DatasetError> {
+pub(crate) fn points(path: &Path, bytes: &[u8]) -> Result<(PointCloud, usize), Error> {
     let mut reader = Reader::new(path, bytes);
     let n = reader.count(POINT_BYTES, "points")?;
     let mut points = PointCloud::default();
@@ -96,8 +96,8 @@ impl<'a> Reader<'a> {
         }
     }
 
-    fn malformed(&self, found: String) -> DatasetError {
-        DatasetError::invalid(
+    fn malformed(&self, found: String) -> Error {
+        Error::invalid(
             self.path,
             "a complete COLMAP binary file",
             format!("{found} at byte {}", self.length - self.rest.len()),
@@ -105,7 +105,7 @@ impl<'a> Reader<'a> {
         )
     }
 
-    pub(crate) fn take(&mut self, n: usize, what: &str) -> Result<&'a [u8], DatasetError> {
+    pub(crate) fn take(&mut self, n: usize, what: &str) -> Result<&'a [u8], Error> {
         let Some((taken, rest)) = self.rest.split_at_checked(n) else {
             return Err(self.malformed(format!("the end of the file within {what}")));
         };
@@ -113,25 +113,25 @@ impl<'a> Reader<'a> {
         Ok(taken)
     }
 
-    pub(crate) fn array<const N: usize>(&mut self, what: &str) -> Result<[u8; N], DatasetError> {
+    pub(crate) fn array<const N: usize>(&mut self, what: &str) -> Result<[u8; N], Error> {
         let mut bytes = [0; N];
         bytes.copy_from_slice(self.take(N, what)?);
         Ok(bytes)
     }
 
-    pub(crate) fn u32(&mut self, what: &str) -> Result<u32, DatasetError> {
+    pub(crate) fn u32(&mut self, what: &str) -> Result<u32, Error> {
         self.array(what).map(u32::from_le_bytes)
     }
 
-    pub(crate) fn u64(&mut self, what: &str) -> Result<u64, DatasetError> {
+    pub(crate) fn u64(&mut self, what: &str) -> Result<u64, Error> {
         self.array(what).map(u64::from_le_bytes)
     }
 
-    pub(crate) fn f64(&mut self, what: &str) -> Result<f64, DatasetError> {
+    pub(crate) fn f64(&mut self, what: &str) -> Result<f64, Error> {
         self.array(what).map(f64::from_le_bytes)
     }
 
-    pub(crate) fn f64s<const N: usize>(&mut self, what: &str) -> Result<[f64; N], DatasetError> {
+    pub(crate) fn f64s<const N: usize>(&mut self, what: &str) -> Result<[f64; N], Error> {
         let mut values = [0.0; N];
         for value in &mut values {
             *value = self.f64(what)?;
@@ -140,7 +140,7 @@ impl<'a> Reader<'a> {
     }
 
     /// A count of entries of at least `entry_bytes` each, which the rest of the file must hold.
-    pub(crate) fn count(&mut self, entry_bytes: usize, what: &str) -> Result<usize, DatasetError> {
+    pub(crate) fn count(&mut self, entry_bytes: usize, what: &str) -> Result<usize, Error> {
         let n = self.u64(what)?;
         match usize::try_from(n) {
             Ok(n) if n <= self.rest.len() / entry_bytes => Ok(n),
@@ -149,7 +149,7 @@ impl<'a> Reader<'a> {
     }
 
     /// An image's entry up to its observations.
-    pub(crate) fn image(&mut self) -> Result<ModelImage, DatasetError> {
+    pub(crate) fn image(&mut self) -> Result<ModelImage, Error> {
         self.u32("image id")?;
         let quaternion = self.f64s("image rotation")?;
         let translation = self.f64s("image translation")?;

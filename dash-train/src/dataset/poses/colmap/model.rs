@@ -9,10 +9,11 @@ use dash_kernels::Camera;
 use super::binary;
 use super::rows::{ModelCamera, ModelImage};
 use super::text;
+use crate::Error;
 use crate::dataset::pixels::MAX_IMAGE_SIDE;
 use crate::dataset::pixels::distortion::Distortion;
 use crate::dataset::poses::pose;
-use crate::files::{self, DatasetError, without_mark};
+use crate::files::{self, without_mark};
 use crate::ply::PointCloud;
 
 /// Where COLMAP's own layout has its model.
@@ -86,7 +87,7 @@ fn larger_model(folder: &Path, n: usize) -> Option<(PathBuf, usize)> {
 }
 
 /// The points of a sparse model, if it has the file.
-pub(crate) fn read_model_points(model: &Path) -> Result<Option<PointCloud>, DatasetError> {
+pub(crate) fn read_model_points(model: &Path) -> Result<Option<PointCloud>, Error> {
     if !["points3D.bin", "points3D.txt"]
         .iter()
         .any(|name| model.join(name).is_file())
@@ -107,17 +108,17 @@ pub(crate) fn read_model_points(model: &Path) -> Result<Option<PointCloud>, Data
 pub(crate) fn read_model_file<T>(
     model: &Path,
     name: &str,
-    parse_binary: impl Fn(&Path, &[u8]) -> Result<T, DatasetError>,
-    parse_text: impl Fn(&Path, &str) -> Result<T, DatasetError>,
-) -> Result<(PathBuf, T), DatasetError> {
+    parse_binary: impl Fn(&Path, &[u8]) -> Result<T, Error>,
+    parse_text: impl Fn(&Path, &str) -> Result<T, Error>,
+) -> Result<(PathBuf, T), Error> {
     let path = model.join(format!("{name}.txt"));
     if path.is_file() && !model.join(format!("{name}.bin")).is_file() {
-        let content = fs::read_to_string(&path).map_err(DatasetError::io(&path))?;
+        let content = fs::read_to_string(&path).map_err(Error::access(&path))?;
         let parsed = parse_text(&path, without_mark(&content))?;
         return Ok((path, parsed));
     }
     let path = model.join(format!("{name}.bin"));
-    let content = fs::read(&path).map_err(DatasetError::io(&path))?;
+    let content = fs::read(&path).map_err(Error::access(&path))?;
     let parsed = parse_binary(&path, &content)?;
     Ok((path, parsed))
 }
@@ -126,12 +127,12 @@ pub(crate) fn read_model_file<T>(
 ///
 /// # Errors
 /// Names the file: missing, damaged, without images, or with a lens that is not supported.
-pub(crate) fn read_model(model: &Path) -> Result<Model, DatasetError> {
+pub(crate) fn read_model(model: &Path) -> Result<Model, Error> {
     let (cameras_file, cameras) =
         read_model_file(model, "cameras", binary::cameras, text::cameras)?;
     let (images_file, images) = read_model_file(model, "images", binary::images, text::images)?;
     if images.is_empty() {
-        return Err(DatasetError::invalid(
+        return Err(Error::invalid(
             &images_file,
             "registered images",
             "none",
@@ -145,7 +146,7 @@ pub(crate) fn read_model(model: &Path) -> Result<Model, DatasetError> {
     let registered = |image: ModelImage| {
         let malformed = |expected: &str, found: String| {
             let found = format!("{found} for image `{}`", image.name);
-            DatasetError::invalid(&images_file, expected, found, "export the model again")
+            Error::invalid(&images_file, expected, found, "export the model again")
         };
         let Some((camera, distortion)) = intrinsics.get(&image.camera_id) else {
             let found = format!("camera id {}", image.camera_id);
@@ -164,7 +165,7 @@ pub(crate) fn read_model(model: &Path) -> Result<Model, DatasetError> {
     let images = images
         .into_iter()
         .map(registered)
-        .collect::<Result<Vec<_>, DatasetError>>()?;
+        .collect::<Result<Vec<_>, Error>>()?;
     Ok(Model {
         cameras_file,
         images_file,
@@ -173,14 +174,11 @@ pub(crate) fn read_model(model: &Path) -> Result<Model, DatasetError> {
 }
 
 /// The intrinsics and lens distortion of a model's camera.
-pub(crate) fn pinhole(
-    camera: &ModelCamera,
-    path: &Path,
-) -> Result<(Camera, Distortion), DatasetError> {
+pub(crate) fn pinhole(camera: &ModelCamera, path: &Path) -> Result<(Camera, Distortion), Error> {
     let malformed = |expected: &str, found: String| {
         let found = format!("{found} for camera {}", camera.id);
         let remedy = "undistort the images and export the model again (`colmap image_undistorter`)";
-        DatasetError::invalid(path, expected, found, remedy)
+        Error::invalid(path, expected, found, remedy)
     };
     let lens = |k: [f64; 2], p| Distortion {
         k: [k[0], k[1], 0.0, 0.0],

@@ -4,10 +4,10 @@ use std::path::Path;
 use std::str::FromStr;
 
 use super::rows::{ModelCamera, ModelImage};
-use crate::files::DatasetError;
+use crate::Error;
 use crate::ply::PointCloud;
 
-pub(crate) fn cameras(path: &Path, text: &str) -> Result<Vec<ModelCamera>, DatasetError> {
+pub(crate) fn cameras(path: &Path, text: &str) -> Result<Vec<ModelCamera>, Error> {
     let mut cameras = Vec::new();
     for (number, line) in content(text) {
         let mut fields = Fields::new(path, number, line);
@@ -22,7 +22,7 @@ pub(crate) fn cameras(path: &Path, text: &str) -> Result<Vec<ModelCamera>, Datas
     Ok(cameras)
 }
 
-pub(crate) fn images(path: &Path, text: &str) -> Result<Vec<ModelImage>, DatasetError> {
+pub(crate) fn images(path: &Path, text: &str) -> Result<Vec<ModelImage>, Error> {
     let mut images = Vec::new();
     let mut lines = text.lines().enumerate();
     while let Some((number, line)) = lines.next() {
@@ -47,7 +47,7 @@ pub(crate) fn images(path: &Path, text: &str) -> Result<Vec<ModelImage>, Dataset
             && !is_observations(line)
         {
             let name = images.last().map_or("", |image| image.name.as_str());
-            return Err(DatasetError::invalid(
+            return Err(Error::invalid(
                 path,
                 format!("the observations of image `{name}` or an empty line"),
                 format!("another image in line {}", number + 1),
@@ -59,7 +59,7 @@ pub(crate) fn images(path: &Path, text: &str) -> Result<Vec<ModelImage>, Dataset
 }
 
 /// The points, and how many were not finite and left out.
-pub(crate) fn points(path: &Path, text: &str) -> Result<(PointCloud, usize), DatasetError> {
+pub(crate) fn points(path: &Path, text: &str) -> Result<(PointCloud, usize), Error> {
     let mut points = PointCloud::default();
     let mut dropped = 0;
     for (number, line) in content(text) {
@@ -115,8 +115,8 @@ impl<'a> Fields<'a> {
         (!field.is_empty()).then_some(field)
     }
 
-    fn malformed(&self, what: &str, found: &str) -> DatasetError {
-        DatasetError::invalid(
+    fn malformed(&self, what: &str, found: &str) -> Error {
+        Error::invalid(
             self.path,
             what,
             format!("{found} in line {}", self.line_index + 1),
@@ -124,7 +124,7 @@ impl<'a> Fields<'a> {
         )
     }
 
-    pub(crate) fn next<T: FromStr>(&mut self, what: &str) -> Result<T, DatasetError> {
+    pub(crate) fn next<T: FromStr>(&mut self, what: &str) -> Result<T, Error> {
         let field = self
             .field()
             .ok_or_else(|| self.malformed(what, "the end"))?;
@@ -136,7 +136,7 @@ impl<'a> Fields<'a> {
     pub(crate) fn array<T: FromStr + Copy + Default, const N: usize>(
         &mut self,
         what: &str,
-    ) -> Result<[T; N], DatasetError> {
+    ) -> Result<[T; N], Error> {
         let mut values = [T::default(); N];
         for value in &mut values {
             *value = self.next(what)?;
@@ -144,7 +144,7 @@ impl<'a> Fields<'a> {
         Ok(values)
     }
 
-    pub(crate) fn rest<T: FromStr>(&mut self, what: &str) -> Result<Vec<T>, DatasetError> {
+    pub(crate) fn rest<T: FromStr>(&mut self, what: &str) -> Result<Vec<T>, Error> {
         let mut values = vec![self.next(what)?];
         while let Some(field) = self.field() {
             values.push(
@@ -157,7 +157,7 @@ impl<'a> Fields<'a> {
     }
 
     /// All that is left of the line, with the spaces within it.
-    fn remainder(&mut self, what: &str) -> Result<String, DatasetError> {
+    fn remainder(&mut self, what: &str) -> Result<String, Error> {
         match std::mem::take(&mut self.left).trim_ascii() {
             "" => Err(self.malformed(what, "the end")),
             text => Ok(text.to_string()),

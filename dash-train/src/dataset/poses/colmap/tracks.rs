@@ -5,7 +5,7 @@ use std::path::Path;
 use super::binary::{POINT_BYTES, Reader, TRACK_BYTES};
 use super::model::read_model_file;
 use super::text::{Fields, content};
-use crate::files::DatasetError;
+use crate::Error;
 
 /// A triangulated point.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -24,11 +24,11 @@ pub(crate) struct TrackedPoint {
 ///
 /// # Errors
 /// When the file is missing, damaged or truncated.
-pub(crate) fn read_tracked_points(model: &Path) -> Result<Vec<TrackedPoint>, DatasetError> {
+pub(crate) fn read_tracked_points(model: &Path) -> Result<Vec<TrackedPoint>, Error> {
     Ok(read_model_file(model, "points3D", binary, text)?.1)
 }
 
-fn binary(path: &Path, bytes: &[u8]) -> Result<Vec<TrackedPoint>, DatasetError> {
+fn binary(path: &Path, bytes: &[u8]) -> Result<Vec<TrackedPoint>, Error> {
     let mut reader = Reader::new(path, bytes);
     let n = reader.count(POINT_BYTES, "points")?;
     let mut points = Vec::with_capacity(n);
@@ -49,7 +49,7 @@ fn binary(path: &Path, bytes: &[u8]) -> Result<Vec<TrackedPoint>, DatasetError> 
     Ok(points)
 }
 
-fn text(path: &Path, text: &str) -> Result<Vec<TrackedPoint>, DatasetError> {
+fn text(path: &Path, text: &str) -> Result<Vec<TrackedPoint>, Error> {
     let mut points = Vec::new();
     for (number, line) in content(text) {
         let mut fields = Fields::new(path, number, line);

@@ -1,30 +1,31 @@
 //! The error of this crate.
 
-use std::path::{Path, PathBuf};
+//!
+//! Every message names the file or option, what was expected, what was found and what can be done.
+//! `make.rs` has the short ways to make one, `words.rs` parts of their messages.
+
+mod make;
+mod words;
+
+use std::path::PathBuf;
+use std::process::ExitStatus;
 
 use dash_kernels::KernelError;
 use dash_model::ModelError;
 
-use crate::dataset::DatasetError;
+use self::words::{REGISTRATION_REMEDY, list, not_found};
 use crate::device::DeviceChoice;
 use crate::metrics::lpips::Network;
-use crate::video::VideoError;
 
 /// Why this crate refused or could not finish its work.
 #[derive(Debug, thiserror::Error)]
 pub enum Error {
-    /// The dataset can't be used.
-    #[error(transparent)]
-    Dataset(#[from] DatasetError),
     /// A model refused its input, or a scene file is damaged.
     #[error(transparent)]
     Model(#[from] ModelError),
     /// A kernel refused its input.
     #[error(transparent)]
     Kernel(#[from] KernelError),
-    /// A picture or a video could not be written.
-    #[error(transparent)]
-    Video(#[from] VideoError),
     /// A configuration value can't be used.
     #[error("configuration: {0}")]
     Config(String),
@@ -50,6 +51,65 @@ pub enum Error {
         action: &'static str,
         /// The system's answer.
         source: std::io::Error,
+    },
+    /// The operating system refused a file or folder of a dataset.
+    #[error("{path}: {source}; check that it exists and that you may access it")]
+    Access {
+        /// The file or folder.
+        path: PathBuf,
+        /// The system's reason.
+        source: std::io::Error,
+    },
+    /// A file's or folder's content is not what its layout asks for.
+    #[error("{path}: expected {expected}, found {found}; {remedy}")]
+    Invalid {
+        /// The file or folder.
+        path: PathBuf,
+        /// What the layout asks for.
+        expected: String,
+        /// What is there.
+        found: String,
+        /// What the user can do.
+        remedy: String,
+    },
+    /// An image is damaged, truncated, too large or of an unsupported kind.
+    #[error("{path}: the image cannot be decoded: {reason}; replace the file or leave it out")]
+    ImageDecode {
+        /// The image.
+        path: PathBuf,
+        /// The decoder's reason.
+        reason: String,
+    },
+    /// A video could not be decoded by the `ffmpeg` program.
+    #[error(
+        "{path}: ffmpeg could not decode the video: {reason}; write it again (`ffmpeg -i OLD -c:v \
+         libx264 NEW.mp4`), or leave out what is damaged (--skip-broken)"
+    )]
+    VideoDecode {
+        /// The video.
+        path: PathBuf,
+        /// What `ffmpeg` said, or what was wrong with its output.
+        reason: String,
+    },
+    /// A video was to be read, and the `ffmpeg` program is not installed.
+    #[error(
+        "{path}: reading videos needs the program `ffmpeg`, which was not found; install it \
+         (Debian/Ubuntu: `apt install ffmpeg`, macOS: `brew install ffmpeg`, Windows: `winget \
+         install ffmpeg`) or extract the frames to camNN/images/0000.png, 0001.png, .."
+    )]
+    NoFfmpegToRead {
+        /// The video that was to be read.
+        path: PathBuf,
+    },
+    /// A loading option does not fit the dataset.
+    #[error("{option}: expected {expected}, found {found}")]
+    LoadOption {
+        /// The option's name as the user wrote it.
+        option: &'static str,
+        /// What would fit.
+        expected: String,
+        /// What was given.
+        found: String,
     },
     /// No view is left to train on.
     #[error(
@@ -200,9 +260,109 @@ pub enum Error {
         /// Height of the pictures in pixels.
         height: usize,
     },
+    /// The operating system refused a picture or a video that was to be written.
+    #[error(
+        "{path}: cannot write it: {source}; check the folder, its permissions and the free space"
+    )]
+    MediaWrite {
+        /// The file.
+        path: PathBuf,
+        /// The system's reason.
+        source: std::io::Error,
+    },
+    /// A picture could not be encoded.
+    #[error("{path}: the image cannot be encoded: {reason}")]
+    ImageEncode {
+        /// The file.
+        path: PathBuf,
+        /// The encoder's reason.
+        reason: String,
+    },
+    /// A frame, an image size or a frame rate does not fit what is written.
+    #[error("{path}: expected {expected}, found {found}")]
+    InvalidFrames {
+        /// The file.
+        path: PathBuf,
+        /// What would fit.
+        expected: String,
+        /// What was given.
+        found: String,
+    },
+    /// A video was to be written, and the `ffmpeg` program is not installed.
+    #[error(
+        "{path}: writing videos needs the program `{program}`, which was not found; install it \
+         (Debian/Ubuntu: `apt install ffmpeg`, macOS: `brew install ffmpeg`, Windows: `winget \
+         install ffmpeg`), or write PNG files into a folder instead"
+    )]
+    NoFfmpegToWrite {
+        /// The video that was to be written.
+        path: PathBuf,
+        /// The program that was looked for.
+        program: String,
+    },
+    /// `ffmpeg` ran and could not encode a video.
+    #[error(
+        "{path}: ffmpeg could not encode the video ({status}): {reason}; it needs the encoder libx264 \
+         and room on the disk, or write PNG files into a folder instead"
+    )]
+    VideoEncode {
+        /// The video.
+        path: PathBuf,
+        /// How it ended.
+        status: ExitStatus,
+        /// What it said.
+        reason: String,
+    },
+    /// An option of `prepare` is out of its range, or options contradict each other.
+    #[error("{option}: expected {expected}, found {found}")]
+    PrepareSetting {
+        /// The option as it is written on the command line.
+        option: &'static str,
+        /// What would fit.
+        expected: String,
+        /// What was given.
+        found: String,
+    },
+    /// The `colmap` program is not installed.
+    #[error(
+        "finding {purpose} needs the program `{program}`, which was not found; install it \
+         (Debian/Ubuntu: `apt install colmap`, macOS: `brew install colmap`, any: `conda install -c \
+         conda-forge colmap`){instead}"
+    )]
+    ColmapMissing {
+        /// What it was to find.
+        purpose: &'static str,
+        /// The program that was looked for.
+        program: String,
+        /// What else can be done.
+        instead: &'static str,
+    },
+    /// `colmap` ran and failed.
+    #[error("colmap {step} failed ({status}); its last words: {words}; {remedy}")]
+    ColmapFailed {
+        /// The command of `colmap` that failed.
+        step: &'static str,
+        /// How it ended.
+        status: ExitStatus,
+        /// The last lines that it wrote.
+        words: String,
+        /// What the user can do.
+        remedy: &'static str,
+    },
+    /// Structure from motion did not find the poses of some cameras.
+    #[error(
+        "COLMAP found the poses of {} of {n_cameras} cameras{}; {REGISTRATION_REMEDY}",
+        .n_cameras - .missing.len(), not_found(.missing, *.n_cameras)
+    )]
+    NotRegistered {
+        /// The cameras without a pose.
+        missing: Vec<String>,
+        /// Number of cameras.
+        n_cameras: usize,
+    },
     /// A setting of a synthetic dataset is out of its range, or two of them contradict each other.
     #[error("synth: {setting} is {found}, expected {expected}")]
-    Setting {
+    SynthSetting {
         /// The setting's name on the command line.
         setting: &'static str,
         /// What was given.
@@ -226,7 +386,7 @@ pub enum Error {
         /// The output that was asked for.
         path: PathBuf,
     },
-    /// A dataset's file or folder could not be written.
+    /// A file or folder of a synthetic dataset could not be written.
     #[error("{path}: could not {action}: {source}; check the permissions and the free space")]
     Write {
         /// The file or folder.
@@ -236,78 +396,28 @@ pub enum Error {
         /// The system's answer.
         source: std::io::Error,
     },
-    /// A dataset's image could not be encoded.
+    /// An image of a synthetic dataset could not be encoded.
     #[error(
         "{path}: could not write the image: {source}; check the permissions and the free space"
     )]
-    Image {
+    ImageWrite {
         /// The image file.
         path: PathBuf,
         /// The encoder's reason.
         source: image::ImageError,
     },
-    /// A dataset's videos need ffmpeg, which could not be started.
+    /// Videos of a synthetic dataset need ffmpeg, which could not be started.
     #[error(
         "{program}: could not start it to write videos: {source}; install ffmpeg and put it on the PATH, or write \
          PNG frames: no --video, and another layout than rig"
     )]
-    FfmpegMissing {
+    FfmpegNotStarted {
         /// The program that was tried.
         program: String,
         /// The system's answer.
         source: std::io::Error,
     },
-    /// A dataset's video could not be written.
+    /// A video of a synthetic dataset could not be written.
     #[error("{0}; or leave out --video to get PNG frames")]
-    DatasetVideo(#[source] VideoError),
-}
-
-impl Error {
-    /// An [`Error::Io`] for `path`.
-    pub fn io(path: &Path, action: &'static str, source: std::io::Error) -> Self {
-        Self::Io {
-            path: path.to_path_buf(),
-            action,
-            source,
-        }
-    }
-
-    /// For `map_err`: an [`Error::Write`] for `path`.
-    pub(crate) fn write(path: &Path, action: &'static str) -> impl FnOnce(std::io::Error) -> Self {
-        let path = path.to_path_buf();
-        move |source| Self::Write {
-            path,
-            action,
-            source,
-        }
-    }
-
-    /// An [`Error::Run`] for `path`.
-    pub fn run(path: &Path, what: impl Into<String>) -> Self {
-        Self::Run {
-            path: path.to_path_buf(),
-            what: what.into(),
-        }
-    }
-
-    /// An [`Error::WeightFile`] for `path`.
-    pub(crate) fn weight_file(
-        path: &Path,
-        expected: impl Into<String>,
-        found: impl Into<String>,
-    ) -> Self {
-        Self::WeightFile {
-            path: path.to_path_buf(),
-            expected: expected.into(),
-            found: found.into(),
-        }
-    }
-}
-
-fn list(files: &[PathBuf]) -> String {
-    let names: Vec<String> = files
-        .iter()
-        .map(|file| file.display().to_string())
-        .collect();
-    names.join(", ")
+    SynthVideo(#[source] Box<Error>),
 }
