@@ -1,4 +1,4 @@
-//! The cases of `dash stress` on every backend, and that a broken one does not pass.
+//! The cases of `dash stress` on every backend, and broken cases as negative controls.
 
 #[expect(dead_code, reason = "each test file uses its part")]
 mod common;
@@ -8,7 +8,7 @@ use common::devices;
 use dash_train::Error;
 use dash_train::stress::{Case, Measured, Outcome, cases, long_cases, run};
 
-/// Says which parts of which cases fail.
+/// The failing parts of a case, in words.
 fn complaint(device: &str, outcome: &Outcome) -> String {
     let failing = outcome.parts.iter().filter(|part| !part.passes());
     let parts: Vec<String> = failing
@@ -67,7 +67,7 @@ fn cases_have_names_of_their_own() {
     assert_eq!(names.len(), n);
 }
 
-/// Broken on purpose: values that are lost, values that are off, an error, a fault, nothing at all.
+/// Negative controls: lost values, wrong values, an error, a panic, nothing at all.
 #[test]
 fn what_is_broken_does_not_pass() {
     fn lost(device: &Device) -> Result<Measured, Error> {
