@@ -1,11 +1,11 @@
-//! The cases of `dash stress` on every backend, and that a broken one does not pass.
+//! The cases of `dash stress` on every backend, and broken cases as negative controls.
 
 use burn::tensor::{Device, Tensor};
 use dash_kernels::testing::named_devices;
 use dash_train::Error;
 use dash_train::stress::{Case, Measured, Outcome, cases, long_cases, run};
 
-/// Says which parts of which cases fail.
+/// The failing parts of a case, in words.
 fn complaint(device: &str, outcome: &Outcome) -> String {
     let failing = outcome.parts.iter().filter(|part| !part.passes());
     let parts: Vec<String> = failing
@@ -64,7 +64,7 @@ fn cases_have_names_of_their_own() {
     assert_eq!(names.len(), n);
 }
 
-/// Broken on purpose: values that are lost, values that are off, an error, a fault, nothing at all.
+/// Negative controls: lost values, wrong values, an error, a panic, nothing at all.
 #[test]
 fn what_is_broken_does_not_pass() {
     fn lost(device: &Device) -> Result<Measured, Error> {

@@ -1,9 +1,9 @@
-//! The gradient of a whole frame, from the photometric loss through rasterization, projection and
-//! the deformation field to every parameter of a scene, against central differences. Single
-//! operations have tests of their own in `dash-kernels`; this one shows that they are joined rightly.
+//! The gradient of a whole frame against central differences: from the photometric loss through rasterization,
+//! projection and the deformation field to every parameter of a scene. Single operations have tests of their own in
+//! `dash-kernels`; this test checks how they are composed.
 //!
-//! The differences are taken in double precision throughout, by a second way through the whole model
-//! that is written here: the kernels' references, joined by plain loops instead of Burn.
+//! The differences are taken in double precision, through a second implementation of the model in this file: the
+//! kernels' references, composed by plain loops instead of Burn.
 
 use std::collections::BTreeMap;
 
@@ -27,10 +27,10 @@ use rand_pcg::Pcg64;
 
 /// Largest relative error (of the Euclidean norm) of the gradient of a parameter tensor.
 const TOLERANCE: f64 = 1e-4;
-/// The same between two backends, which share the kernels and differ in how they multiply matrices.
+/// The same between two backends, which share the kernels and differ in their matrix products.
 const TOLERANCE_BETWEEN_BACKENDS: f64 = 1e-5;
-/// Half the distance of central differences. A picture jumps where a splat reaches 1/255, so that only
-/// small steps show its slope.
+/// Half the distance of central differences. It is small because a picture jumps where a splat's alpha reaches
+/// 1/255.
 const STEP: f64 = 1e-6;
 
 const SIZE: [usize; 2] = [26, 19];

@@ -2,7 +2,7 @@
 
 use super::plot::{Axis, Figure, LegendEntry, N_COLORS, Panel, Point, Series, with_separators};
 use super::{Block, kernel_tables};
-use crate::bench::{ErrorStats, KernelBench, Norms, Pass, StiffnessPoint};
+use crate::bench::{ErrorStats, KernelBench, Measurement, Norms, Pass, StiffnessPoint, Timing};
 
 /// Errors that differ by less, relatively, are alike.
 const ALIKE: f64 = 0.05;
@@ -40,8 +40,8 @@ pub fn kernel_blocks(bench: &KernelBench, prefix: &str) -> Vec<Block> {
     blocks
 }
 
-/// What each variant of a figure looks like: a colour for its backend, the same in every figure, and a
-/// form for its variant.
+/// The look of each variant in a figure: a colour for its backend, the same in every figure, and a mark for its
+/// variant.
 struct Looks {
     backends: Vec<String>,
     variants: Vec<String>,
@@ -111,57 +111,24 @@ fn shown(norms: &Norms) -> Option<(f64, Option<[f64; 2]>)> {
     Some((p99, norms.max.map(|max| [p99, max])))
 }
 
+/// A measurement with its time, its error and the range of the error.
+type Timed<'a> = (&'a Measurement, Timing, (f64, Option<[f64; 2]>));
+
 fn error_against_time(bench: &KernelBench, pass: Pass, name: &str, title: &str) -> Option<Figure> {
-    let of_pass = || {
-        let all = bench.measurements.iter().filter(move |m| m.pass == pass);
-        all.filter_map(|m| Some((m, m.time?, shown(&m.error.relative)?)))
-    };
-    let looks = Looks::new(bench, of_pass().map(|(m, ..)| m.variant.as_str()));
-    let mut panels = Vec::new();
-    for op in names(of_pass().map(|(m, ..)| m.op.as_str())) {
-        let mut panel = Panel::new(
-            op,
-            Axis::log("median time (ms)"),
-            Axis::log("relative error against f64: 99th percentile, line up to the largest"),
-        );
-        let of_op = || of_pass().filter(|(m, ..)| m.op == op);
-        let mut sizes: Vec<usize> = of_op().map(|(m, ..)| m.size).collect();
-        sizes.sort_unstable();
-        sizes.dedup();
-        let mut on_front: Vec<(usize, [f64; 2])> = Vec::new();
-        for &size in &sizes {
-            let candidates = of_op().filter(|(m, ..)| m.size == size);
-            let front = pareto(candidates.map(|(_, time, error)| [time.median_ms, error.0]));
-            on_front.extend(front.iter().map(|&place| (size, place)));
-            if front.len() > 1 {
-                panel.fronts.push(front);
-            }
-        }
-        for (m, time, (error, range)) in of_op() {
-            let series = looks.series(&m.backend, &m.variant);
-            let place = [time.median_ms, error];
-            let point = Point {
-                x_range: Some([time.first_quartile_ms, time.third_quartile_ms]),
-                y_range: range,
-                name: Some(short(m.size)),
-                ringed: on_front.contains(&(m.size, place)),
-                ..Point::new(time.median_ms, error)
-            };
-            match panel.series.iter_mut().find(|s| s.label == series.label) {
-                Some(known) => known.points.push(point),
-                None => panel.series.push(Series {
-                    points: vec![point],
-                    ..series
-                }),
-            }
-        }
-        panels.push(panel);
-    }
+    let all = bench.measurements.iter().filter(|m| m.pass == pass);
+    let timed: Vec<Timed<'_>> = all
+        .filter_map(|m| Some((m, m.time?, shown(&m.error.relative)?)))
+        .collect();
+    let looks = Looks::new(bench, timed.iter().map(|(m, ..)| m.variant.as_str()));
+    let panels: Vec<Panel> = names(timed.iter().map(|(m, ..)| m.op.as_str()))
+        .into_iter()
+        .map(|op| time_panel(op, &timed, &looks))
+        .collect();
     let what = match pass {
         Pass::Forward => "",
         Pass::Gradient => " The time is that of values and gradients together.",
     };
-    let notes = names(of_pass().filter_map(|(m, ..)| m.note.as_deref()));
+    let notes = names(timed.iter().filter_map(|(m, ..)| m.note.as_deref()));
     let notes: String = notes.iter().map(|note| format!(" Note: {note}.")).collect();
     (!panels.is_empty()).then(|| Figure {
         name: name.into(),
@@ -183,6 +150,47 @@ fn error_against_time(bench: &KernelBench, pass: Pass, name: &str, title: &str) 
     })
 }
 
+/// The errors of an operation against its times, with a Pareto front for each size.
+fn time_panel(op: &str, timed: &[Timed<'_>], looks: &Looks) -> Panel {
+    let mut panel = Panel::new(
+        op,
+        Axis::log("median time (ms)"),
+        Axis::log("relative error against f64: 99th percentile, line up to the largest"),
+    );
+    let of_op = || timed.iter().filter(|(m, ..)| m.op == op);
+    let mut sizes: Vec<usize> = of_op().map(|(m, ..)| m.size).collect();
+    sizes.sort_unstable();
+    sizes.dedup();
+    let mut on_front: Vec<(usize, [f64; 2])> = Vec::new();
+    for &size in &sizes {
+        let candidates = of_op().filter(|(m, ..)| m.size == size);
+        let front = pareto(candidates.map(|(_, time, error)| [time.median_ms, error.0]));
+        on_front.extend(front.iter().map(|&place| (size, place)));
+        if front.len() > 1 {
+            panel.fronts.push(front);
+        }
+    }
+    for &(m, time, (error, range)) in of_op() {
+        let series = looks.series(&m.backend, &m.variant);
+        let place = [time.median_ms, error];
+        let point = Point {
+            x_range: Some([time.first_quartile_ms, time.third_quartile_ms]),
+            y_range: range,
+            name: Some(short(m.size)),
+            ringed: on_front.contains(&(m.size, place)),
+            ..Point::new(time.median_ms, error)
+        };
+        match panel.series.iter_mut().find(|s| s.label == series.label) {
+            Some(known) => known.points.push(point),
+            None => panel.series.push(Series {
+                points: vec![point],
+                ..series
+            }),
+        }
+    }
+    panel
+}
+
 fn without_place(panels: &[Panel]) -> String {
     match panels.iter().map(Panel::n_without_place).sum::<usize>() {
         0 => String::new(),
@@ -192,7 +200,7 @@ fn without_place(panels: &[Panel]) -> String {
     }
 }
 
-/// The places that nothing beats, by rising x: each is lower than all to its left of it.
+/// The Pareto front, by rising x: each place is lower than all to its left.
 fn pareto(places: impl Iterator<Item = [f64; 2]>) -> Vec<[f64; 2]> {
     let mut places: Vec<[f64; 2]> = places.filter(|p| p.iter().all(|v| v.is_finite())).collect();
     places.sort_by(|a, b| a[0].total_cmp(&b[0]).then(a[1].total_cmp(&b[1])));

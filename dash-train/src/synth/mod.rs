@@ -1,7 +1,7 @@
 //! Ray-traced multi-view videos with exact cameras and exact motion masks.
 //!
 //! [`write()`] renders a [`SceneKind`] and writes it as a dataset in one of the field's layouts.
-//! [`render`] renders one view of a [`Scene`].
+//! [`render()`] renders one view of a [`Scene`].
 //!
 //! # World
 //! Metres, y up, the floor at y = 0. A room 4.4 wide, open towards the cameras at +z, with clutter

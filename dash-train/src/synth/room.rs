@@ -22,7 +22,7 @@ const BOX_HALF_M: f64 = 0.25;
 const TABLE_TOP_M: f64 = 0.62;
 
 impl Scene {
-    /// Builds a scene for pictures of `width` by `height` pixels by the cameras of [`super::rig`].
+    /// Builds a scene for pictures of `width` by `height` pixels by the cameras of [`super::rig()`].
     ///
     /// The size matters for [`SceneKind::Tiny`] alone: its small object is scaled to the share of
     /// the picture that it may cover.
