@@ -27,6 +27,14 @@
 //! | [`scene_file`] | the scene on disk |
 //! | [`parameters`] | parameters of any Burn module by name |
 //!
+//! # Features
+//! | feature | brings | default |
+//! | --- | --- | --- |
+//! | `flex` | the CPU through burn-flex | yes |
+//! | `ndarray` | the CPU through burn-ndarray | yes |
+//! | `wgpu` | GPUs through Vulkan, Metal or DX12 | yes |
+//! | `cuda` | NVIDIA GPUs through CUDA; its build downloads LLVM | no |
+//!
 //! # A module of this crate in your own model
 //! All modules derive Burn's `Module`: put one into your own, and Burn's optimizers, records and visitors see it.
 //!
