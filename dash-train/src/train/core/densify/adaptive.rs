@@ -5,6 +5,7 @@ use rand::Rng;
 use rand_pcg::Pcg64;
 
 use super::{Densify, Edit, Round};
+use crate::numbers::standard_normal;
 
 /// Largest scale that is cloned rather than split, in units of the extent. Source: 3DGS.
 const CLONE_SCALE: f32 = 0.01;
@@ -111,18 +112,13 @@ fn largest(rows: &GaussianRows, row: usize) -> f32 {
 
 /// A random point of a Gaussian centred at the origin.
 fn sample(quat: &[f32; 4], log_scales: &[f32; 3], rng: &mut impl Rng) -> [f32; 3] {
-    let local: [f32; 3] = std::array::from_fn(|axis| normal(rng) * log_scales[axis].exp());
+    let local: [f32; 3] =
+        std::array::from_fn(|axis| standard_normal::<f32>(rng) * log_scales[axis].exp());
     let norm = quat.iter().map(|v| v * v).sum::<f32>().sqrt().max(1e-12);
     let [w, x, y, z] = quat.map(|v| v / norm);
     glam::Quat::from_xyzw(x, y, z, w)
         .mul_vec3(local.into())
         .into()
-}
-
-/// A standard normal number (Box-Muller).
-fn normal(rng: &mut impl Rng) -> f32 {
-    let radius = (-2.0 * (1.0 - rng.random::<f32>()).ln()).sqrt();
-    radius * (std::f32::consts::TAU * rng.random::<f32>()).cos()
 }
 
 #[cfg(test)]

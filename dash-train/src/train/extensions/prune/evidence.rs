@@ -15,6 +15,7 @@ use rayon::prelude::*;
 use super::FIELD;
 use crate::Error;
 use crate::dataset::View;
+use crate::numbers::median;
 use crate::train::core::{Decision, Run};
 use crate::train::extensions::blocks::Blocks;
 
@@ -105,7 +106,7 @@ impl Seen {
             smoothed: changes.largest_smoothed(),
             shuffled: changes.largest_shuffled(),
             momentary: sizes.iter().copied().fold(0.0, f32::max),
-            typical: median(sizes),
+            typical: median(sizes).unwrap_or(0.0),
         }
     }
 
@@ -114,11 +115,6 @@ impl Seen {
         let fast = self.momentary > FLOOR && self.momentary > MOMENTARY * self.typical;
         slow || fast
     }
-}
-
-fn median(mut values: Vec<f32>) -> f32 {
-    values.sort_by(f32::total_cmp);
-    values.get(values.len() / 2).copied().unwrap_or(0.0)
 }
 
 /// Root mean square over the channels of values `[.., 3]`.

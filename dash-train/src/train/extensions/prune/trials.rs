@@ -11,6 +11,7 @@ use super::{MAX_TOTAL_LOSS, MIN_SAVING};
 use crate::Error;
 use crate::dataset::View;
 use crate::metrics::{DYNAMIC_ALPHA_THRESHOLD, masked_psnr, psnr};
+use crate::numbers::median;
 use crate::train::core::visibility::spread;
 use crate::train::core::{Decision, Run, to_host};
 use crate::train::paper::Dash;
@@ -231,7 +232,7 @@ impl<'a> Trials<'a> {
             moving_db: moves.then_some(moving.mean),
             moving_db_lower: moves.then(|| moving.lower()),
             bytes: Some(saved as u64),
-            millis: Some(median(&self.scores.millis) - median(&scores.millis)),
+            millis: Some(typical(&self.scores.millis) - typical(&scores.millis)),
             ..Decision::kept(self.run.step, &candidate.part)
         });
         if left_out {
@@ -298,10 +299,9 @@ fn moving(scene: &DynamicScene, view: &View) -> Result<Option<Vec<bool>>, Error>
     Ok(Some(alpha.map(|a| a > DYNAMIC_ALPHA_THRESHOLD).collect()))
 }
 
-fn median(values: &[f64]) -> f64 {
-    let mut values = values.to_vec();
-    values.sort_by(f64::total_cmp);
-    values.get(values.len() / 2).copied().unwrap_or(0.0)
+/// The median; 0 of nothing.
+fn typical(values: &[f64]) -> f64 {
+    median(values.iter().copied()).unwrap_or(0.0)
 }
 
 #[cfg(test)]
