@@ -1,5 +1,5 @@
 #!/usr/bin/env bash
-# Packs the three crates as crates.io would get them, and checks what was packed in a workspace of its own, where profile
+# Packs the three crates as the registry would get them, and checks what was packed in a workspace of its own, where profile
 # and compiled dependencies are those of this one. `--publish` has cargo go through all steps of publishing but the upload;
 # it compiles the packed crates in its development profile, so here with the smallest backend alone.
 set -euo pipefail
