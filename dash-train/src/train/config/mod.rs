@@ -72,15 +72,16 @@ pub struct TrainConfig {
     pub checkpoint_interval: usize,
     /// Steps between measurements on the validation views (never a test view).
     pub validation_interval: usize,
+    /// Ideas beyond the paper; one without a section does not run. Before the sections that must be there: a file that was
+    /// cut off lacks some of these.
+    #[serde(default)]
+    pub extensions: ExtensionsConfig,
     /// DASH: stages, decomposition, fields.
     pub method: MethodConfig,
     /// Learning rates.
     pub optimizer: OptimizerConfig,
     /// Density control.
     pub densify: DensifySets,
-    /// Ideas beyond the paper; one without a section does not run.
-    #[serde(default)]
-    pub extensions: ExtensionsConfig,
 }
 
 impl TrainConfig {
