@@ -21,14 +21,15 @@ pub struct Task {
 }
 
 /// `FOLDER RUN [DOWNSCALE]`; without arguments a synthetic clip in that layout and a run too short to look good,
-/// both in `out/`.
+/// both in `out/EXAMPLE`.
 pub fn task(layout: SynthLayout) -> Result<Task, Failure> {
     let arguments: Vec<String> = std::env::args().skip(1).collect();
     let mut config = ReconstructConfig {
         layout: Some(layout.to_string().parse()?),
         ..Default::default()
     };
-    let out = PathBuf::from("out").join(layout.to_string());
+    let program = std::env::current_exe()?;
+    let out = PathBuf::from("out").join(program.file_stem().unwrap_or_default());
     let (folder, run) = match arguments.as_slice() {
         [] => (out.join("data"), out.join("run")),
         [folder, run] => (folder.into(), run.into()),
