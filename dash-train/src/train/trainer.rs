@@ -105,7 +105,7 @@ impl Trainer {
         core::step(&mut self.run, &mut self.hooks)
     }
 
-    /// The trained scene as it is stored: with extension `prune`, without what it does not need.
+    /// The trained scene in its stored form: with extension `prune`, without what it does not need.
     ///
     /// # Errors
     /// When rendering fails.

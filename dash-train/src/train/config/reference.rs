@@ -145,7 +145,6 @@ mod tests {
             .lines()
             .filter(|line| line.starts_with("| `"))
             .collect();
-        println!("{} keys", rows.len());
         for row in &rows {
             let cells: Vec<&str> = row.split(" | ").collect();
             assert_eq!(cells.len(), 6, "{row}");

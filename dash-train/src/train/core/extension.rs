@@ -83,7 +83,7 @@ pub trait Extension<M>: Any + Send {
     /// Lets state per Gaussian follow an edit of a set's rows.
     fn rows_changed(&mut self, _edit: &RowEdit) {}
 
-    /// What is left of the trained scene.
+    /// Changes the trained scene before it is stored.
     ///
     /// # Errors
     /// When rendering fails.

@@ -4,7 +4,7 @@ use dash_model::DynamicScene;
 use dash_model::scene_file::TablePrecision;
 use serde::{Deserialize, Serialize};
 
-/// A trained scene, as it is stored.
+/// A trained scene in its stored form.
 #[derive(Debug, Clone)]
 pub struct Finished {
     /// The scene.

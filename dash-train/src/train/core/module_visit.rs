@@ -75,7 +75,7 @@ impl ModuleVisitor for Watch<'_> {
         let tensor = param.val();
         let n_rows = tensor.dims()[0];
         let n: usize = tensor.dims().iter().product();
-        // Higher colour coefficients of degree 0; Burn takes a size of 0 for that of before.
+        // Higher colour coefficients of degree 0; Burn keeps the former size where 0 is given.
         if n == 0 {
             return;
         }

@@ -27,7 +27,7 @@ pub struct Rates {
     pub grid: f32,
     /// Decoders.
     pub network: f32,
-    /// What is left of the rates of a field at the end.
+    /// Factor of the rates of a field at the end.
     pub field_final: f32,
 }
 

@@ -15,13 +15,13 @@ pub struct Stages {
 }
 
 impl Stages {
-    /// What is left of the coarse field's learning rate at `step`. The field comes to rest once it has seen all times:
+    /// Factor of the coarse field's learning rate at `step`. The field comes to rest once it has seen all times:
     /// Adam's steps do not get smaller by themselves, and jitter would pass for motion.
     pub fn field_rate(self, step: usize) -> f32 {
         ((1.0 - share(self.warmup, self.handover, step)) / (1.0 - GROWN)).clamp(0.0, 1.0)
     }
 
-    /// What is left of the rate of the Gaussians' own trajectories at `step`, until the decomposition.
+    /// Factor of the rate of the Gaussians' own trajectories at `step`, until the decomposition.
     pub fn trajectory_rate(self, step: usize) -> f32 {
         1.0 - share(self.handover, self.end, step).min(1.0)
     }
