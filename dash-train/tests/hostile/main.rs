@@ -235,9 +235,9 @@ fn sizes_in_settings_are_not_believed() {
             "config_toml",
             &[
                 ("hidden = ", "hidden = 4000000000 # "),
-                ("layers = ", "layers = 1000000000000000000 # "),
                 ("n_levels = ", "n_levels = 1000000000000000000 # "),
-                ("spans = ", "spans = 1000000000000000000 # "),
+                ("log2_hashmap_size = ", "log2_hashmap_size = 63 # "),
+                ("resolution = [", "resolution = [8, 4000000000] # ["),
             ],
         ),
     ] {
