@@ -6,6 +6,7 @@ use kiddo::{ImmutableKdTree, SquaredEuclidean};
 use rayon::prelude::*;
 
 use crate::dataset::poses::colmap::TrackedPoint;
+use crate::numbers::median;
 use crate::ply::PointCloud;
 
 /// Points must be seen in this many images, if enough are.
@@ -92,9 +93,9 @@ fn without_outliers(cloud: &PointCloud) -> PointCloud {
             (sum / N_NEIGHBOURS as f64).max(f64::MIN_POSITIVE).ln()
         })
         .collect();
-    let typical = median(distances.clone());
-    let deviations = distances.iter().map(|d| (d - typical).abs()).collect();
-    let deviation = (MAD_TO_DEVIATION * median(deviations)).max(MIN_DEVIATION);
+    let typical = median(distances.iter().copied()).unwrap_or(0.0);
+    let deviations = distances.iter().map(|d| (d - typical).abs());
+    let deviation = (MAD_TO_DEVIATION * median(deviations).unwrap_or(0.0)).max(MIN_DEVIATION);
     let limit = typical + OUTLIER_DEVIATIONS * deviation;
     let mut kept = PointCloud::default();
     for (row, _) in distances.iter().enumerate().filter(|(_, d)| **d <= limit) {
@@ -102,11 +103,6 @@ fn without_outliers(cloud: &PointCloud) -> PointCloud {
         kept.colors.push(cloud.colors[row]);
     }
     kept
-}
-
-fn median(mut values: Vec<f64>) -> f64 {
-    values.sort_by(f64::total_cmp);
-    values.get(values.len() / 2).copied().unwrap_or(0.0)
 }
 
 /// At most `max_points`: more are averaged by voxel, with the voxel size that leaves nearly `max_points`.

@@ -53,19 +53,10 @@ fn unpack(bytes: &[u8], shape: [usize; 3], device: &Device) -> Tensor<3> {
 #[cfg(test)]
 mod tests {
     use dash_kernels::Camera;
+    use dash_kernels::testing::devices;
 
     use super::*;
     use crate::train::core::to_host;
-
-    fn devices() -> Vec<Device> {
-        vec![
-            Device::flex(),
-            #[cfg(feature = "wgpu")]
-            Device::wgpu(burn::tensor::DeviceKind::DefaultDevice),
-            #[cfg(feature = "cuda")]
-            Device::cuda(0),
-        ]
-    }
 
     #[test]
     fn bytes_become_the_numbers_that_a_view_has() {

@@ -5,36 +5,11 @@ mod values;
 
 use std::collections::BTreeMap;
 
-use burn::tensor::Device;
 use dash_model::parameters::HostTensor;
 use rand::{Rng, SeedableRng};
 use rand_pcg::Pcg64;
 
 use super::Network;
-
-/// The devices of the enabled backends by name.
-#[cfg_attr(
-    feature = "ndarray",
-    expect(
-        deprecated,
-        reason = "burn-ndarray gives way to burn-flex; users still ask for it"
-    )
-)]
-pub fn devices() -> Vec<(&'static str, Device)> {
-    vec![
-        #[cfg(feature = "ndarray")]
-        ("ndarray", Device::ndarray()),
-        #[cfg(feature = "flex")]
-        ("flex", Device::flex()),
-        #[cfg(feature = "wgpu")]
-        (
-            "wgpu",
-            Device::wgpu(burn::tensor::DeviceKind::DefaultDevice),
-        ),
-        #[cfg(feature = "cuda")]
-        ("cuda", Device::cuda(0)),
-    ]
-}
 
 /// Weights with which features keep their size from layer to layer; those of the comparison are
 /// positive, as the published ones are.

@@ -3,10 +3,11 @@
 use std::collections::BTreeMap;
 
 use burn::tensor::Device;
+use dash_kernels::testing::named_devices;
 use dash_model::parameters::HostTensor;
 
 use super::super::{Lpips, Network, reference};
-use super::{devices, generated, picture};
+use super::{generated, picture};
 use crate::Error;
 
 /// Largest relative error of the distance on a backend: sums of some thousand products in f32.
@@ -30,7 +31,7 @@ fn agrees_with_the_reference(network: Network, sizes: &[[usize; 2]]) {
             expected > 0.01,
             "{network}: too little to compare: {expected}"
         );
-        for (name, device) in devices() {
+        for (name, device) in named_devices() {
             let lpips = Lpips::new(network, weights.clone(), &device);
             let got = lpips.distance(&a, &b, width, height).expect("large enough");
             let case = format!("{network} at {width}x{height} on {name}");
@@ -109,7 +110,7 @@ fn a_distance_worked_out_by_hand() {
     let redder: Vec<f32> = [RED_OF_3_4, 0.3, 0.9].repeat(side * side);
     let mut one_pixel = plain.clone();
     one_pixel[0] = RED_OF_3_4;
-    for (name, device) in devices() {
+    for (name, device) in named_devices() {
         let lpips = Lpips::new(Network::AlexNet, red_network(), &device);
         let distance = |other: &[f32]| {
             lpips

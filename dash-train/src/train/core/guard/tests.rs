@@ -3,6 +3,7 @@
 use std::sync::{Arc, OnceLock};
 
 use burn::tensor::Device;
+use dash_kernels::testing::devices;
 use dash_model::parameters::{named_parameters, with_parameters};
 use dash_model::{GaussianRows, Gaussians};
 
@@ -17,15 +18,6 @@ use crate::train::{TrainConfig, Trainer};
 
 /// The split of [`config`].
 const SPLIT: usize = 12;
-
-fn devices() -> Vec<Device> {
-    vec![
-        #[cfg(feature = "flex")]
-        Device::flex(),
-        #[cfg(feature = "wgpu")]
-        Device::wgpu(burn::tensor::DeviceKind::DefaultDevice),
-    ]
-}
 
 /// `bounce`, 4 cameras, 4 frames, 32x24 pixels.
 fn dataset() -> Arc<Dataset> {
@@ -186,7 +178,7 @@ fn a_lost_loss_is_traced_to_its_gaussians() {
 
 #[test]
 fn the_skipped_step_changes_no_other_parameter_and_no_moment() {
-    let device = devices().remove(0);
+    let device = Device::flex();
     let mut trainer = trained(SPLIT + 3, &device);
     let before = parameters(&trainer);
     let (moments, steps) = trainer.run.optimizer.to_tensors();
@@ -291,7 +283,7 @@ fn a_trajectory_of_any_length_trains() {
 
 #[test]
 fn a_lost_dynamic_gaussian_is_removed_and_a_lost_set_ends_the_run() {
-    let device = devices().remove(0);
+    let device = Device::flex();
     let mut trainer = trained(SPLIT + 3, &device);
     let (_, n) = trainer.run.scene.counts();
     assert!(n > 1, "some move");
@@ -312,7 +304,7 @@ fn a_lost_dynamic_gaussian_is_removed_and_a_lost_set_ends_the_run() {
 
 #[test]
 fn what_cannot_be_mended_ends_the_run_with_its_name() {
-    let device = devices().remove(0);
+    let device = Device::flex();
     let mut trainer = trained(2, &device);
     // The regulariser's weight is at fault, which no parameter shows.
     floaters(&mut trainer).opacity = f32::INFINITY;

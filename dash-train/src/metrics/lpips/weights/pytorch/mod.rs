@@ -6,7 +6,7 @@
 //!
 //! Burn's `pytorch-reader` 0.22.1 can't replace it. It refuses tensors wrapped in `torch.nn.parameter.Parameter`, as
 //! torchvision's `vgg16-397923af.pth` of 2017 has them. It also accepts a storage that declares more elements than
-//! the file holds, an archive with one entry twice, and calls of unknown functions beside the tensors.
+//! the file holds and calls of unknown functions beside the tensors; of an archive with one entry twice it takes the last.
 //!
 //! # Map
 //! - `pickle`, `value`, `calls`: the stack machine, its values, and the names it knows.
