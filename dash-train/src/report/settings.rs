@@ -81,13 +81,13 @@ fn rounding(run: &RunRecord) -> String {
 }
 
 fn background(run: &RunRecord) -> String {
-    let known = match &run.results {
-        Some(results) => Some(results.evaluation.metric_settings.background),
-        None => run.config.train.background,
-    };
-    known.map_or("the dataset's own, or black".into(), |[r, g, b]| {
-        format!("sRGB {r}, {g}, {b}")
-    })
+    match &run.results {
+        Some(results) => {
+            let [r, g, b] = results.evaluation.metric_settings.background;
+            format!("sRGB {r}, {g}, {b}")
+        }
+        None => "the dataset's own, or black".into(),
+    }
 }
 
 fn ssim_window(run: &RunRecord) -> String {

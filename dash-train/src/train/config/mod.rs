@@ -58,9 +58,6 @@ pub struct TrainConfig {
     pub sh_interval: f32,
     /// Share of D-SSIM against L1 in the photometric loss (Eq. 6). Source: 3DGS, 0.2.
     pub dssim: f32,
-    /// Colour behind everything, sRGB in [0, 1]. Absent: the dataset's own, or black.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub background: Option<[f32; 3]>,
     /// Gaussians nearer to a camera than this are not drawn, world units. Absent: half of the distance at which the
     /// training cameras see something. Source: the released code has 0.2.
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -106,8 +103,8 @@ impl TrainConfig {
             sh_degree: self.sh_degree,
             sh_interval: self.sh_interval,
             dssim: self.dssim,
-            background: self.background,
             near_plane: self.near_plane,
+            extent: self.method.form.extent(),
             initial_points: self.initial_points,
             optimizer: self.optimizer.clone(),
             densify: self.densify.clone(),

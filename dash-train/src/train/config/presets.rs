@@ -36,7 +36,6 @@ impl TrainConfig {
             sh_degree: 3,
             sh_interval: 1.0 / 15.0,
             dssim: 0.2,
-            background: None,
             near_plane: None,
             initial_points: [20_000, 100_000],
             checkpoint_interval: 1_000,
@@ -45,24 +44,21 @@ impl TrainConfig {
             optimizer: OptimizerConfig {
                 means: 1.6e-4,
                 means_final: 1.6e-6,
-                trajectories: 1.6e-4,
                 grid: 5e-3,
                 network: 1e-3,
                 field_final: 0.1,
-                extent: None,
             },
             densify: DensifySets {
+                gradient_threshold: 2e-4,
                 static_set: DensifyConfig {
                     during: [500.0 / 15_000.0, 0.6],
                     interval: 100,
-                    gradient_threshold: 2e-4,
                     opacity_reset_interval: Some(3_000),
                     max_gaussians: 300_000,
                 },
                 dynamic: DensifyConfig {
                     during: [0.37, 0.7],
                     interval: 100,
-                    gradient_threshold: 2e-4,
                     opacity_reset_interval: Some(3_000),
                     max_gaussians: 100_000,
                 },
@@ -87,6 +83,7 @@ impl TrainConfig {
         let DensifySets {
             static_set,
             dynamic,
+            ..
         } = &mut self.densify;
         static_set.opacity_reset_interval = Some(2_000);
         static_set.max_gaussians = 10_000;
@@ -108,10 +105,7 @@ impl TrainConfig {
         });
         // Half as many are as good at equal steps, and their steps are faster.
         self.extensions.crowding = Some(CrowdingConfig { free: 400 });
-        self.extensions.demotion = Some(DemotionConfig {
-            interval: 250,
-            min_motion: 0.005,
-        });
+        self.extensions.demotion = Some(DemotionConfig { interval: 250 });
     }
 
     fn as_in_the_paper(&mut self) {
@@ -180,11 +174,9 @@ impl TrainConfig {
         self.optimizer = OptimizerConfig {
             means: 1.6e-4,
             means_final: 1.6e-6,
-            trajectories: 0.0,
             grid: 50.0 * 1.6e-4,
             network: 1.6e-4,
             field_final: 0.01,
-            extent: Some(5.0),
         };
         let static_set = DensifyConfig {
             during: [600.0 / 50_000.0, 6_800.0 / 50_000.0],
@@ -192,6 +184,7 @@ impl TrainConfig {
             ..self.densify.static_set.clone()
         };
         self.densify = DensifySets {
+            gradient_threshold: 2e-4,
             dynamic: DensifyConfig {
                 during: [7_050.0 / 50_000.0, 7_950.0 / 50_000.0],
                 ..static_set.clone()
@@ -256,11 +249,8 @@ fn our_extensions() -> ExtensionsConfig {
             opacity: 0.01,
             nearness: 0.016,
         }),
-        scale_limit: Some(ScaleLimitConfig { max_scale: 0.1 }),
-        demotion: Some(DemotionConfig {
-            interval: 500,
-            min_motion: 0.005,
-        }),
+        scale_limit: Some(ScaleLimitConfig {}),
+        demotion: Some(DemotionConfig { interval: 500 }),
         crowding: None,
         averaging: Some(AveragingConfig { share: 0.06 }),
     }

@@ -53,13 +53,6 @@ impl TrainConfig {
                 ),
             ],
         )?;
-        if let Some(background) = self.background {
-            let ok = background.iter().all(|v| (0.0..=1.0).contains(v));
-            check(
-                "three numbers in [0, 1]",
-                vec![("background", format!("{background:?}"), ok)],
-            )?;
-        }
         self.validate_fields()
     }
 
@@ -117,10 +110,13 @@ impl TrainConfig {
             ),
             ("optimizer.means", rates.means),
             ("optimizer.means_final", rates.means_final),
-            ("optimizer.trajectories", rates.trajectories),
             ("optimizer.grid", rates.grid),
             ("optimizer.network", rates.network),
             ("optimizer.field_final", rates.field_final),
+            (
+                "densify.gradient_threshold",
+                self.densify.gradient_threshold,
+            ),
         ];
         let names = ["densify.static.during", "densify.dynamic.during"];
         for (name, set) in names.into_iter().zip(self.sets()) {
@@ -138,9 +134,6 @@ impl TrainConfig {
         if let Some(gaps) = &extensions.gaps {
             values.push(("extensions.gaps.steadiness", gaps.steadiness));
         }
-        if let Some(demotion) = &extensions.demotion {
-            values.push(("extensions.demotion.min_motion", demotion.min_motion));
-        }
         numbers(values, |value| value.is_finite() && value >= 0.0)
     }
 
@@ -155,11 +148,7 @@ impl TrainConfig {
     fn positive(&self) -> Vec<Check<'_>> {
         let mut values = vec![("method.smoothness_share", self.method.smoothness_share)];
         values.extend(self.near_plane.map(|near| ("near_plane", near as f32)));
-        values.extend(self.optimizer.extent.map(|e| ("optimizer.extent", e)));
         let extensions = &self.extensions;
-        if let Some(limit) = &extensions.scale_limit {
-            values.push(("extensions.scale_limit.max_scale", limit.max_scale));
-        }
         if let Some(gaps) = &extensions.gaps {
             values.push(("extensions.gaps.coarsen", gaps.coarsen));
         }

@@ -37,9 +37,7 @@ fn all_keys() -> Table {
     let mut config = TrainConfig::preset(Preset::Default);
     let quick = TrainConfig::preset(Preset::Quick);
     config.extensions.crowding = quick.extensions.crowding;
-    config.background = Some([0.0; 3]);
     config.near_plane = Some(0.01);
-    config.optimizer.extent = Some(5.0);
     for set in [&mut config.densify.static_set, &mut config.densify.dynamic] {
         set.opacity_reset_interval.get_or_insert(3_000);
     }

@@ -44,11 +44,11 @@ fn set_changes_one_value_and_refuses_others() {
     config.set("dssim=0").expect("a number");
     assert_eq!(config.dssim, 0.0);
     config.set("method.trajectories=linear").expect("a word");
-    config.set("background=[1, 1.0, 1]").expect("a list");
-    config.set("optimizer.extent=5").expect("an absent option");
-    assert_eq!(config.optimizer.extent, Some(5.0));
-    config.set("optimizer.extent=none").expect("an option");
-    assert_eq!(config.optimizer.extent, None);
+    config.set("method.stages=[0, 0.5]").expect("a list");
+    config.set("near_plane=5").expect("an absent option");
+    assert_eq!(config.near_plane, Some(5.0));
+    config.set("near_plane=none").expect("an option");
+    assert_eq!(config.near_plane, None);
     config.set("extensions.floaters=none").expect("a section");
     assert!(config.extensions.floaters.is_none());
     let refused = config.set("extensions.floaters.opacity=0.1");
@@ -83,18 +83,18 @@ fn set_changes_one_value_and_refuses_others() {
         ("extensions.gaps.coarsen=1.1", "extensions.gaps.coarsen"),
         ("near_plane=0", "near_plane"),
         (
-            "extensions.scale_limit.max_scale=0",
-            "extensions.scale_limit.max_scale",
-        ),
-        (
-            "extensions.demotion.min_motion=-0.1",
-            "extensions.demotion.min_motion",
+            "extensions.demotion.interval=0",
+            "extensions.demotion.interval",
         ),
         (
             "extensions.prune.max_loss_db=0",
             "extensions.prune.max_loss_db",
         ),
         ("densify.static.interval=0", "densify.static.interval"),
+        (
+            "densify.gradient_threshold=-1",
+            "densify.gradient_threshold",
+        ),
         (
             "densify.dynamic.opacity_reset_interval=0",
             "opacity_reset_interval",

@@ -16,10 +16,10 @@ pub struct ScheduleConfig {
     pub sh_interval: f32,
     /// Share of D-SSIM against L1 in the photometric loss.
     pub dssim: f32,
-    /// Colour behind everything, sRGB in [0, 1]; absent: the dataset's own, or black.
-    pub background: Option<[f32; 3]>,
     /// Gaussians nearer to a camera than this are not drawn, world units; absent: measured.
     pub near_plane: Option<f64>,
+    /// Extent of the scene, world units; absent: measured.
+    pub extent: Option<f32>,
     /// Fewest and most points that the first Gaussians are made of.
     pub initial_points: [usize; 2],
     /// Learning rates.
@@ -40,27 +40,25 @@ impl ScheduleConfig {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct OptimizerConfig {
-    /// Means at the start, in units of the scene's extent. Source: 3DGS, 1.6e-4.
+    /// Means and Gaussians' own trajectories at the start, in units of the scene's extent. Source: 3DGS, 1.6e-4.
     pub means: f32,
-    /// Means at the end, reached exponentially, in units of the scene's extent. Source: 3DGS, 1.6e-6.
+    /// The same at the end, reached exponentially, in units of the scene's extent. Source: 3DGS, 1.6e-6.
     pub means_final: f32,
-    /// Trajectories of Gaussians, in units of the scene's extent. Source: ours, as the means.
-    pub trajectories: f32,
     /// Hash tables and feature planes at the start. Source: ours; the released code has 8e-3.
     pub grid: f32,
     /// Decoders at the start. Source: ours; the released code has 1.6e-4.
     pub network: f32,
     /// Factor of the rates of tables and decoders at the end, reached exponentially. Source: ours; released code 0.01.
     pub field_final: f32,
-    /// Extent of the scene, world units, in place of the measured one. Source: the released code has 5.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub extent: Option<f32>,
 }
 
 /// Density control of the static Gaussians (of all, before the decomposition) and of the dynamic ones.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct DensifySets {
+    /// Mean gradient of the screen position above which a Gaussian is cloned or split, in units of half the image.
+    /// Source: 3DGS, 2e-4.
+    pub gradient_threshold: f32,
     /// Of the static set.
     #[serde(rename = "static")]
     pub static_set: DensifyConfig,
@@ -78,9 +76,6 @@ pub struct DensifyConfig {
     pub during: [f32; 2],
     /// Steps between rounds. Source: 3DGS, 100.
     pub interval: usize,
-    /// Mean gradient of the screen position above which a Gaussian is cloned or split, in units of half the image.
-    /// Source: 3DGS, 2e-4.
-    pub gradient_threshold: f32,
     /// Steps between opacity resets; absent: none. Source: 3DGS, 3,000.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub opacity_reset_interval: Option<usize>,

@@ -36,7 +36,7 @@ impl Rates {
     pub fn of(config: &OptimizerConfig) -> Self {
         Self {
             means: [config.means, config.means_final],
-            trajectories: config.trajectories,
+            trajectories: config.means,
             quats: 1e-3,
             scales: 5e-3,
             opacities: 0.05,

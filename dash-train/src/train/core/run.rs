@@ -109,7 +109,7 @@ impl<M> Run<M> {
         }
         let start = capture::start_span(&dataset, &train_views);
         let mut rng = Pcg64::seed_from_u64(config.seed);
-        let background = config.background.or(dataset.background).unwrap_or([0.0; 3]);
+        let background = dataset.background.unwrap_or([0.0; 3]);
         let points = initial_points(
             &dataset,
             &train_views,
@@ -123,7 +123,7 @@ impl<M> Run<M> {
         let near_plane = config
             .near_plane
             .unwrap_or_else(|| near_plane(views(), &points));
-        let extent = config.optimizer.extent.unwrap_or(region.extent);
+        let extent = config.extent.unwrap_or(region.extent);
         let scale = FIRST_SCALE * extent;
         let rows =
             GaussianRows::from_points(&points.positions, &points.colors, config.sh_degree, scale);

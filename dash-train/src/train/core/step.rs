@@ -199,7 +199,11 @@ fn control_density<M: Method>(run: &mut Run<M>, hooks: &mut Hooks<M>) {
             step,
             rows: &rows,
             statistics: &statistics,
-            gradient_threshold: densify::threshold(&config, run.state(set).crowd, rows.len()),
+            gradient_threshold: densify::threshold(
+                run.config.densify.gradient_threshold,
+                run.state(set).crowd,
+                rows.len(),
+            ),
             max_gaussians,
             was_reset: densify::was_reset(&config, since, step),
             scale,

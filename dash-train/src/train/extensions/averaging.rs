@@ -236,7 +236,7 @@ mod tests {
     use super::*;
     use crate::synth;
     use crate::train::config::tests::small;
-    use crate::train::extensions::{Demotion, DemotionConfig};
+    use crate::train::extensions::Demotion;
     use crate::train::{Trainer, latest_checkpoint, load_checkpoint, save_checkpoint};
 
     /// Of `bounce`, 4 cameras, 4 frames, 32x24 pixels, with both sets from step 18 on.
@@ -308,10 +308,8 @@ mod tests {
         let mut trainer = trainer(0.1);
         let demotion = |trainer: &mut Trainer, min_motion: f32| {
             let demotion = trainer.hooks.get_mut::<Demotion>().expect("on");
-            demotion.config = DemotionConfig {
-                interval: 1,
-                min_motion,
-            };
+            demotion.config.interval = 1;
+            demotion.min_motion = min_motion;
         };
         demotion(&mut trainer, 0.0);
         while trainer.run.step < 54 {

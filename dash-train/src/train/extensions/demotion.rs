@@ -17,6 +17,8 @@ const TIMES: usize = 12;
 /// scene in which nothing moves, 1e-5.
 const MIN_GAIN: f64 = 2e-4;
 
+/// Motion over the clip, in shares of the image's width, below which a dynamic Gaussian becomes static.
+const MIN_MOTION: f32 = 0.005;
 /// Pixels' worth of a dynamic Gaussian that some picture must show.
 const MIN_SHARE: f32 = 0.1;
 
@@ -26,19 +28,22 @@ const MIN_SHARE: f32 = 0.1;
 pub struct DemotionConfig {
     /// Steps of the 4D stage between two reviews. Source: ours.
     pub interval: usize,
-    /// Motion over the clip, in shares of the image's width, below which a dynamic Gaussian becomes static. Source: ours.
-    pub min_motion: f32,
 }
 
 /// See [`DemotionConfig`].
 pub struct Demotion {
     pub(crate) config: DemotionConfig,
+    /// [`MIN_MOTION`], but for tests.
+    pub(crate) min_motion: f32,
 }
 
 impl Demotion {
     /// From its section.
     pub fn new(config: DemotionConfig) -> Self {
-        Self { config }
+        Self {
+            config,
+            min_motion: MIN_MOTION,
+        }
     }
 }
 
@@ -58,7 +63,7 @@ impl Extension<Dash> for Demotion {
         let start = run.stages().end;
         let due = run.step > start && (run.step - start).is_multiple_of(self.config.interval);
         if due && !run.is_frozen() {
-            review(run, self.config.min_motion)?;
+            review(run, self.min_motion)?;
         }
         Ok(())
     }

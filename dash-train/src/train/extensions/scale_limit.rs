@@ -13,22 +13,23 @@ use crate::train::core::{Extension, Method, Run, SceneScale, Set};
 /// Steps between two looks: in so many a log scale grows by a tenth at most.
 const INTERVAL: usize = 10;
 
-/// `[extensions.scale_limit]`
+/// Largest scale, in units of the extent, or of the distance from the scene's centre where that is more. Source: 3DGS
+/// prunes above 0.1.
+const MAX_SCALE: f32 = 0.1;
+
+/// `[extensions.scale_limit]`: on or off. The largest scale is 0.1, in units of the extent, or of the distance from the scene's
+/// centre where that is more, above which 3DGS prunes.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
-pub struct ScaleLimitConfig {
-    /// Largest scale, in units of the extent, or of the distance from the scene's centre where that is more. Source: 3DGS
-    /// prunes above 0.1.
-    pub max_scale: f32,
-}
+pub struct ScaleLimitConfig {}
 
 /// See [`ScaleLimitConfig`].
-pub struct ScaleLimit(ScaleLimitConfig);
+pub struct ScaleLimit;
 
 impl ScaleLimit {
     /// From its section.
-    pub fn new(config: ScaleLimitConfig) -> Self {
-        Self(config)
+    pub fn new(_: ScaleLimitConfig) -> Self {
+        Self
     }
 }
 
@@ -44,7 +45,7 @@ impl<M: Method> Extension<M> for ScaleLimit {
         for set in Set::BOTH {
             let gaussians = run.gaussians(set).filter(|set| !set.is_empty());
             if let Some(gaussians) = gaussians.cloned() {
-                let limited = shrunk(gaussians, self.0.max_scale, run.scale());
+                let limited = shrunk(gaussians, MAX_SCALE, run.scale());
                 run.set_gaussians(set, limited);
             }
         }

@@ -119,6 +119,16 @@ pub enum Form {
     Released,
 }
 
+impl Form {
+    /// The scene's extent where it is not measured, world units. Source: the released code, 5.
+    pub(crate) fn extent(self) -> Option<f32> {
+        match self {
+            Self::Paper => None,
+            Self::Released => Some(5.0),
+        }
+    }
+}
+
 /// How motion is measured for the decomposition.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]

@@ -199,16 +199,15 @@ mod tests {
 
     #[test]
     fn the_more_there_are_the_more_each_has_to_pay_for() {
-        let config = config();
-        let base = config.gradient_threshold;
-        let of = |crowd: Option<usize>, n: usize| threshold(&config, crowd, n) / base;
+        let base = 2e-4;
+        let of = |crowd: Option<usize>, n: usize| threshold(base, crowd, n) / base;
         assert_eq!([0, 400, 100_000].map(|n| of(None, n)), [1.0; 3]);
         assert_eq!([0, 400, 1_000].map(|n| of(Some(400), n)), [1.0, 1.0, 2.5]);
 
         // Two of four rows, at 2.5 times the threshold: enough where two are a crowd, not where one is.
         let paid = 2.5 * 2.0 * base;
         let grown = |crowd: Option<usize>| {
-            let limits = (100, threshold(&config, crowd, 4));
+            let limits = (100, threshold(base, crowd, 4));
             round(&rows(), [paid, paid, 0.0, 0.0], limits, false)
                 .rows
                 .len()

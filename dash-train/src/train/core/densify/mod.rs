@@ -76,11 +76,11 @@ impl SceneScale {
     }
 }
 
-/// The gradient threshold for `n` Gaussians: it rises with their number above a crowd.
-pub(super) fn threshold(config: &DensifyConfig, crowd: Option<usize>, n: usize) -> f32 {
+/// The gradient threshold for `n` Gaussians: a base that rises with their number above a crowd.
+pub(super) fn threshold(base: f32, crowd: Option<usize>, n: usize) -> f32 {
     match crowd {
-        None => config.gradient_threshold,
-        Some(crowd) => config.gradient_threshold * (n as f32 / crowd as f32).max(1.0),
+        None => base,
+        Some(crowd) => base * (n as f32 / crowd as f32).max(1.0),
     }
 }
 
