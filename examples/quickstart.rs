@@ -26,11 +26,15 @@ fn run() -> Result<(), Failure> {
         }
     }
     let last = config.train.iterations;
+    println!(
+        "a synthetic clip, then {last} steps of training; all of it goes to {}",
+        out.display()
+    );
     let done = quickstart(&out, &config, &mut |report, seconds| {
         if report.step.is_multiple_of(500) || report.step == last {
             println!(
-                "{seconds:4.0} s  step {:5}  training PSNR {:5.2} dB  {} static, {} dynamic",
-                report.step, report.psnr, report.n_static, report.n_dynamic
+                "{seconds:4.0} s  step {:5} of {last}  {:13}  training PSNR {:5.2} dB  {} static, {} dynamic",
+                report.step, report.stage, report.psnr, report.n_static, report.n_dynamic
             );
         }
     })?;
@@ -46,6 +50,7 @@ fn run() -> Result<(), Failure> {
         );
     }
     let root = done.run.root().display();
-    println!("pictures, the model and results.json are in {root}");
+    println!("{root}/overview.png shows captured, rendered, static and dynamic pictures;");
+    println!("the model, results.json and, where ffmpeg is installed, spiral.mp4 lie beside it");
     Ok(())
 }

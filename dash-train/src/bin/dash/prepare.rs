@@ -8,7 +8,7 @@ use dash_train::prepare::{CameraModel, FrameSize, LensChoice, PrepareConfig, pre
 use crate::failure::Failure;
 use crate::values::{CameraList, downscale};
 
-/// Make a dataset from the videos or image folders of a rig of your own (needs ffmpeg and COLMAP)
+/// Make a dataset from the videos or image folders of a rig of your own (needs ffmpeg for videos, COLMAP for poses and points)
 #[derive(Args)]
 #[command(
     after_help = "Examples:\n  dash prepare footage data/mine --fps 15 --height 720\n  \

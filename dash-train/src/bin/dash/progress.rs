@@ -47,6 +47,11 @@ impl Progress {
         }
     }
 
+    /// What is said next is of what follows `done` steps.
+    fn skip_to(&mut self, done: usize) {
+        self.lines = done * LINES / self.total.max(1);
+    }
+
     /// Removes the bar.
     pub fn finish(&self) {
         if let Some(bar) = &self.bar {
@@ -87,14 +92,21 @@ impl TrainProgress {
             ),
         };
         self.smoothed = Some((loss, psnr));
-        let (first, since) = *self.start.get_or_insert((report.step, secs));
+        let (first, since) = match self.start {
+            Some(start) => start,
+            None => {
+                // The first step of a resumed run says little of the time that is left.
+                self.progress.skip_to(report.step);
+                *self.start.insert((report.step, secs))
+            }
+        };
         let per_step = (secs - since) / (report.step - first).max(1) as f64;
         let left = per_step * (self.iterations - report.step) as f64;
         let on_terminal = self.progress.bar.is_some();
         self.progress.at(report.step, || {
             let text = format!(
-                "loss {loss:.4}, PSNR {psnr:.2} dB, {} static, {} dynamic",
-                report.n_static, report.n_dynamic
+                "{}: loss {loss:.4}, PSNR {psnr:.2} dB, {} static, {} dynamic",
+                report.stage, report.n_static, report.n_dynamic
             );
             // The bar shows the time left itself.
             if on_terminal {

@@ -29,7 +29,7 @@ const OTHER_VIDEOS: [&str; 6] = ["mov", "mkv", "webm", "avi", "gif", "m4v"];
 /// Render pictures or a video of a run, or of the Gaussians in a PLY file
 #[derive(Args)]
 #[command(after_help = "Examples:
-  dash render runs/room --cameras test --out out/room
+  dash render runs/room --cameras test --out out/pictures
   dash render runs/room --cameras spiral --frames 90 --out out/room.mp4
   dash render runs/room --cameras cameras.json --time 0.5 --layers full,dynamic,depth --out out/half
   dash render room_at_half.ply --cameras cameras.json --out out/ply

@@ -28,6 +28,11 @@ pub trait Method: Sized + Send + 'static {
         Ok(())
     }
 
+    /// What the stage of the step that is under way is called.
+    fn stage(_run: &Run<Self>) -> &'static str {
+        "3DGS"
+    }
+
     /// Where the static Gaussians are in a view, if the method moves them.
     ///
     /// # Errors

@@ -20,6 +20,8 @@ use crate::dataset::View;
 pub struct StepReport {
     /// Steps done so far.
     pub step: usize,
+    /// The stage of the method that it belonged to.
+    pub stage: &'static str,
     /// The whole loss.
     pub loss: f32,
     /// Peak signal-to-noise ratio of the step's training view, dB.
@@ -85,6 +87,7 @@ pub fn step<M: Method>(run: &mut Run<M>, hooks: &mut Hooks<M>) -> Result<StepRep
             })?;
         }
     }
+    let stage = M::stage(run);
     run.step += 1;
     hooks.each(run, |extension, run| {
         extension.after_update(run);
@@ -96,6 +99,7 @@ pub fn step<M: Method>(run: &mut Run<M>, hooks: &mut Hooks<M>) -> Result<StepRep
     let (n_static, n_dynamic) = run.scene.counts();
     Ok(StepReport {
         step: run.step,
+        stage,
         loss,
         psnr: -10.0 * mse.max(1e-10).log10(),
         n_static,

@@ -33,6 +33,16 @@ struct State {
 }
 
 impl Method for Dash {
+    fn stage(run: &Run<Self>) -> &'static str {
+        let stages = run.stages();
+        match run.step {
+            _ if !run.may_move() => "static",
+            step if step < stages.warmup => "warm-up",
+            step if step < stages.end => "decomposition",
+            _ => "4D",
+        }
+    }
+
     fn before_step(run: &mut Run<Self>) -> Result<(), Error> {
         if !run.may_move() {
             return Ok(());
