@@ -4,6 +4,19 @@ use std::path::{Path, PathBuf};
 
 use dash_kernels::KernelError;
 
+/// What to do where the system refused a file or a folder.
+pub fn io_remedy(source: &std::io::Error) -> &'static str {
+    use std::io::ErrorKind;
+    match source.kind() {
+        ErrorKind::StorageFull | ErrorKind::QuotaExceeded => {
+            "make room on that disk, or choose another"
+        }
+        ErrorKind::FileTooLarge => "raise the limit of a file's size, or choose another disk",
+        ErrorKind::ReadOnlyFilesystem => "choose a place that can be written to",
+        _ => "check that it exists and that you may access it",
+    }
+}
+
 /// What building, rendering, saving or loading a model can refuse.
 #[derive(Debug, thiserror::Error)]
 pub enum ModelError {
@@ -41,7 +54,7 @@ pub enum ModelError {
         found: String,
     },
     /// A file could not be read or written.
-    #[error("{path}: cannot {action}: {source}; check that it exists and is accessible")]
+    #[error("{path}: cannot {action}: {source}; {}", io_remedy(source))]
     Io {
         /// The file.
         path: PathBuf,

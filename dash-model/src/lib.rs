@@ -25,6 +25,7 @@
 //! | [`Gaps`] | time gaps: where to interpolate and extrapolate |
 //! | [`DynamicPart`], [`DynamicScene`] | deformation, rendering (Eqs. 1-2, 10), pruning of the field |
 //! | [`scene_file`] | the scene on disk |
+//! | [`unfinished`] | files and folders that are not complete yet |
 //! | [`parameters`] | parameters of any Burn module by name |
 //!
 //! # Features
@@ -98,12 +99,13 @@ mod space_box;
 mod splat_ply;
 mod time_gaps;
 mod trajectory;
+pub mod unfinished;
 
 pub use dash_kernels::Camera;
 pub use deformation::{DeformationConfig, DeformationField, Head, Heads, Offsets};
 pub use dynamic_part::{Deformed, DynamicPart};
 pub use encoders::{Grid4d, HexPlanes, Representation, SpaceTimeEncoder, TimeEmbedding};
-pub use error::ModelError;
+pub use error::{ModelError, io_remedy};
 pub use gaussians::{GaussianRows, Gaussians, SH_C0, gather_rows, logit};
 pub use hash_encoder::{HashEncoder, HashEncoderConfig};
 pub use motion::MotionField;

@@ -10,6 +10,7 @@ mod spiral;
 mod transforms;
 
 pub use focus::focus_point;
+pub(crate) use focus::{in_one_place, one_place};
 pub use spiral::spiral;
 pub use transforms::DatasetTerms;
 

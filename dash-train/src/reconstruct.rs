@@ -11,7 +11,8 @@ use crate::device::DeviceChoice;
 use crate::evaluate::Evaluation;
 use crate::results::{Process, Results, evaluate_run};
 use crate::train::{
-    DataConfig, Preset, RunConfig, RunFolder, StepReport, TrainConfig, TrainOptions, train,
+    DataConfig, Preset, RunConfig, RunFolder, StepReport, TrainConfig, TrainOptions, check_dataset,
+    train,
 };
 
 /// How [`reconstruct`] loads and trains.
@@ -89,12 +90,14 @@ pub fn reconstruct(
         device: name.clone(),
     };
     let dataset = Arc::new(dataset::load(&data.dataset, &data.load_options())?);
+    check_dataset(&dataset)?;
     let run = RunFolder::create(run, &RunConfig::new(data, config.train.clone()))?;
     let options = TrainOptions {
         resume: false,
         curve: 0,
         on_step,
         clock: None,
+        stop: &|| false,
         additions: Default::default(),
     };
     let (trainer, _) = train(&run, &config.train, dataset.clone(), &device, options)?;

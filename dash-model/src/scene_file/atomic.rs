@@ -4,6 +4,7 @@ use std::fs::{self, File};
 use std::path::Path;
 
 use crate::ModelError;
+use crate::unfinished::Unfinished;
 
 /// Writes a file through a sibling scratch file that replaces it once complete and on disk.
 ///
@@ -24,17 +25,12 @@ pub fn write_atomically(
     path: &Path,
     write: impl FnOnce(&File) -> std::io::Result<()>,
 ) -> Result<(), ModelError> {
-    let mut name = path.file_name().unwrap_or_default().to_os_string();
-    name.push(".partial");
-    let scratch = path.with_file_name(name);
-    let result = File::create(&scratch).and_then(|file| {
+    let written = || {
+        let scratch = Unfinished::file(path)?;
+        let file = File::options().write(true).open(scratch.path())?;
         write(&file)?;
         file.sync_all()?;
-        fs::rename(&scratch, path)
-    });
-    result.map_err(|e| {
-        // The scratch file may not exist; what matters to the user is the first error.
-        let _ = fs::remove_file(&scratch);
-        ModelError::io(path, "write", e)
-    })
+        scratch.finish(|scratch| fs::rename(scratch, path))
+    };
+    written().map_err(|e| ModelError::io(path, "write", e))
 }

@@ -27,7 +27,6 @@ mod marks;
 mod stored;
 mod tensors;
 
-use std::fs;
 use std::io::Write;
 use std::path::Path;
 
@@ -40,6 +39,7 @@ pub use atomic::write_atomically;
 pub use tensors::{read_tensors, write_tensors};
 
 use crate::parameters::{named_parameters, with_parameters};
+use crate::unfinished::create_dir_all;
 use crate::{DynamicScene, ModelError};
 use description::SceneDescription;
 
@@ -66,7 +66,7 @@ impl DynamicScene {
     /// # Errors
     /// [`ModelError::Io`].
     pub fn save_with(&self, folder: &Path, precision: TablePrecision) -> Result<(), ModelError> {
-        fs::create_dir_all(folder).map_err(|e| ModelError::io(folder, "create the folder", e))?;
+        create_dir_all(folder).map_err(|e| ModelError::io(folder, "create the folder", e))?;
         write_stored(&folder.join("scene.safetensors"), &stored(self, precision))?;
         let json = SceneDescription::of(self).to_json();
         write_atomically(&folder.join("scene.json"), |mut file| file.write_all(&json))

@@ -7,6 +7,10 @@ use crate::numbers::quantile;
 
 /// Depth of the scene by the spread of the cameras, where nothing better is known.
 const DEPTH_BY_SPREAD: f64 = 10.0;
+/// What six digits of a pose leave open, as a share of the distance from the origin.
+const ROUNDED_POSES: f64 = 1e-5;
+/// Distances from the origin, world units, below and above which that share is of these.
+const ONE_PLACE_WITHIN: [f64; 2] = [1e-3, 100.0];
 /// Pull of the meeting point towards the cameras' centre: it decides only for axes that are
 /// parallel to within half a degree, whose meeting point is noise.
 const PARALLEL_PULL: f64 = 1e-4;
@@ -34,11 +38,27 @@ pub fn focus_point(cameras: &[Camera]) -> [f64; 3] {
     (centre + forward.normalize_or_zero() * default_depth(spread)).into()
 }
 
-/// The mean of the cameras' positions, and the 90th percentile of their distances from it.
+/// The mean of the cameras' positions, and the 90th percentile of their distances from it; 0 of cameras in one place.
 pub(super) fn centre_and_spread(positions: &[DVec3]) -> (DVec3, f64) {
     let centre = positions.iter().sum::<DVec3>() / positions.len() as f64;
     let distances = positions.iter().map(|p| p.distance(centre));
-    (centre, quantile(distances, 0.9))
+    match in_one_place(positions) {
+        true => (centre, 0.0),
+        false => (centre, quantile(distances, 0.9)),
+    }
+}
+
+/// The distance within which positions are one place: what rounded poses differ by.
+pub(crate) fn one_place(positions: &[DVec3]) -> f64 {
+    let farthest = positions.iter().map(|p| p.length()).fold(0.0, f64::max);
+    // In map coordinates all cameras of a scene are far from the origin.
+    ROUNDED_POSES * farthest.clamp(ONE_PLACE_WITHIN[0], ONE_PLACE_WITHIN[1])
+}
+
+/// Whether cameras stand in one place, so that nothing shows how far anything is.
+pub(crate) fn in_one_place(positions: &[DVec3]) -> bool {
+    let within = one_place(positions);
+    positions.iter().all(|p| p.distance(positions[0]) <= within)
 }
 
 /// The distance to look at where the axes don't meet in front of the cameras.

@@ -26,9 +26,10 @@ use training::Training;
 
 use crate::Error;
 use crate::dataset::{Dataset, Partition};
+use crate::files::is_occupied;
 use crate::numbers::median_and_range;
 use crate::results::{Results, read_results};
-use crate::train::{DataConfig, RunFolder, StepReport, TrainConfig};
+use crate::train::{DataConfig, RunFolder, StepReport, TrainConfig, check_dataset};
 
 /// What is compared: `OUT/compare.toml`.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -97,6 +98,7 @@ impl Comparison {
                  --test-cameras",
             ));
         }
+        check_dataset(dataset)?;
         self.claim(out)?;
         let mut training = Training {
             comparison: self,
@@ -143,7 +145,7 @@ impl Comparison {
                 )),
             };
         }
-        let occupied = fs::read_dir(out).is_ok_and(|mut entries| entries.next().is_some());
+        let occupied = is_occupied(out).map_err(|e| Error::io(out, "list", e))?;
         if occupied {
             return Err(Error::run(
                 out,

@@ -7,6 +7,7 @@ use std::sync::Arc;
 
 use burn::tensor::Device;
 use dash_model::scene_file::write_atomically;
+use dash_model::unfinished::discard;
 use serde::{Deserialize, Serialize};
 
 use super::gauge::Gauge;
@@ -104,6 +105,7 @@ impl Training<'_> {
             curve: self.comparison.curve,
             on_step: &mut |report, secs| self.observer.step(report, secs),
             clock: Some(&mut |secs| gauge.paced(secs)),
+            stop: &|| false,
             additions: Default::default(),
         };
         train(
@@ -123,7 +125,7 @@ impl Training<'_> {
             &Default::default(),
         )?;
         let checkpoints = run.checkpoints_path();
-        fs::remove_dir_all(&checkpoints).map_err(|e| Error::io(&checkpoints, "remove", e))?;
+        discard(&checkpoints).map_err(|e| Error::io(&checkpoints, "remove", e))?;
         Ok((run, results))
     }
 

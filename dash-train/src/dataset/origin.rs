@@ -1,6 +1,9 @@
 //! Scenes far from the origin, such as those in map coordinates.
 
+use glam::DVec3;
+
 use super::view::View;
+use crate::cameras::in_one_place;
 use crate::ply::PointCloud;
 
 /// At this distance from the origin, in sizes of the scene, single precision rounds positions to about a
@@ -23,7 +26,11 @@ impl FarScene {
         let n = positions.len() as f64;
         let center = [0, 1, 2].map(|axis| positions.iter().map(|p| p[axis]).sum::<f64>() / n);
         let to_center = |p: &[f64; 3]| distance(*p, center);
-        let cameras = positions.iter().map(to_center).fold(0.0, f64::max);
+        let places: Vec<DVec3> = positions.iter().map(|&p| p.into()).collect();
+        let cameras = match in_one_place(&places) {
+            true => 0.0,
+            false => positions.iter().map(to_center).fold(0.0, f64::max),
+        };
         let mut to_points: Vec<f64> = points.map_or_else(Vec::new, |points| {
             let positions = points.positions.iter().map(|p| p.map(f64::from));
             positions.map(|p| distance(p, center)).collect()

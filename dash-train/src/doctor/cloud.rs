@@ -18,6 +18,7 @@ use crate::train::core::capture::start_span;
 use crate::train::core::hold_out::hold_out;
 use crate::train::core::initial::{Region, views_at_start};
 use crate::train::core::points::InitialPoints;
+use crate::train::core::shortage::nothing_to_start_from;
 use crate::train::core::sweep::Sweep;
 
 /// Points in a sample: enough for a camera that sees a hundredth of a large scene.
@@ -229,6 +230,9 @@ pub(super) fn training_box(dataset: &Dataset) -> Result<(SpaceBox, bool), Error>
     let used = points.given > 0 && sweep.shows(&points);
     if !used {
         points = sweep.points(SWEPT, &mut Pcg64::seed_from_u64(0));
+    }
+    if points.positions.is_empty() {
+        return Err(nothing_to_start_from(dataset));
     }
     Ok((Region::of(dataset, &points).space, used))
 }

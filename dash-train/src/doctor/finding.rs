@@ -5,6 +5,7 @@ use std::fmt;
 use serde::Serialize;
 
 use crate::Error;
+use crate::train::core::shortage::Shortage;
 
 /// Names that are listed before the rest is only counted.
 const NAMES_SHOWN: usize = 8;
@@ -68,6 +69,14 @@ impl Finding {
         Self::new(check, Severity::Error, text, Some(mend.into()))
     }
 
+    /// What the dataset lacks.
+    pub(super) fn of_shortage(shortage: Shortage) -> Self {
+        match shortage.is_fatal {
+            true => Self::error(shortage.concerns, shortage.text, shortage.mend),
+            false => Self::warning(shortage.concerns, shortage.text, shortage.mend),
+        }
+    }
+
     /// What a reader refused.
     pub(super) fn refused(check: &'static str, error: &Error) -> Self {
         let (text, mend) = match error {
@@ -84,10 +93,11 @@ impl Finding {
                 format!("{}: cannot be decoded: {reason}", path.display()),
                 "replace the file, or remove that frame from every camera",
             ),
-            Error::VideoDecode { path, reason } => (
+            Error::VideoDecode { path, reason, .. } => (
                 format!("{}: cannot be decoded: {reason}", path.display()),
                 "write the video again (ffmpeg -i OLD -c:v libx264 NEW.mp4), or train with --skip-broken",
             ),
+            Error::TooLittle { found, remedy, .. } => (found.clone(), *remedy),
             other => (other.to_string(), "see the message"),
         };
         Self::error(check, text, mend)

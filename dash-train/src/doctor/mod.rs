@@ -7,7 +7,7 @@
 //! - `finding`: a finding; `contents`: layout, counts, sizes, times; `masks`, `memory`, `timing`.
 //! - `cloud`: the points and the training box; `agreement`: points against the pictures' colours.
 //! - `poses`: poses by colours and by axes; `conventions`, `misplaced`: mistakes that would explain them.
-//! - `tracks`: one pass over all pictures, for `brightness`, `sync` and `motion`.
+//! - `tracks`: one pass over all pictures, for `brightness`, `sync` and `motion`; `span`: what changes over the clip.
 //! - `picture`, `raster`: the cameras, points and box seen from above and from the side.
 
 mod agreement;
@@ -23,6 +23,7 @@ mod motion;
 mod picture;
 mod poses;
 mod raster;
+mod span;
 mod sync;
 #[cfg(test)]
 mod tests;
@@ -42,6 +43,7 @@ use crate::Error;
 use crate::dataset::{
     Dataset, FarScene, Layout, LoadOptions, Partition, View, load_decodable, poses_alone,
 };
+use crate::train::core::shortage::shortages;
 use crate::video::write_png;
 use cloud::Cloud;
 use picture::{DrawnCamera, Sketch};
@@ -226,10 +228,17 @@ fn check_geometry(dataset: &Dataset, findings: &mut Vec<Finding>) -> (Sketch, Ve
             .and_then(|cloud| cloud::inside(cloud, &poses)),
     );
     findings.extend(verdict.findings);
+    let shortages = shortages(dataset);
+    let lacks_all = shortages.iter().any(|shortage| shortage.is_fatal);
+    findings.extend(shortages.into_iter().map(Finding::of_shortage));
     let space = match cloud::training_box(dataset) {
         Ok((space, used)) => {
             findings.extend(cloud.as_ref().and_then(|c| cloud::outside(c, &space, used)));
             Some(space)
+        }
+        Err(error @ Error::TooLittle { .. }) if !lacks_all => {
+            findings.push(Finding::refused("points", &error));
+            None
         }
         // A picture that can't be read is among the findings already.
         Err(_) => None,

@@ -34,16 +34,28 @@ pub(super) fn check(looked: &Tracks) -> Vec<Finding> {
     }
     let most = |track: &Track| track.steps.iter().map(|s| s.moved).fold(0.0, f64::max);
     let busiest = looked.tracks.iter().map(most).fold(0.0, f64::max);
-    let share = percent((1e6 * busiest) as usize, 1_000_000);
-    if busiest < AT_REST {
-        let text =
-            format!("hardly anything moves (at most {share} of a picture from frame to frame)");
-        let text = format!("{text}: the scene is static, and one frame says as much as all");
-        findings.push(Finding::note("motion", text));
+    let spans = looked.tracks.iter().map(|track| track.span_moved);
+    let over_clip = spans.fold(0.0, f64::max);
+    let share = |moved: f64| percent((1e6 * moved) as usize, 1_000_000);
+    findings.push(if busiest >= AT_REST {
+        let text = format!("up to {} of a picture moves from frame to frame", share(busiest));
+        Finding::ok("motion", text)
+    } else if over_clip >= AT_REST {
+        let text = format!(
+            "slow motion: up to {} of a picture changes over the clip, at most {} from frame to frame",
+            share(over_clip),
+            share(busiest)
+        );
+        Finding::ok("motion", text)
     } else {
-        let text = format!("up to {share} of a picture moves from frame to frame");
-        findings.push(Finding::ok("motion", text));
-    }
+        let text = format!(
+            "hardly anything moves (at most {} of a picture from frame to frame, {} over the clip): the scene is \
+             static, and one frame says as much as all",
+            share(busiest),
+            share(over_clip)
+        );
+        Finding::note("motion", text)
+    });
     findings
 }
 

@@ -7,6 +7,7 @@ use super::cloud::{Cloud, Kind};
 use super::conventions::{CONVENTIONS, Meeting, meeting_in_front};
 use super::finding::{Finding, Severity, listed};
 use super::misplaced;
+use crate::cameras::in_one_place;
 use crate::numbers::median;
 
 /// Fewer points than this tell nothing of the poses.
@@ -216,6 +217,10 @@ pub(super) fn by_axes(
     sound: Option<bool>,
     explained: bool,
 ) -> Finding {
+    let positions: Vec<glam::DVec3> = cameras.iter().map(|c| c.position().into()).collect();
+    if cameras.len() > 1 && in_one_place(&positions) {
+        return Finding::note("poses", "all cameras stand in one place");
+    }
     let Some(meeting) = Meeting::of(cameras) else {
         let text = match cameras.len() {
             0..=2 => "too few cameras for a point where axes meet",

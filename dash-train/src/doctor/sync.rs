@@ -170,6 +170,7 @@ mod tests {
                 })
                 .collect(),
             steps: (1..30).map(step).collect(),
+            span_moved: 0.0,
         }
     }
 

@@ -6,6 +6,7 @@ use std::collections::BTreeMap;
 use rayon::prelude::*;
 
 use super::contents::is_rig;
+use super::span::Span;
 use crate::Error;
 use crate::dataset::{Dataset, View};
 use crate::numbers::median;
@@ -26,8 +27,14 @@ const MIN_EXPOSED: f64 = 0.05;
 const NO_CHANGE: f64 = 0.01;
 /// A common factor is known to this part of its logarithm (median deviation).
 const SPREAD: f64 = 0.35;
-/// Change of a small picture's pixel that is motion, not noise.
-const MOVED: f32 = 0.04;
+/// Least change of a small picture's pixel that is motion, not noise.
+pub(super) const MOVED: f32 = 0.04;
+/// The change that is motion where pictures are noisy, in standard deviations of the noise.
+const ABOVE_NOISE: f32 = 6.0;
+/// The quarter of the changes by noise that are the smallest are below so many standard deviations.
+const SMALLEST_QUARTER: f32 = 0.3186;
+/// Most change that noise explains: above it, all of the picture moves.
+const MOST_BY_NOISE: f32 = 0.25;
 
 /// A picture in figures.
 #[derive(Debug, Clone)]
@@ -63,6 +70,8 @@ pub(super) struct Track {
     pub(super) looks: Vec<Look>,
     /// One less than the looks.
     pub(super) steps: Vec<Step>,
+    /// Share of the picture that changes over the clip.
+    pub(super) span_moved: f64,
 }
 
 impl Track {
@@ -138,8 +147,11 @@ fn follow(
         name: String::new(),
         looks: Vec::new(),
         steps: Vec::new(),
+        span_moved: 0.0,
     };
     let mut before: Option<Small> = None;
+    let mut span = Span::new(views.len());
+    let mut gain = 1.0;
     for &index in views {
         let view = &dataset.views[index];
         track.name = match carried {
@@ -163,16 +175,20 @@ fn follow(
             }),
         });
         if let Some(before) = &before {
-            track.steps.push(before.step_to(&small));
+            let step = before.step_to(&small);
+            gain *= step.gain.unwrap_or(1.0);
+            track.steps.push(step);
         }
+        span.add(track.looks.len() - 1, &small, before.as_ref(), gain);
         before = Some(small);
     }
+    track.span_moved = span.moved();
     (track, broken)
 }
 
 /// A picture made small, and some of its pixels as they are.
-struct Small {
-    luma: Vec<f32>,
+pub(super) struct Small {
+    pub(super) luma: Vec<f32>,
     exact: Vec<[f32; 3]>,
 }
 
@@ -204,10 +220,17 @@ impl Small {
         }
     }
 
+    /// How much each pixel differs from an earlier picture's.
+    pub(super) fn changes_from(&self, before: &Self) -> impl Iterator<Item = f32> {
+        let pairs = before.luma.iter().zip(&self.luma);
+        pairs.map(|(a, b)| (b - a).abs())
+    }
+
     fn step_to(&self, next: &Self) -> Step {
         let n = self.luma.len().min(next.luma.len()).max(1) as f64;
-        let changes = || self.luma.iter().zip(&next.luma).map(|(a, b)| (b - a).abs());
-        let moved = changes().filter(|&change| change > MOVED).count() as f64 / n;
+        let changes = || next.changes_from(self);
+        let least = noise_limit(changes().collect());
+        let moved = changes().filter(|&change| change > least).count() as f64 / n;
         let same = self
             .exact
             .iter()
@@ -230,6 +253,17 @@ impl Small {
             gain: enough.then(|| common(ratios)).flatten(),
         }
     }
+}
+
+/// The least change that is motion among `changes`. What moves is a part of the picture, or changes by very different
+/// amounts; noise is everywhere and alike.
+fn noise_limit(mut changes: Vec<f32>) -> f32 {
+    let quarter = changes.len() / 4;
+    if quarter == 0 {
+        return MOVED;
+    }
+    let smallest = *changes.select_nth_unstable_by(quarter, f32::total_cmp).1;
+    (ABOVE_NOISE * smallest / SMALLEST_QUARTER).clamp(MOVED, MOST_BY_NOISE)
 }
 
 /// The factor that is common to logarithms of ratios, if there is one.

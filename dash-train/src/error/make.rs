@@ -82,7 +82,16 @@ impl Error {
         Self::VideoDecode {
             path: path.to_path_buf(),
             reason: reason.into(),
+            of_dataset: true,
         }
+    }
+
+    /// For `map_err`: the error without a remedy that only datasets have, since it is about a recording.
+    pub(crate) fn of_recording(mut self) -> Self {
+        if let Self::VideoDecode { of_dataset, .. } = &mut self {
+            *of_dataset = false;
+        }
+        self
     }
 
     /// For `map_err`: an [`Error::MediaWrite`] for `path`.

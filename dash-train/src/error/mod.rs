@@ -11,9 +11,9 @@ use std::path::PathBuf;
 use std::process::ExitStatus;
 
 use dash_kernels::KernelError;
-use dash_model::ModelError;
+use dash_model::{ModelError, io_remedy};
 
-use self::words::{REGISTRATION_REMEDY, list, not_found};
+use self::words::{REGISTRATION_REMEDY, list, not_found, write_remedy};
 use crate::device::DeviceChoice;
 use crate::metrics::lpips::Network;
 
@@ -43,7 +43,7 @@ pub enum Error {
     #[error("the device failed: {0}; try --device auto, or a smaller picture")]
     DeviceFault(String),
     /// A file or folder could not be read or written.
-    #[error("{path}: cannot {action}: {source}; check that it exists and that you may access it")]
+    #[error("{path}: cannot {action}: {source}; {}", io_remedy(source))]
     Io {
         /// The file or folder.
         path: PathBuf,
@@ -53,7 +53,7 @@ pub enum Error {
         source: std::io::Error,
     },
     /// The operating system refused a file or folder of a dataset.
-    #[error("{path}: {source}; check that it exists and that you may access it")]
+    #[error("{path}: {source}; {}", io_remedy(source))]
     Access {
         /// The file or folder.
         path: PathBuf,
@@ -83,13 +83,15 @@ pub enum Error {
     /// A video could not be decoded by the `ffmpeg` program.
     #[error(
         "{path}: ffmpeg could not decode the video: {reason}; write it again (`ffmpeg -i OLD -c:v \
-         libx264 NEW.mp4`), or leave out what is damaged (--skip-broken)"
+         libx264 NEW.mp4`){}", if *.of_dataset { ", or train with --skip-broken to leave out what is damaged" } else { "" }
     )]
     VideoDecode {
         /// The video.
         path: PathBuf,
         /// What `ffmpeg` said, or what was wrong with its output.
         reason: String,
+        /// Whether it belongs to a dataset, of which damaged videos can be left out.
+        of_dataset: bool,
     },
     /// A video was to be read, and the `ffmpeg` program is not installed.
     #[error(
@@ -119,6 +121,24 @@ pub enum Error {
     NoTrainingViews {
         /// The dataset's folder.
         dataset: PathBuf,
+    },
+    /// Training was stopped before its end, as was asked.
+    #[error("{run}: training stopped after step {step}, its checkpoint is written")]
+    Stopped {
+        /// The run's folder.
+        run: PathBuf,
+        /// Steps done.
+        step: usize,
+    },
+    /// A capture does not show enough for training to begin.
+    #[error("{dataset}: expected points, or pictures from several places, found {found}; {remedy}")]
+    TooLittle {
+        /// The dataset's folder.
+        dataset: PathBuf,
+        /// What is there.
+        found: String,
+        /// What the user can do.
+        remedy: &'static str,
     },
     /// Step after step the loss, a parameter or a gradient was NaN or infinite.
     #[error(
@@ -261,9 +281,7 @@ pub enum Error {
         height: usize,
     },
     /// The operating system refused a picture or a video that was to be written.
-    #[error(
-        "{path}: cannot write it: {source}; check the folder, its permissions and the free space"
-    )]
+    #[error("{path}: cannot write it: {source}; {}", write_remedy(source))]
     MediaWrite {
         /// The file.
         path: PathBuf,
@@ -387,7 +405,7 @@ pub enum Error {
         path: PathBuf,
     },
     /// A file or folder of a synthetic dataset could not be written.
-    #[error("{path}: could not {action}: {source}; check the permissions and the free space")]
+    #[error("{path}: could not {action}: {source}; {}", write_remedy(source))]
     Write {
         /// The file or folder.
         path: PathBuf,

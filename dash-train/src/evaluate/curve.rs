@@ -10,6 +10,7 @@ use std::sync::Arc;
 
 use burn::module::Module;
 use dash_model::scene_file::TablePrecision;
+use dash_model::unfinished::Unfinished;
 use dash_model::{DynamicScene, ModelError};
 use serde::{Deserialize, Serialize};
 
@@ -184,9 +185,7 @@ fn stored_size(
     precision: TablePrecision,
     scratch: &Path,
 ) -> Result<u64, Error> {
-    let folder = tempfile::Builder::new()
-        .prefix("curve-")
-        .tempdir_in(scratch)
+    let folder = Unfinished::folder(&scratch.join("curve"))
         .map_err(|e| ModelError::io(scratch, "write", e))?;
     scene.save_with(folder.path(), precision)?;
     storage_bytes(folder.path())

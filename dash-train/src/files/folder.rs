@@ -3,6 +3,8 @@
 use std::fs;
 use std::path::{Path, PathBuf};
 
+use dash_model::unfinished::is_unfinished;
+
 use super::names::{IMAGE_EXTENSIONS, UNREAD_EXTENSIONS, has_extension, natural_cmp};
 use crate::Error;
 
@@ -45,6 +47,15 @@ pub(crate) fn list_images(folder: &Path) -> Result<Vec<PathBuf>, Error> {
         .map(|name| folder.join(name))
         .filter(|path| path.is_file())
         .collect())
+}
+
+/// Whether a folder is there and has something in it, beside what a killed program left unfinished.
+pub(crate) fn is_occupied(folder: &Path) -> std::io::Result<bool> {
+    match fs::read_dir(folder) {
+        Ok(mut entries) => Ok(entries.any(|entry| !entry.is_ok_and(|e| is_unfinished(&e.path())))),
+        Err(error) if error.kind() == std::io::ErrorKind::NotFound => Ok(false),
+        Err(error) => Err(error),
+    }
 }
 
 /// A note for errors about missing images: the folder or its `images/` has images of formats that are not read.

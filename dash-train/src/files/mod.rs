@@ -14,6 +14,6 @@ mod names;
 
 pub(crate) use find_image::find_image;
 pub(crate) use first_bytes::{parse_json, refuse_pointer, refuse_pointer_file, without_mark};
-pub(crate) use folder::{list, list_images, require_folder, unread_images};
+pub(crate) use folder::{is_occupied, list, list_images, require_folder, unread_images};
 pub(crate) use inside::confined;
 pub(crate) use names::{VIDEO_EXTENSIONS, frame_numbers, has_extension, natural_cmp, stem};

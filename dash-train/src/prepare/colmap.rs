@@ -7,6 +7,7 @@ use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 
 use crate::Error;
+use crate::process::Child;
 
 /// The program that finds poses and points.
 pub const COLMAP: &str = "colmap";
@@ -219,12 +220,10 @@ impl Colmap {
         // COLMAP complains on either stream and writes megabytes.
         let log = File::create(&path).map_err(Error::access(&path))?;
         let complaints = log.try_clone().map_err(Error::access(&path))?;
-        let status = headless(&self.program)
-            .arg(step)
-            .args(args)
-            .stdout(log)
-            .stderr(complaints)
-            .status()
+        let mut command = headless(&self.program);
+        command.arg(step).args(args).stdout(log).stderr(complaints);
+        let status = Child::start(&mut command)
+            .and_then(|mut child| child.wait())
             .map_err(Error::access(Path::new(&self.program)))?;
         if status.success() {
             return Ok(());

@@ -3,6 +3,7 @@
 use std::fs;
 use std::path::{Path, PathBuf};
 
+use dash_model::unfinished::create_dir_all;
 use rayon::prelude::*;
 
 use super::schedule::{Schedule, Timeline};
@@ -11,7 +12,10 @@ use crate::Error;
 use crate::dataset::pixels::dimensions;
 use crate::dataset::pixels::shrink::write_resized;
 use crate::files;
-use crate::video::{Selection, frame_times, write_frames};
+use crate::video::{Selection, frame_times, refusal, write_frames};
+
+/// Size of a file that a disk takes which is not full.
+const PROBE_BYTES: usize = 1 << 16;
 
 /// How large the frames are to be.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
@@ -68,7 +72,9 @@ pub(super) fn timelines(
         .map(|((source, list), &offset)| {
             let times = match (list, &source.recording) {
                 (Some(times), _) => times,
-                (None, Recording::Video(video)) => frame_times(video)?,
+                (None, Recording::Video(video)) => {
+                    frame_times(video).map_err(Error::of_recording)?
+                }
                 (None, Recording::Images(_)) => Vec::new(),
             };
             Ok(Timeline { times, offset })
@@ -84,7 +90,7 @@ pub(super) fn first_frames(
     schedule: &Schedule,
     folder: &Path,
 ) -> Result<Vec<PathBuf>, Error> {
-    fs::create_dir_all(folder).map_err(Error::access(folder))?;
+    create_dir_all(folder).map_err(Error::access(folder))?;
     sources
         .par_iter()
         .zip(timelines)
@@ -93,13 +99,13 @@ pub(super) fn first_frames(
             Recording::Images(images) => {
                 let image = &images[timeline.nearest(schedule.start)];
                 let to = folder.join(format!("{index:04}.{}", extension(image)));
-                fs::copy(image, &to).map_err(Error::access(image))?;
+                copy(image, &to)?;
                 Ok(to)
             }
             Recording::Video(video) => {
                 let own = folder.join(format!("{index:04}"));
                 fs::create_dir(&own).map_err(Error::access(&own))?;
-                write_frames(video, &own, &selection(timeline, schedule, 1, None))?;
+                extract(video, &own, &selection(timeline, schedule, 1, None))?;
                 let (from, to) = (own.join("0000.png"), folder.join(format!("{index:04}.png")));
                 if !from.is_file() {
                     return Err(no_frame(video, schedule.start));
@@ -126,14 +132,14 @@ pub(super) fn write_all(
         .into_par_iter()
         .map(|index| {
             let folder = dataset.join(&sources[index].name).join("images");
-            fs::create_dir_all(&folder).map_err(Error::access(&folder))?;
+            create_dir_all(&folder).map_err(Error::access(&folder))?;
             let size = (sizes[index] != recorded_sizes[index]).then_some(sizes[index]);
             let timeline = &timelines[index];
             match &sources[index].recording {
                 Recording::Images(images) => copy_images(images, timeline, schedule, size, &folder),
                 Recording::Video(video) => {
                     let selection = selection(timeline, schedule, schedule.n_frames, size);
-                    write_frames(video, &folder, &selection)?;
+                    extract(video, &folder, &selection)?;
                     let frames = files::list_images(&folder)?;
                     if frames.is_empty() {
                         return Err(no_frame(video, schedule.start));
@@ -171,9 +177,7 @@ fn copy_images(
             let to = folder.join(format!("{frame:04}.{extension}"));
             match size {
                 Some(size) => write_resized(image, &to, size)?,
-                None => {
-                    fs::copy(image, &to).map_err(Error::access(image))?;
-                }
+                None => copy(image, &to)?,
             }
             Ok(to)
         })
@@ -186,6 +190,31 @@ pub(super) fn sizes(images: &[PathBuf]) -> Result<Vec<[usize; 2]>, Error> {
         .iter()
         .map(|image| dimensions(image).map(|(width, height)| [width, height]))
         .collect()
+}
+
+/// Writes frames of a video. Where that fails, the folder may be at fault, not the video.
+fn extract(video: &Path, folder: &Path, selection: &Selection) -> Result<(), Error> {
+    let Err(error) = write_frames(video, folder, selection) else {
+        return Ok(());
+    };
+    let said = match &error {
+        Error::VideoDecode { reason, .. } => refusal(reason),
+        _ => None,
+    };
+    let probe = folder.join("probe");
+    let refused = fs::write(&probe, vec![0; PROBE_BYTES]).err().or(said);
+    // It may not exist.
+    let _ = fs::remove_file(&probe);
+    Err(match refused {
+        Some(source) => Error::access(folder)(source),
+        None => error.of_recording(),
+    })
+}
+
+/// Copies a file; the error names the one that was refused.
+fn copy(from: &Path, to: &Path) -> Result<(), Error> {
+    let bytes = fs::read(from).map_err(Error::access(from))?;
+    fs::write(to, bytes).map_err(Error::access(to))
 }
 
 fn selection(

@@ -4,7 +4,7 @@ use std::fs;
 use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 
-use tempfile::TempDir;
+use dash_model::unfinished::Unfinished;
 
 use crate::Error;
 
@@ -12,7 +12,7 @@ use crate::Error;
 /// it leaves nothing behind.
 pub(super) struct Output {
     out: PathBuf,
-    scratch: TempDir,
+    scratch: Unfinished,
 }
 
 impl Output {
@@ -21,10 +21,7 @@ impl Output {
         let parent = free_parent(out)?;
         fs::create_dir_all(&parent).map_err(Error::access(&parent))?;
         // On the file system of `out`, so that the rename at the end is one step.
-        let scratch = tempfile::Builder::new()
-            .prefix(".dash-prepare-")
-            .tempdir_in(&parent)
-            .map_err(Error::access(&parent))?;
+        let scratch = Unfinished::folder(out).map_err(Error::access(&parent))?;
         let output = Self {
             out: out.to_path_buf(),
             scratch,
@@ -35,7 +32,7 @@ impl Output {
         Ok(output)
     }
 
-    /// What becomes `out`. One level down, since the scratch folder itself is closed to other users.
+    /// What becomes `out`.
     pub(super) fn dataset(&self) -> PathBuf {
         self.scratch.path().join("dataset")
     }
@@ -47,11 +44,14 @@ impl Output {
 
     /// Puts the dataset under its name.
     pub(super) fn finish(self) -> Result<(), Error> {
-        if self.out.exists() {
-            // Not every system renames over an empty folder.
-            fs::remove_dir(&self.out).map_err(Error::access(&self.out))?;
-        }
-        fs::rename(self.dataset(), &self.out).map_err(Error::access(&self.out))
+        let (out, dataset) = (&self.out, self.dataset());
+        self.scratch.finish(|_| {
+            if out.exists() {
+                // Not every system renames over an empty folder.
+                fs::remove_dir(out).map_err(Error::access(out))?;
+            }
+            fs::rename(dataset, out).map_err(Error::access(out))
+        })
     }
 }
 

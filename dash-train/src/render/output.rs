@@ -3,12 +3,14 @@
 use std::fs;
 use std::path::{Path, PathBuf};
 
+use dash_model::unfinished::Unfinished;
 use dash_model::{DynamicScene, Layer};
 
 use super::picture::{Picture, PictureLayer, render};
 use super::shots::Shot;
 use crate::Error;
 use crate::cameras::{CameraEntry, cameras_text, write_cameras};
+use crate::files::is_occupied;
 use crate::video::{VideoWriter, rgb8, write_exr_plane, write_exr_rgb, write_png};
 
 /// Frame rate of videos.
@@ -61,7 +63,7 @@ pub fn write_pictures(
     format: PictureFormat,
     out: &Path,
 ) -> Result<(), Error> {
-    let scratch = scratch_beside(out)?;
+    let scratch = scratch_for(out)?;
     for layer in layers {
         refuse_occupied(&out.join(layer.to_string()))?;
         let folder = scratch.path().join(layer.to_string());
@@ -89,19 +91,24 @@ pub fn write_pictures(
         }
         (job.on_shot)(index + 1);
     }
+    write_cameras(&scratch.path().join(CAMERAS_FILE), &listed)?;
+    scratch.finish(|scratch| put(scratch, layers, out))
+}
+
+/// Puts the layers' folders and the list of cameras in their places.
+fn put(scratch: &Path, layers: &[PictureLayer], out: &Path) -> Result<(), Error> {
     fs::create_dir_all(out).map_err(|e| Error::io(out, "create", e))?;
     for layer in layers {
-        let (from, to) = (
-            scratch.path().join(layer.to_string()),
-            out.join(layer.to_string()),
-        );
+        let name = layer.to_string();
+        let to = out.join(&name);
         if to.exists() {
             // Not every system renames over an empty folder.
             fs::remove_dir(&to).map_err(|e| Error::io(&to, "replace", e))?;
         }
-        fs::rename(&from, &to).map_err(|e| Error::io(&to, "write", e))?;
+        fs::rename(scratch.join(&name), &to).map_err(|e| Error::io(&to, "write", e))?;
     }
-    write_cameras(&list, &listed)
+    let list = out.join(CAMERAS_FILE);
+    fs::rename(scratch.join(CAMERAS_FILE), &list).map_err(|e| Error::io(&list, "write", e))
 }
 
 /// The shots as a list of cameras, under the names of their pictures.
@@ -211,13 +218,11 @@ fn nearness(depth: &[f32]) -> Vec<f32> {
         .collect()
 }
 
-/// A scratch folder on the file system of `out`, gone when dropped.
-fn scratch_beside(out: &Path) -> Result<tempfile::TempDir, Error> {
-    let place = existing_ancestor(out)?;
-    tempfile::Builder::new()
-        .prefix(".dash-render-")
-        .tempdir_in(&place)
-        .map_err(|e| Error::io(out, "write", e))
+/// A scratch folder on the file system of `out`.
+fn scratch_for(out: &Path) -> Result<Unfinished, Error> {
+    let name = out.file_name().unwrap_or_default();
+    let path = existing_ancestor(out)?.join(name);
+    Unfinished::folder(&path).map_err(|e| Error::io(out, "write", e))
 }
 
 /// The nearest folder on the way to `out` that exists.
@@ -244,12 +249,7 @@ fn existing_ancestor(out: &Path) -> Result<PathBuf, Error> {
 }
 
 fn refuse_occupied(folder: &Path) -> Result<(), Error> {
-    let occupied = match fs::read_dir(folder) {
-        Ok(mut entries) => entries.next().is_some(),
-        Err(e) if e.kind() == std::io::ErrorKind::NotFound => false,
-        Err(e) => return Err(Error::io(folder, "list", e)),
-    };
-    if occupied {
+    if is_occupied(folder).map_err(|e| Error::io(folder, "list", e))? {
         return Err(Error::run(
             folder,
             "expected no such folder or an empty one, found files in it; \

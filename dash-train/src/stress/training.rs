@@ -5,6 +5,7 @@ use std::sync::{Arc, Mutex, PoisonError};
 use burn::tensor::Device;
 use dash_model::GaussianRows;
 use dash_model::parameters::named_parameters;
+use dash_model::unfinished::Unfinished;
 
 use super::Case;
 use super::inputs::{rng, uniform};
@@ -179,8 +180,9 @@ fn room(scene: SceneKind, frames: usize) -> Result<Dataset, Error> {
     if let Some((.., dataset)) = made.iter().find(|(s, f, _)| (*s, *f) == (scene, frames)) {
         return Ok(dataset.clone());
     }
-    let folder =
-        tempfile::tempdir().map_err(|e| Error::io(&std::env::temp_dir(), "make a folder in", e))?;
+    let place = std::env::temp_dir();
+    let folder = Unfinished::folder(&place.join("dash-stress"))
+        .map_err(|e| Error::io(&place, "make a folder in", e))?;
     let config = SynthConfig {
         scene,
         cameras: 5,
@@ -189,8 +191,9 @@ fn room(scene: SceneKind, frames: usize) -> Result<Dataset, Error> {
         height: 24,
         ..SynthConfig::default()
     };
-    synth::write(folder.path(), &config).map_err(|e| Error::run(folder.path(), e.to_string()))?;
-    let dataset = load(folder.path(), &LoadOptions::default())?;
+    let room = folder.path().join("room");
+    synth::write(&room, &config).map_err(|e| Error::run(&room, e.to_string()))?;
+    let dataset = load(&room, &LoadOptions::default())?;
     made.push((scene, frames, dataset.clone()));
     Ok(dataset)
 }

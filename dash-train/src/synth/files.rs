@@ -3,6 +3,7 @@
 use super::cloud::CloudPoint;
 use crate::Error;
 use crate::video::{Encoding, VideoWriter, version_status};
+use dash_model::unfinished::create_dir_all;
 use image::codecs::png::{CompressionType, FilterType, PngEncoder};
 use image::{ExtendedColorType, ImageEncoder};
 use npyz::WriterBuilder;
@@ -27,7 +28,7 @@ const FOR_TRAINING: Encoding = Encoding {
 
 fn create(path: &Path) -> Result<BufWriter<File>, Error> {
     if let Some(folder) = path.parent() {
-        std::fs::create_dir_all(folder).map_err(Error::write(folder, "create the folder"))?;
+        create_dir_all(folder).map_err(Error::write(folder, "create the folder"))?;
     }
     let file = File::create(path).map_err(Error::write(path, "create the file"))?;
     Ok(BufWriter::new(file))

@@ -11,6 +11,7 @@ use super::truth::{Truth, ViewStats};
 use crate::Error;
 use crate::video::{VideoWriter, ffmpeg_program};
 use dash_kernels::Camera;
+use dash_model::unfinished::{Unfinished, create_dir_all};
 use image::ExtendedColorType;
 use rayon::prelude::*;
 use std::fmt;
@@ -71,12 +72,9 @@ pub(super) fn write_with(
     }
     fs::create_dir_all(&parent).map_err(Error::write(&parent, "create the folder"))?;
     // A sibling of `out`, on the same file system: the rename at the end is one step.
-    let scratch = tempfile::Builder::new()
-        .prefix(".dash-synth-")
-        .tempdir_in(&parent)
-        .map_err(Error::write(&parent, "create a scratch folder in it"))?;
-    // One level down, since the scratch folder itself is closed to other users.
-    let root = scratch.path().join("dataset");
+    let scratch =
+        Unfinished::folder(out).map_err(Error::write(&parent, "create a scratch folder in it"))?;
+    let root = scratch.path().to_path_buf();
 
     let scene = Scene::new(config.scene, config.seed, config.width, config.height);
     let cameras = rig(config.cameras, config.width, config.height);
@@ -90,11 +88,13 @@ pub(super) fn write_with(
     let truth = Truth::new(config, &scene, &cameras, &stats);
     files::write_json(&root.join("truth.json"), &truth)?;
 
-    if out.exists() {
-        // Not every system renames over an empty folder.
-        fs::remove_dir(out).map_err(Error::write(out, "replace the empty folder"))?;
-    }
-    fs::rename(&root, out).map_err(Error::write(out, "move the finished dataset there"))?;
+    scratch.finish(|root| {
+        if out.exists() {
+            // Not every system renames over an empty folder.
+            fs::remove_dir(out).map_err(Error::write(out, "replace the empty folder"))?;
+        }
+        fs::rename(root, out).map_err(Error::write(out, "move the finished dataset there"))
+    })?;
     Ok(SynthSummary {
         path: out.to_path_buf(),
         cameras: config.cameras,
@@ -193,7 +193,7 @@ impl<'a> Clip<'a> {
         let video = if config.video {
             let path = root.join(config.layout.video_path(index));
             let folder = path.parent().unwrap_or(root);
-            fs::create_dir_all(folder).map_err(Error::write(folder, "create the folder"))?;
+            create_dir_all(folder).map_err(Error::write(folder, "create the folder"))?;
             let size = [config.width, config.height];
             Some(files::video_writer(ffmpeg, &path, size)?)
         } else {

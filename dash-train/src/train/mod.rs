@@ -29,6 +29,15 @@ pub use run::{
     DataConfig, LogLine, RunConfig, RunFolder, StageEnds, TrainOptions, latest_checkpoint,
     read_config, train,
 };
+
+/// Says what a dataset lacks for its shape to be found, before a run is begun.
+///
+/// # Errors
+/// [`Error::TooLittle`](crate::Error::TooLittle) where training can't begin.
+pub fn check_dataset(dataset: &crate::dataset::Dataset) -> Result<(), crate::Error> {
+    core::shortage::check(dataset)
+}
+
 pub use trainer::{
     Additions, Trainer, checkpoint_config, load_checkpoint, load_checkpoint_with, save_checkpoint,
 };

@@ -6,9 +6,10 @@ use std::path::Path;
 use std::process::{ChildStdout, Command, Stdio};
 
 use super::error::reading;
-use super::ffmpeg::{Process, ffmpeg, ffmpeg_program, file_argument, listen};
+use super::ffmpeg::{ffmpeg, ffmpeg_program, file_argument, listen, start};
 use crate::Error;
 use crate::files::refuse_pointer_file;
+use crate::process::Child;
 
 /// Largest side of a picture that is read.
 pub(crate) const MAX_IMAGE_SIDE: u32 = 16_384;
@@ -102,9 +103,9 @@ fn run(
         .max_packets
         .map(|n| copy_packets(program, path, part.seek, n))
         .transpose()?;
-    let copied = copier.as_mut().and_then(Process::stdout);
+    let copied = copier.as_mut().and_then(Child::stdout);
     let mut command = decoder(program, path, passthrough, part, copied);
-    let mut process = Process::start(&mut command).map_err(reading(path))?;
+    let mut process = start(&mut command).map_err(reading(path))?;
     // The command holds the copier's output open.
     drop(command);
     let (Some(stdout), Some(stderr)) = (process.stdout(), process.stderr()) else {
@@ -181,12 +182,7 @@ fn decoder(
 }
 
 /// `ffmpeg` that copies the first `n` coded pictures of a part without decoding them.
-fn copy_packets(
-    program: &OsStr,
-    path: &Path,
-    from: Option<f64>,
-    n: usize,
-) -> Result<Process, Error> {
+fn copy_packets(program: &OsStr, path: &Path, from: Option<f64>, n: usize) -> Result<Child, Error> {
     let mut command = ffmpeg(program);
     command.args(["-protocol_whitelist", "file"]);
     seek(&mut command, from);
@@ -199,7 +195,7 @@ fn copy_packets(
         .stdin(Stdio::null())
         .stdout(Stdio::piped())
         .stderr(Stdio::null());
-    Process::start(&mut command).map_err(reading(path))
+    start(&mut command).map_err(reading(path))
 }
 
 fn seek(command: &mut Command, seconds: Option<f64>) {

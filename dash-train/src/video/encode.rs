@@ -1,19 +1,19 @@
 //! MP4 files, encoded by `ffmpeg`.
 
 use std::ffi::OsStr;
-use std::fs::File;
+use std::fs;
 use std::io::{self, BufWriter, Write};
 use std::path::{Path, PathBuf};
 use std::process::{ChildStdin, ExitStatus, Stdio};
+use std::thread::JoinHandle;
 
-use tempfile::NamedTempFile;
+use dash_model::unfinished::Unfinished;
 
 use super::error::writing;
-use super::ffmpeg::{
-    FFMPEG, Failure, Process, ffmpeg, ffmpeg_program, file_argument, written_complaint,
-};
-use super::image_files::{checked_size, scratch_beside};
+use super::ffmpeg::{FFMPEG, Failure, ffmpeg, ffmpeg_program, file_argument, heard, listen, start};
+use super::image_files::checked_size;
 use crate::Error;
+use crate::process::Child;
 
 /// For watching: 4:2:0, which every player shows, and visually without loss.
 const FOR_WATCHING: Encoding = Encoding {
@@ -52,10 +52,11 @@ pub(crate) struct Encoding {
 /// nothing behind. Odd sizes, which 4:2:0 can't hold, are padded with the last column or row.
 pub struct VideoWriter {
     path: PathBuf,
-    scratch: NamedTempFile,
-    encoder: Process,
+    // Ends before its file is removed.
+    encoder: Child,
+    scratch: Unfinished,
     stdin: Option<BufWriter<ChildStdin>>,
-    complaints: File,
+    complaints: Option<JoinHandle<String>>,
     width: usize,
     height: usize,
     padded_size: [usize; 2],
@@ -92,8 +93,7 @@ impl VideoWriter {
             });
         }
         let io_error = Error::media_write(path);
-        let scratch = scratch_beside(path).map_err(&io_error)?;
-        let complaints = tempfile::tempfile().map_err(&io_error)?;
+        let scratch = Unfinished::file(path).map_err(&io_error)?;
         let multiple = if encoding.even_sides { 2 } else { 1 };
         let padded_size = [width, height].map(|side| side.next_multiple_of(multiple));
         let mut command = ffmpeg(program);
@@ -109,15 +109,15 @@ impl VideoWriter {
             .arg(file_argument(scratch.path()))
             .stdin(Stdio::piped())
             .stdout(Stdio::null())
-            // A file, since a pipe that nobody reads can fill up.
-            .stderr(complaints.try_clone().map_err(&io_error)?);
+            .stderr(Stdio::piped());
         let program = program.to_string_lossy();
-        let mut encoder = Process::start(&mut command).map_err(writing(path, &program))?;
+        let mut encoder = start(&mut command).map_err(writing(path, &program))?;
         let stdin = encoder.stdin().map(BufWriter::new);
+        let complaints = encoder.stderr().map(listen);
         Ok(Self {
             path: path.to_path_buf(),
-            scratch,
             encoder,
+            scratch,
             stdin,
             complaints,
             width,
@@ -176,9 +176,8 @@ impl VideoWriter {
             return Err(self.failed(status));
         }
         self.scratch
-            .persist(&self.path)
-            .map_err(|error| io_error(error.error))?;
-        Ok(())
+            .finish(|scratch| fs::rename(scratch, &self.path))
+            .map_err(io_error)
     }
 
     /// The frame with its last column and row repeated where the size is odd.
@@ -206,7 +205,7 @@ impl VideoWriter {
     }
 
     fn failed(&mut self, status: ExitStatus) -> Error {
-        let words = written_complaint(&mut self.complaints);
+        let words = heard(self.complaints.take());
         writing(&self.path, FFMPEG)(Failure::Stopped { status, words })
     }
 }

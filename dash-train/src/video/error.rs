@@ -1,8 +1,9 @@
 //! The errors for how `ffmpeg` failed.
 
+use std::io;
 use std::path::Path;
 
-use super::ffmpeg::Failure;
+use super::ffmpeg::{Failure, ffmpeg_program};
 use crate::Error;
 
 /// The error for a video that `ffmpeg` or `ffprobe` was to read.
@@ -11,7 +12,7 @@ pub(super) fn reading(path: &Path) -> impl FnOnce(Failure) -> Error {
         Failure::Missing => Error::NoFfmpegToRead {
             path: path.to_path_buf(),
         },
-        Failure::System(source) => Error::video_decode(path, source.to_string()),
+        Failure::System(source) => Error::access(Path::new(&ffmpeg_program()))(source),
         Failure::Stopped { status, words } if words.is_empty() => {
             Error::video_decode(path, status.to_string())
         }
@@ -26,15 +27,30 @@ pub(super) fn writing(path: &Path, program: &str) -> impl FnOnce(Failure) -> Err
             path: path.to_path_buf(),
             program: program.to_string(),
         },
-        Failure::System(source) => Error::media_write(path)(source),
-        Failure::Stopped { status, words } => Error::VideoEncode {
-            path: path.to_path_buf(),
-            status,
-            reason: if words.is_empty() {
-                "it gave no reason".into()
-            } else {
-                words
+        Failure::System(source) => Error::access(Path::new(program))(source),
+        Failure::Stopped { status, words } => match refusal(&words) {
+            Some(source) => Error::media_write(path)(source),
+            None => Error::VideoEncode {
+                path: path.to_path_buf(),
+                status,
+                reason: if words.is_empty() {
+                    "it gave no reason".into()
+                } else {
+                    words
+                },
             },
         },
     }
+}
+
+/// What of a program's words says that the system did not take what it wrote.
+pub(crate) fn refusal(words: &str) -> Option<io::Error> {
+    let known = [
+        ("No space left on device", io::ErrorKind::StorageFull),
+        ("Disk quota exceeded", io::ErrorKind::QuotaExceeded),
+        ("File too large", io::ErrorKind::FileTooLarge),
+        ("Read-only file system", io::ErrorKind::ReadOnlyFilesystem),
+    ];
+    let found = known.iter().find(|(said, _)| words.contains(said));
+    found.map(|(_, kind)| io::Error::from(*kind))
 }

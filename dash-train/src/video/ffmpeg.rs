@@ -1,11 +1,12 @@
 //! The programs `ffmpeg` and `ffprobe`: where they are, how they start, how they fail.
 
 use std::ffi::{OsStr, OsString};
-use std::fs::File;
-use std::io::{self, Read, Seek};
+use std::io::{self, Read};
 use std::path::{Path, PathBuf};
-use std::process::{Child, ChildStderr, ChildStdin, ChildStdout, Command, ExitStatus, Stdio};
+use std::process::{ChildStderr, Command, ExitStatus, Stdio};
 use std::thread::{self, JoinHandle};
+
+use crate::process::Child;
 
 /// The program that decodes and encodes videos.
 pub const FFMPEG: &str = "ffmpeg";
@@ -102,54 +103,32 @@ pub(super) fn file_argument(path: &Path) -> OsString {
     argument
 }
 
+/// Starts a command whose pipes are set.
+pub(super) fn start(command: &mut Command) -> Result<Child, Failure> {
+    Child::start(command).map_err(Failure::of_start)
+}
+
 /// Runs a command to its end; what it wrote to its output.
 pub(super) fn output(command: &mut Command) -> Result<String, Failure> {
-    let output = command
+    command
         .stdin(Stdio::null())
-        .output()
-        .map_err(Failure::of_start)?;
-    if output.status.success() {
-        return Ok(String::from_utf8_lossy(&output.stdout).into_owned());
+        .stdout(Stdio::piped())
+        .stderr(Stdio::piped());
+    let mut child = start(command)?;
+    let complaints = child.stderr().map(listen);
+    let mut written = Vec::new();
+    if let Some(mut stdout) = child.stdout() {
+        stdout.read_to_end(&mut written).map_err(Failure::System)?;
     }
-    let words = quotable(&output.stderr);
+    let status = child.wait().map_err(Failure::System)?;
+    if status.success() {
+        return Ok(String::from_utf8_lossy(&written).into_owned());
+    }
+    let words = heard(complaints);
     Err(Failure::Stopped {
-        status: output.status,
+        status,
         words: words.chars().take(MAX_QUOTED_CHARS).collect(),
     })
-}
-
-/// A program that runs, and ends at the latest when this is dropped.
-pub(super) struct Process(Child);
-
-impl Process {
-    /// Starts a command whose pipes are set.
-    pub(super) fn start(command: &mut Command) -> Result<Self, Failure> {
-        command.spawn().map(Self).map_err(Failure::of_start)
-    }
-
-    pub(super) fn stdin(&mut self) -> Option<ChildStdin> {
-        self.0.stdin.take()
-    }
-
-    pub(super) fn stdout(&mut self) -> Option<ChildStdout> {
-        self.0.stdout.take()
-    }
-
-    pub(super) fn stderr(&mut self) -> Option<ChildStderr> {
-        self.0.stderr.take()
-    }
-
-    pub(super) fn wait(&mut self) -> io::Result<ExitStatus> {
-        self.0.wait()
-    }
-}
-
-impl Drop for Process {
-    fn drop(&mut self) {
-        // Both fail only when the program is gone already.
-        let _ = self.0.kill();
-        let _ = self.0.wait();
-    }
 }
 
 /// Reads what a program complains about while it runs.
@@ -166,13 +145,12 @@ pub(super) fn listen(mut stderr: ChildStderr) -> JoinHandle<String> {
     })
 }
 
-/// What a program has complained about into a file.
-pub(super) fn written_complaint(file: &mut File) -> String {
-    let mut kept = Vec::new();
+/// What was heard of a program that has ended.
+pub(super) fn heard(complaints: Option<JoinHandle<String>>) -> String {
     // Without its words the status alone is reported.
-    let _ = file.rewind();
-    let _ = file.take(MAX_COMPLAINT_BYTES).read_to_end(&mut kept);
-    quotable(&kept)
+    complaints
+        .and_then(|listener| listener.join().ok())
+        .unwrap_or_default()
 }
 
 /// A program's words without what differs from run to run.

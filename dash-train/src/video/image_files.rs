@@ -1,13 +1,13 @@
 //! PNG and EXR files, and the step from a scratch file to the file.
 
-use std::fs::File;
+use std::fs::{self, File};
 use std::io::{self, BufWriter, Write};
 use std::path::Path;
 
+use dash_model::unfinished::Unfinished;
 use image::codecs::openexr::OpenExrEncoder;
 use image::codecs::png::PngEncoder;
 use image::{ExtendedColorType, ImageEncoder, ImageError};
-use tempfile::NamedTempFile;
 
 use crate::Error;
 
@@ -122,25 +122,9 @@ pub(crate) fn write_whole(
     path: &Path,
     write: impl FnOnce(&mut File) -> io::Result<()>,
 ) -> io::Result<()> {
-    let mut scratch = scratch_beside(path)?;
-    write(scratch.as_file_mut())?;
-    scratch.persist(path)?;
-    Ok(())
-}
-
-/// A scratch file in the folder of `path`, so that renaming it replaces `path` in one step. It goes
-/// when dropped.
-pub(super) fn scratch_beside(path: &Path) -> io::Result<NamedTempFile> {
-    let folder = match path.parent() {
-        Some(folder) if !folder.as_os_str().is_empty() => folder,
-        _ => Path::new("."),
-    };
-    let mut builder = tempfile::Builder::new();
-    builder.prefix(".dash-").suffix(".partial");
-    // Scratch files are private by default; the result should be as readable as any other file.
-    #[cfg(unix)]
-    builder.permissions(std::os::unix::fs::PermissionsExt::from_mode(0o666));
-    builder.tempfile_in(folder)
+    let scratch = Unfinished::file(path)?;
+    write(&mut File::options().write(true).open(scratch.path())?)?;
+    scratch.finish(|scratch| fs::rename(scratch, path))
 }
 
 #[cfg(test)]

@@ -23,6 +23,7 @@ pub(crate) mod stamps;
 pub(crate) use decode::{MAX_IMAGE_SIDE, VideoFrame, frame_size};
 pub(crate) use encode::Encoding;
 pub use encode::{VideoWriter, write_mp4};
+pub(crate) use error::refusal;
 pub(crate) use extract::{Selection, frame_times, write_frames};
 pub(crate) use ffmpeg::version_status;
 pub use ffmpeg::{FFMPEG, FFMPEG_VARIABLE, ffmpeg_available, ffmpeg_program, ffprobe_program};

@@ -5,6 +5,7 @@ use std::sync::Arc;
 
 use clap::Args;
 use dash_train::compare::{ComparedRun, Comparison, Method, Observer, median_over_seeds};
+use dash_train::process::stop;
 use dash_train::report::{RunGroup, compared, read_run};
 use dash_train::train::{Preset, StepReport};
 
@@ -91,6 +92,9 @@ pub fn run(args: &CompareArgs, shared: &Shared) -> Result<String, Failure> {
         shared,
         progress: None,
     };
+    stop::set_way_on(Some(
+        "the same command goes on with the runs that are missing".into(),
+    ));
     let runs = comparison.run(
         &methods, args.seeds, &args.out, &dataset, &device, &mut told,
     )?;

@@ -1,6 +1,5 @@
 //! `dash doctor`: what is wrong with a dataset, and how to mend it.
 
-use std::io::Write;
 use std::path::PathBuf;
 
 use clap::Args;
@@ -8,7 +7,7 @@ use dash_train::dataset::{FrameRange, Layout, LoadOptions};
 use dash_train::doctor::{Diagnosis, Severity, TimedOn, examine_timed};
 
 use crate::Shared;
-use crate::failure::Failure;
+use crate::failure::{self, Failure};
 use crate::values::{self, CameraList};
 
 /// Check a dataset: say what is wrong with it and how to mend it
@@ -80,7 +79,7 @@ pub fn run(args: &DoctorArgs, shared: &Shared) -> Result<String, Failure> {
         return Ok(text);
     }
     // The findings are the result and belong on stdout even where the exit code tells of errors.
-    let _ = writeln!(std::io::stdout(), "{text}");
+    failure::print(&text)?;
     let plural = if errors == 1 { "" } else { "s" };
     Err(Failure::new(format!(
         "{}: {errors} error{plural} in the dataset, named above",

@@ -1,7 +1,10 @@
 //! How a command fails: one line and an exit code.
 
-use dash_model::ModelError;
+use std::io::{ErrorKind, Write};
+
+use dash_model::{ModelError, io_remedy};
 use dash_train::Error;
+use dash_train::process::stop::Signal;
 
 /// Exit code of work that failed.
 const FAILED: u8 = 1;
@@ -16,6 +19,14 @@ pub struct Failure {
 }
 
 impl Failure {
+    /// Work that a signal ended.
+    pub fn stopped(signal: Signal, message: impl Into<String>) -> Self {
+        Self {
+            message: message.into(),
+            exit_code: signal.exit_code(),
+        }
+    }
+
     /// Work that failed.
     pub fn new(message: impl Into<String>) -> Self {
         Self {
@@ -37,7 +48,7 @@ impl Failure {
         on_one_line(&self.message)
     }
 
-    /// 1 for what failed, 2 for wrong usage.
+    /// 1 for what failed, 2 for wrong usage, 128 and its number for a signal.
     pub fn exit_code(&self) -> u8 {
         self.exit_code
     }
@@ -55,6 +66,20 @@ impl Failure {
             source = cause.source();
         }
         Self::new(message)
+    }
+}
+
+/// Prints a command's result.
+pub fn print(text: &str) -> Result<(), Failure> {
+    let mut out = std::io::stdout();
+    let written = writeln!(out, "{}", text.trim_end()).and_then(|()| out.flush());
+    match written {
+        // A reader that has seen enough, such as `head`, closes the pipe.
+        Err(error) if error.kind() != ErrorKind::BrokenPipe => Err(Failure::new(format!(
+            "the standard output: cannot write the result: {error}; {}",
+            io_remedy(&error)
+        ))),
+        _ => Ok(()),
     }
 }
 

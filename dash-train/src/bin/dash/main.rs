@@ -33,6 +33,7 @@ use std::process::ExitCode;
 
 use clap::{Args, Parser, Subcommand};
 use dash_train::device::DeviceChoice;
+use dash_train::process::stop;
 use tracing::level_filters::LevelFilter;
 use tracing_subscriber::filter::Targets;
 use tracing_subscriber::prelude::*;
@@ -101,15 +102,14 @@ enum Command {
 
 fn main() -> ExitCode {
     dash_train::process::prepare();
+    stop::listen();
     report_faults_on_one_line();
     let cli = Cli::parse();
     let outcome = std::panic::catch_unwind(|| run(&cli));
+    stop::wait_if_ending();
+    let outcome = outcome.map(|done| done.and_then(|text| failure::print(&text)));
     match outcome {
-        Ok(Ok(text)) => {
-            // A reader that has seen enough, such as `head`, closes the pipe.
-            let _ = writeln!(std::io::stdout(), "{}", text.trim_end());
-            ExitCode::SUCCESS
-        }
+        Ok(Ok(())) => ExitCode::SUCCESS,
         Ok(Err(failure)) => {
             let _ = writeln!(std::io::stderr(), "error: {}", failure.line());
             ExitCode::from(failure.exit_code())

@@ -5,13 +5,15 @@ use std::path::PathBuf;
 use std::sync::Arc;
 
 use clap::Args;
+use dash_train::Error;
 use dash_train::compare::Method;
 use dash_train::dataset::{Dataset, Partition};
 use dash_train::device::DeviceChoice;
 use dash_train::evaluate::{CurveProbe, PerceptualFiles};
+use dash_train::process::stop;
 use dash_train::results::{Process, evaluate_run};
 use dash_train::train::{
-    DataConfig, Keep, Preset, RunConfig, RunFolder, TrainConfig, TrainOptions, train,
+    DataConfig, Keep, Preset, RunConfig, RunFolder, TrainConfig, TrainOptions, check_dataset, train,
 };
 
 use crate::Shared;
@@ -100,16 +102,35 @@ pub fn run(args: &TrainArgs, shared: &Shared) -> Result<String, Failure> {
     let device = choice.device()?;
     let dataset = Arc::new(dataset);
     let mut progress = TrainProgress::new(config.train.iterations, shared);
+    stop::set_way_on(Some(resume(args)));
+    let asked = stop::Asked::default();
     let options = TrainOptions {
         resume: args.resume,
         curve: args.curve,
         on_step: &mut |report, secs| progress.step(report, secs),
         clock: None,
+        stop: &|| asked.now(),
         additions: Default::default(),
     };
     let trained = train(&run, &config.train, dataset.clone(), &device, options);
     progress.finish();
+    if let Some(signal) = asked.end() {
+        let name = signal.name();
+        let told = match trained {
+            Err(Error::Stopped { step, .. }) => {
+                format!(
+                    "{}: stopped by {name} after step {step}, with a checkpoint; {}",
+                    args.out.display(),
+                    resume(args)
+                )
+            }
+            Err(error) => format!("stopped by {name}, and: {error}"),
+            Ok(_) => format!("stopped by {name}; {}", score(args)),
+        };
+        return Err(Failure::stopped(signal, told));
+    }
     let (trainer, secs) = trained?;
+    stop::set_way_on(Some(score(args)));
     let waiting = trainer.waited_seconds().map(|waited| {
         format!(
             "\nimages were decoded on demand: steps waited {} for them, {:.1} % of the training",
@@ -121,6 +142,21 @@ pub fn run(args: &TrainArgs, shared: &Shared) -> Result<String, Failure> {
     let device = (&device, config.data.device.as_str());
     let told = finish(&run, &config, &dataset, device, secs, &perceptual)?;
     Ok(told + &waiting.unwrap_or_default())
+}
+
+/// How to go on with a run that was stopped.
+fn resume(args: &TrainArgs) -> String {
+    format!(
+        "go on with `dash train {} --out {} --resume`",
+        args.dataset.display(),
+        args.out.display()
+    )
+}
+
+/// What is left to do of a run that is trained.
+fn score(args: &TrainArgs) -> String {
+    let run = args.out.display();
+    format!("the scene is trained: score it with `dash eval {run}`")
 }
 
 /// Checks everything that can be checked, and only then makes the run's folder.
@@ -140,6 +176,7 @@ fn start(
     if args.curve > 0 {
         CurveProbe::check(&dataset)?;
     }
+    check_dataset(&dataset)?;
     let config = RunConfig::new(data, train);
     let run = RunFolder::create(&args.out, &config)?;
     tell_held_out(&dataset);

@@ -10,6 +10,7 @@ use std::path::{Path, PathBuf};
 use dash_model::DynamicScene;
 use dash_model::parameters::HostTensor;
 use dash_model::scene_file::{read_tensors, write_atomically, write_tensors};
+use dash_model::unfinished::{Unfinished, discard};
 use rand_pcg::Pcg64;
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
@@ -62,11 +63,10 @@ pub(crate) fn save<M: Method, C: Serialize>(
     train_seconds: f64,
 ) -> Result<(), Error> {
     let name = format!("{:06}", run.step);
-    let scratch = folder.join(format!(".{name}.partial"));
-    if scratch.exists() {
-        fs::remove_dir_all(&scratch).map_err(|e| Error::io(&scratch, "remove", e))?;
-    }
-    fs::create_dir_all(&scratch).map_err(|e| Error::io(&scratch, "create", e))?;
+    fs::create_dir_all(folder).map_err(|e| Error::io(folder, "create", e))?;
+    let target = folder.join(&name);
+    let unfinished = Unfinished::folder(&target).map_err(|e| Error::io(&target, "create", e))?;
+    let scratch = unfinished.path();
     run.scene.save(&scratch.join("scene"))?;
     let write = |name: &str, tensors: &BTreeMap<String, HostTensor>| {
         write_tensors(&scratch.join(format!("{name}.safetensors")), tensors)
@@ -100,21 +100,22 @@ pub(crate) fn save<M: Method, C: Serialize>(
     write_atomically(&scratch.join("state.json"), |mut file| {
         std::io::Write::write_all(&mut file, &json)
     })?;
-    put(&scratch, folder, &name)
+    put(unfinished, folder, &target)
 }
 
 /// Puts a complete checkpoint in its place, then removes older ones.
-fn put(scratch: &Path, folder: &Path, name: &str) -> Result<(), Error> {
-    let target = folder.join(name);
+fn put(unfinished: Unfinished, folder: &Path, target: &Path) -> Result<(), Error> {
     if target.exists() {
-        fs::remove_dir_all(&target).map_err(|e| Error::io(&target, "replace", e))?;
+        discard(target).map_err(|e| Error::io(target, "replace", e))?;
     }
-    sync_folder(scratch)?;
-    fs::rename(scratch, &target).map_err(|e| Error::io(&target, "write", e))?;
+    sync_folder(unfinished.path())?;
+    unfinished
+        .finish(|scratch| fs::rename(scratch, target))
+        .map_err(|e| Error::io(target, "write", e))?;
     sync_folder(folder)?;
     let complete = list(folder)?;
     for old in complete.iter().rev().skip(KEPT) {
-        fs::remove_dir_all(old).map_err(|e| Error::io(old, "remove", e))?;
+        discard(old).map_err(|e| Error::io(old, "remove", e))?;
     }
     Ok(())
 }

@@ -57,14 +57,18 @@ pub(crate) fn initial_points(
     let views = views_at_start(dataset, train_views, start_span);
     let sweep = Sweep::new(&views, background)?;
     if kept > 0 && !sweep.shows(&points) {
-        tracing::warn!(
-            "the {n} points of {} have other colours than the pictures where they are, as if drawn at random: they are not used",
-            dataset.root.display()
-        );
+        let why = match sweep.has_in_sight(&points) {
+            true => "have other colours than the pictures where they are, as if drawn at random",
+            false => "are in no picture that training starts from",
+        };
+        let root = dataset.root.display();
+        tracing::warn!("the {n} points of {root} {why}: they are not used");
         points = InitialPoints::default();
     }
     let missing = limits[0].min(limits[1]).saturating_sub(points.given);
-    if missing > 0 {
+    // A depth that is made up does not go with points.
+    let finds_depth = points.given == 0 || !sweep.in_one_place();
+    if missing > 0 && finds_depth {
         let swept = sweep.points(missing, rng);
         points.positions.extend(swept.positions);
         points.colors.extend(swept.colors);

@@ -28,6 +28,7 @@ mod run;
 mod sampler;
 mod saved;
 mod sets;
+pub(crate) mod shortage;
 mod skipped;
 mod step;
 pub(crate) mod sweep;

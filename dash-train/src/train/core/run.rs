@@ -20,6 +20,7 @@ use super::optimizer::Optimizer;
 use super::rates::Rates;
 use super::sampler::ViewSampler;
 use super::sets::{RowEdit, Set};
+use super::shortage;
 use super::skipped::Skipped;
 use super::times::Times;
 use crate::Error;
@@ -118,6 +119,9 @@ impl<M> Run<M> {
             config.initial_points,
             &mut rng,
         )?;
+        if points.positions.is_empty() {
+            return Err(shortage::nothing_to_start_from(&dataset));
+        }
         let views = || train_views.iter().map(|&index| &dataset.views[index]);
         let region = Region::of(&dataset, &points);
         let near_plane = config

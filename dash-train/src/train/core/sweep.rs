@@ -9,7 +9,7 @@ use rayon::prelude::*;
 
 use super::points::InitialPoints;
 use crate::Error;
-use crate::cameras::focus_point;
+use crate::cameras::{focus_point, in_one_place};
 use crate::dataset::View;
 
 /// Depths between which points are looked for, in units of the distance to where the cameras look.
@@ -61,6 +61,8 @@ impl Picture {
 pub(crate) struct Sweep {
     pictures: Vec<Picture>,
     focus: glam::DVec3,
+    /// Whether all of them are taken from one place, so that they agree at every depth.
+    in_one_place: bool,
 }
 
 impl Sweep {
@@ -81,7 +83,12 @@ impl Sweep {
             })
             .collect::<Result<_, Error>>()?;
         let focus = glam::DVec3::from(focus_point(&cameras));
-        Ok(Self { pictures, focus })
+        let positions: Vec<glam::DVec3> = cameras.iter().map(|c| c.position().into()).collect();
+        Ok(Self {
+            pictures,
+            focus,
+            in_one_place: in_one_place(&positions),
+        })
     }
 
     /// At most `n` points, and their colours, that several of the views agree on.
@@ -151,6 +158,17 @@ impl Sweep {
         }
     }
 
+    /// Whether all views are taken from one place: then the points have a depth that is made up.
+    pub(crate) fn in_one_place(&self) -> bool {
+        self.in_one_place
+    }
+
+    /// Whether any of the points is in a picture.
+    pub(crate) fn has_in_sight(&self, points: &InitialPoints) -> bool {
+        let mut all = points.positions.iter().map(|point| point.map(f64::from));
+        all.any(|point| self.pictures.iter().any(|p| p.color_at(point).is_some()))
+    }
+
     /// Whether the pictures show the colours of points where they are, better than the colours of
     /// other points there. A cloud drawn at random, as some datasets carry, does no better.
     pub(crate) fn shows(&self, points: &InitialPoints) -> bool {
@@ -177,7 +195,8 @@ impl Sweep {
             count += 1;
         }
         // Points all of one colour say nothing by it.
-        alike <= MIN_CONTRAST * count as f32 || own < MAX_CHANCE * other
+        let is_plausible = alike <= MIN_CONTRAST * count as f32 || own < MAX_CHANCE * other;
+        is_plausible && self.has_in_sight(points)
     }
 
     /// How much views differ at the point of a pixel's ray on which they agree most, and that point;
@@ -198,8 +217,12 @@ impl Sweep {
         let [near, far] = DEPTHS.map(|depth| 1.0 / depth);
         // From far to near, so that the first of equals is the farthest.
         let mut tried = Vec::with_capacity(CANDIDATES);
-        for k in 0..CANDIDATES {
-            let inverse = far + (near - far) * (k as f64 + 0.5) / CANDIDATES as f64;
+        let n_candidates = if self.in_one_place { 1 } else { CANDIDATES };
+        for k in 0..n_candidates {
+            let inverse = match self.in_one_place {
+                true => 1.0,
+                false => far + (near - far) * (k as f64 + 0.5) / CANDIDATES as f64,
+            };
             let point = position + ray * (distance / inverse);
             let difference = disagreement(&self.pictures, picture, point.to_array(), color);
             tried.extend(difference.map(|difference| (difference, point)));

@@ -13,6 +13,7 @@ use super::lines::{LogLine, read_lines};
 use crate::Error;
 use crate::dataset::{Dataset, Partition};
 use crate::evaluate::CurveLine;
+use crate::files::is_occupied;
 use crate::train::core::Decision;
 use crate::train::core::checkpoint::latest_checkpoint;
 use crate::train::trainer::{Trainer, check_moved};
@@ -50,15 +51,7 @@ impl RunFolder {
         let run = Self {
             root: root.to_path_buf(),
         };
-        let occupied = match fs::read_dir(root) {
-            // A run that was killed before its first file was complete left a scratch file only.
-            Ok(entries) => entries
-                .filter_map(Result::ok)
-                .any(|entry| entry.path().extension() != Some("partial".as_ref())),
-            Err(e) if e.kind() == std::io::ErrorKind::NotFound => false,
-            Err(e) => return Err(Error::io(root, "list", e)),
-        };
-        if occupied {
+        if is_occupied(root).map_err(|e| Error::io(root, "list", e))? {
             return Err(Error::run(
                 root,
                 "expected a new or empty folder for the run, found files in it; \

@@ -10,6 +10,7 @@ use std::time::Instant;
 
 use burn::tensor::Device;
 use dash_model::scene_file::TablePrecision;
+use dash_model::unfinished::remove_left;
 
 pub use self::config::{DataConfig, RunConfig, StageEnds, read_config};
 pub use self::folder::RunFolder;
@@ -31,6 +32,8 @@ pub struct TrainOptions<'a> {
     pub curve: usize,
     /// Called after every step, with the seconds trained so far.
     pub on_step: &'a mut dyn FnMut(&StepReport, f64),
+    /// Asked before and after every step whether to stop there, with a checkpoint.
+    pub stop: &'a dyn Fn() -> bool,
     /// What the seconds of a step count for; `None`: themselves.
     pub clock: Option<Clock<'a>>,
     /// Extensions and density control of your own; the same for a run that is resumed.
@@ -48,7 +51,8 @@ pub type Clock<'a> = &'a mut dyn FnMut(f64) -> Result<f64, Error>;
 /// wakes such a thread and waits for it, which takes a fifth of the time of small pictures.
 ///
 /// # Errors
-/// What [`Trainer::step`] and writing refuse; checkpoints written until then remain.
+/// What [`Trainer::step`] and writing refuse; checkpoints written until then remain. [`Error::Stopped`] where the options
+/// stop it.
 pub fn train(
     run: &RunFolder,
     config: &TrainConfig,
@@ -71,10 +75,14 @@ pub fn train(
     };
     let mut log = Log::reopen(&run.log_path(), trainer.steps_done())?;
     let mut curve = reopen_curve(&run.curve_path(), &trainer, options.curve)?;
+    for left in [run.root(), &run.scene_path(), &checkpoints] {
+        remove_left(left).map_err(|e| Error::io(left, "tidy", e))?;
+    }
     fs::create_dir_all(&checkpoints).map_err(|e| Error::io(&checkpoints, "create", e))?;
     let mut finished = None;
     let begins = trainer.steps_done();
-    while !trainer.is_finished() {
+    let mut stopped = (options.stop)();
+    while !(trainer.is_finished() || stopped) {
         let start = Instant::now();
         let report = trainer.step()?;
         if report.step == begins + 1 {
@@ -98,9 +106,16 @@ pub fn train(
             let line = probe.measure(scene, step, seconds, run.root())?;
             append(file, &line, &run.curve_path())?;
         }
-        if step.is_multiple_of(trainer.config().checkpoint_interval) || last {
+        stopped = (options.stop)();
+        if step.is_multiple_of(trainer.config().checkpoint_interval) || last || stopped {
             save_checkpoint(&trainer, &checkpoints, seconds)?;
         }
+    }
+    if stopped {
+        return Err(Error::Stopped {
+            run: run.root().to_path_buf(),
+            step: trainer.steps_done(),
+        });
     }
     // A run that was resumed at its end has done that before, outside this clock.
     let finished = match finished {

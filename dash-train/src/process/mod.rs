@@ -1,4 +1,15 @@
-//! The process: what a program sets up before it trains or renders, and the memory it has taken.
+//! The process: what a program sets up before it trains or renders, the memory it has taken, the programs that it runs,
+//! and how it stops.
+//!
+//! | file | what |
+//! | --- | --- |
+//! | `children.rs` | programs that run for this one |
+//! | `stop.rs` | signals that ask it to stop |
+
+mod children;
+pub mod stop;
+
+pub(crate) use children::Child;
 
 /// Prepares the process for training and rendering: call it first in `main`.
 ///
