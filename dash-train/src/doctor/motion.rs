@@ -161,3 +161,21 @@ fn others_move(looked: &Tracks, own: &Track, step: usize) -> bool {
         .collect();
     median(others).is_none_or(|middle| middle > 0.5)
 }
+
+#[cfg(test)]
+mod tests {
+    use super::super::finding::Severity;
+    use super::super::tracks::look;
+    use super::*;
+    use crate::test_kit::slow_clips;
+
+    #[test]
+    fn slow_motion_is_motion_at_every_rate_and_noise() {
+        for (clip, moves) in slow_clips() {
+            let findings = check(&look(&clip.dataset()));
+            let last = findings.last().expect("about motion");
+            let is_static = last.severity == Severity::Note;
+            assert_eq!(!is_static, moves, "{clip:?}: {}", last.text);
+        }
+    }
+}

@@ -1,13 +1,11 @@
 //! `dash stress`: extreme inputs for every operation, scene and training.
 
-use std::io::Write;
-
 use clap::Args;
 use dash_train::stress::{Case, Outcome, cases, long_cases, run as run_case};
 use serde::Serialize;
 
 use crate::Shared;
-use crate::failure::Failure;
+use crate::failure::{self, Failure};
 
 /// Run extreme inputs through every operation and through training, and say how far each is off
 #[derive(Args)]
@@ -56,12 +54,13 @@ pub fn run(args: &StressArgs, shared: &Shared) -> Result<String, Failure> {
     }
     let mut outcomes = Vec::new();
     if !args.json {
-        show(&heading());
+        // At once: some cases take minutes.
+        failure::print(&heading())?;
     }
     for case in &chosen {
         let outcome = run_case(case, &device);
         if !args.json {
-            show(&line(&outcome));
+            failure::print(&line(&outcome))?;
         }
         outcomes.push(outcome);
     }
@@ -75,7 +74,7 @@ pub fn run(args: &StressArgs, shared: &Shared) -> Result<String, Failure> {
         };
         let text = serde_json::to_string_pretty(&report)
             .map_err(|e| Failure::new(format!("the cases cannot be written as JSON: {e}")))?;
-        show(&text);
+        failure::print(&text)?;
     }
     match failed {
         0 if args.json => Ok(String::new()),
@@ -92,12 +91,6 @@ fn names(cases: &[Case]) -> String {
         .map(|case| format!("{}/{}", case.family, case.name))
         .collect();
     names.join(", ")
-}
-
-/// Prints at once: some cases take minutes.
-fn show(text: &str) {
-    // A reader that has seen enough closes the pipe.
-    let _ = writeln!(std::io::stdout(), "{text}");
 }
 
 /// Columns as Markdown has them, so that the output is a table anywhere.

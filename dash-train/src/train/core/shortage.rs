@@ -221,3 +221,6 @@ fn same_view(a: &View, b: &View, within: f64) -> bool {
             .into_iter()
             .all(|(a, b)| (a - b).abs() <= SAME_ROTATION)
 }
+
+#[cfg(test)]
+mod tests;

@@ -222,6 +222,7 @@ mod tests {
     use rand::Rng;
 
     use super::*;
+    use crate::test_kit::slow_clips;
 
     const SIZE: [usize; 3] = [12, 20, 30];
 
@@ -254,6 +255,16 @@ mod tests {
             assert!(!motion(&changes(seed, 0.1, still)), "seed {seed}");
         }
         assert!(!motion(&changes(0, 0.0, still)));
+    }
+
+    #[test]
+    fn slow_motion_is_motion_at_every_rate_and_noise() {
+        for (clip, moves) in slow_clips() {
+            let dataset = clip.dataset();
+            let views: Vec<&View> = dataset.views.iter().collect();
+            let changes = Changes::of(&views, [0.0; 3]).expect("in memory");
+            assert_eq!(motion(&changes), moves, "{clip:?}");
+        }
     }
 
     #[test]
