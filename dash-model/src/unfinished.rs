@@ -17,6 +17,10 @@ use std::time::Duration;
 static UNDER_WAY: Mutex<Vec<PathBuf>> = Mutex::new(Vec::new());
 /// Attempts at removing a folder into which other threads may still be writing, a millisecond apart.
 const ATTEMPTS: usize = 2000;
+/// Characters of a name that are kept: at 4 bytes each, what is added still fits.
+const MOST_CHARS: usize = 60;
+/// Elsewhere a lock keeps even its owner from writing by another handle.
+const HAS_LOCKS: bool = cfg!(unix);
 /// Programs that may write under the same name at once.
 const MOST_AT_ONCE: usize = 100;
 
@@ -28,7 +32,7 @@ fn under_way() -> MutexGuard<'static, Vec<PathBuf>> {
 #[derive(Debug)]
 pub struct Unfinished {
     path: PathBuf,
-    /// Held as long as this is. `None` where the system locks no folders.
+    /// Held as long as this is. `None` where the file system has no locks.
     _lock: Option<File>,
 }
 
@@ -56,6 +60,7 @@ impl Unfinished {
     /// `.NAME.partial` beside `path`, or with a number where another program writes that.
     fn beside(path: &Path, make: impl Fn(&Path) -> io::Result<()>) -> io::Result<Self> {
         let name = path.file_name().unwrap_or_default().to_string_lossy();
+        let name: String = name.chars().take(MOST_CHARS).collect();
         let mut list = under_way();
         for n in 0..MOST_AT_ONCE {
             let number = if n == 0 {
@@ -68,8 +73,8 @@ impl Unfinished {
                 continue;
             }
             make(&scratch)?;
-            let lock = File::open(&scratch).ok();
-            let lock = lock.filter(|file| file.try_lock().is_ok());
+            let lock = File::open(&scratch).ok().filter(|_| HAS_LOCKS);
+            let lock = lock.filter(is_ours);
             list.push(scratch.clone());
             return Ok(Self {
                 path: scratch,
@@ -113,10 +118,15 @@ fn free(scratch: &Path) -> io::Result<bool> {
         // Not ours to remove.
         Err(_) => return Ok(false),
     };
-    if left.try_lock().is_err() {
+    if HAS_LOCKS && !is_ours(&left) {
         return Ok(false);
     }
     remove(scratch).map(|()| true)
+}
+
+/// Whether no other program holds the lock; then this one does.
+fn is_ours(file: &File) -> bool {
+    file.try_lock().is_ok()
 }
 
 /// Removes a file or folder; what is not there is removed.
@@ -175,8 +185,10 @@ pub fn create_dir_all(folder: &Path) -> io::Result<()> {
 }
 
 /// Removes all that is unfinished, and keeps other threads from making or naming more: for a program that ends at once.
-pub fn remove_all() {
+/// Before it removes anything it has `end_writers` end the other programs that write to it.
+pub fn remove_all(end_writers: impl FnOnce()) {
     let list = under_way();
+    end_writers();
     for path in list.iter() {
         for _ in 0..ATTEMPTS {
             if remove(path).is_ok() {

@@ -86,3 +86,79 @@ fn options_are_those_of_training() {
     assert_eq!(output.status.code(), Some(1));
     assert!(text(&output.stdout).contains("as --layout says"));
 }
+
+/// The dataset `room` in blender's layout with its cameras changed, by their index.
+fn with_cameras(change: impl Fn(usize, &mut Value)) -> Scratch {
+    let scratch = Scratch::with_room("blender");
+    let mut poses: Value =
+        serde_json::from_slice(&scratch.read("room/transforms_train.json")).expect("JSON");
+    let frames = poses["frames"].as_array_mut().expect("a list");
+    for (index, frame) in frames.iter_mut().enumerate() {
+        change(index, &mut frame["transform_matrix"]);
+    }
+    std::fs::remove_file(scratch.path("room/points3d.ply")).expect("there is one");
+    scratch.write("room/transforms_train.json", poses.to_string());
+    scratch
+}
+
+#[test]
+fn training_says_before_it_begins_what_the_doctor_says() {
+    let turn = |index: usize, pose: &mut Value| {
+        let (s, c) = (0.03 * index as f64).sin_cos();
+        *pose = serde_json::json!([[c, 0, s, 2.5], [0, 1, 0, 0.5], [-s, 0, c, 3], [0, 0, 0, 1]]);
+    };
+    let stand = |_: usize, pose: &mut Value| turn(0, pose);
+    for (scratch, part) in [
+        (with_cameras(turn), "a camera that only turns"),
+        (with_cameras(stand), "a fixed camera"),
+    ] {
+        let found = scratch.ok(&["doctor", "room", "--no-timing"]);
+        let line = found.lines().find(|line| line.contains("no parallax"));
+        let line = line.unwrap_or_else(|| panic!("nothing of parallax in {found}"));
+        assert!(line.starts_with("warning") && line.contains(part), "{line}");
+        let said = line
+            .split("no parallax")
+            .nth(1)
+            .and_then(|rest| rest.split(" -> ").next());
+        let train = [
+            "train",
+            "room",
+            "--out",
+            "run",
+            "--preset",
+            "quick",
+            "--iterations",
+            "20",
+        ];
+        let output = scratch.command(&train).output().expect("starts");
+        let stderr = text(&output.stderr);
+        assert!(output.status.success(), "{stderr}");
+        assert!(stderr.contains(said.expect("the rest")), "{line}: {stderr}");
+    }
+    let scratch = Scratch::new();
+    scratch.ok(&[
+        "synth",
+        "one",
+        "--layout",
+        "colmap",
+        "--cameras",
+        "2",
+        "--frames",
+        "1",
+        "--size",
+        "32x24",
+    ]);
+    std::fs::remove_file(scratch.path("one/sparse/0/points3D.bin")).expect("there is one");
+    let output = scratch
+        .command(&["doctor", "one"])
+        .output()
+        .expect("starts");
+    assert_eq!(output.status.code(), Some(1));
+    let said = "one view to train on (1 held out) and no points";
+    assert!(
+        text(&output.stdout).contains(said),
+        "{}",
+        text(&output.stdout)
+    );
+    scratch.fails(&["train", "one", "--out", "run"], said);
+}

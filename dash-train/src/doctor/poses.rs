@@ -219,7 +219,10 @@ pub(super) fn by_axes(
 ) -> Finding {
     let positions: Vec<glam::DVec3> = cameras.iter().map(|c| c.position().into()).collect();
     if cameras.len() > 1 && in_one_place(&positions) {
-        return Finding::note("poses", "all cameras stand in one place, where their axes meet");
+        return Finding::note(
+            "poses",
+            "all cameras stand in one place, where their axes meet",
+        );
     }
     let Some(meeting) = Meeting::of(cameras) else {
         let text = match cameras.len() {

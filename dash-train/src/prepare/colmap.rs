@@ -64,7 +64,7 @@ impl Colmap {
         instead: &'static str,
     ) -> Result<Self, Error> {
         let mut command = headless(&program);
-        let help = command.args(["feature_extractor", "-h"]).output();
+        let help = Child::output(command.args(["feature_extractor", "-h"]));
         let help = help.map_err(|e| match e.kind() {
             ErrorKind::NotFound => Error::ColmapMissing {
                 purpose,

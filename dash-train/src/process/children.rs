@@ -1,7 +1,7 @@
 //! Programs that run for this one: `ffmpeg`, `ffprobe`, `colmap`. They end when it is done with them, or has to stop.
 
-use std::io;
-use std::process::{ChildStderr, ChildStdin, ChildStdout, Command, ExitStatus};
+use std::io::{self, Read};
+use std::process::{ChildStderr, ChildStdin, ChildStdout, Command, ExitStatus, Output, Stdio};
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
 /// The ids of those that run.
@@ -29,6 +29,29 @@ impl Child {
         Ok(Self(child))
     }
 
+    /// Runs a command without input to its end: how it ended, and all that it wrote.
+    ///
+    /// # Errors
+    /// The system's.
+    pub(crate) fn output(command: &mut Command) -> io::Result<Output> {
+        command
+            .stdin(Stdio::null())
+            .stdout(Stdio::piped())
+            .stderr(Stdio::piped());
+        let mut child = Self::start(command)?;
+        let complaints = child.stderr();
+        let listener = std::thread::spawn(move || read(complaints));
+        let stdout = read(child.stdout())?;
+        let status = child.wait()?;
+        // The thread only reads.
+        let stderr = listener.join().unwrap_or_else(|_| Ok(Vec::new()))?;
+        Ok(Output {
+            status,
+            stdout,
+            stderr,
+        })
+    }
+
     pub(crate) fn stdin(&mut self) -> Option<ChildStdin> {
         self.0.stdin.take()
     }
@@ -48,6 +71,14 @@ impl Child {
     pub(crate) fn wait(&mut self) -> io::Result<ExitStatus> {
         self.0.wait()
     }
+}
+
+fn read(pipe: Option<impl Read>) -> io::Result<Vec<u8>> {
+    let mut written = Vec::new();
+    if let Some(mut pipe) = pipe {
+        pipe.read_to_end(&mut written)?;
+    }
+    Ok(written)
 }
 
 impl Drop for Child {

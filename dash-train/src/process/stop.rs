@@ -182,8 +182,7 @@ mod unix {
         state.ending = true;
         let way_on = state.way_on.take();
         drop(state);
-        children::end_all();
-        dash_model::unfinished::remove_all();
+        dash_model::unfinished::remove_all(children::end_all);
         let way_on = way_on.map_or(String::new(), |way_on| format!("; {way_on}"));
         say(&format!("error: stopped by {}{way_on}", signal.name));
         // SAFETY: ends the process; nothing of it is used any more.

@@ -3,7 +3,7 @@
 use std::ffi::{OsStr, OsString};
 use std::io::{self, Read};
 use std::path::{Path, PathBuf};
-use std::process::{ChildStderr, Command, ExitStatus, Stdio};
+use std::process::{ChildStderr, Command, ExitStatus};
 use std::thread::{self, JoinHandle};
 
 use crate::process::Child;
@@ -49,12 +49,8 @@ pub fn ffmpeg_available() -> bool {
 /// # Errors
 /// The system's, when it does not start.
 pub(crate) fn version_status(program: &OsStr) -> io::Result<ExitStatus> {
-    Command::new(program)
-        .arg("-version")
-        .stdin(Stdio::null())
-        .stdout(Stdio::null())
-        .stderr(Stdio::null())
-        .status()
+    let output = Child::output(Command::new(program).arg("-version"))?;
+    Ok(output.status)
 }
 
 fn set(variable: &str) -> Option<OsString> {
@@ -110,23 +106,13 @@ pub(super) fn start(command: &mut Command) -> Result<Child, Failure> {
 
 /// Runs a command to its end; what it wrote to its output.
 pub(super) fn output(command: &mut Command) -> Result<String, Failure> {
-    command
-        .stdin(Stdio::null())
-        .stdout(Stdio::piped())
-        .stderr(Stdio::piped());
-    let mut child = start(command)?;
-    let complaints = child.stderr().map(listen);
-    let mut written = Vec::new();
-    if let Some(mut stdout) = child.stdout() {
-        stdout.read_to_end(&mut written).map_err(Failure::System)?;
+    let output = Child::output(command).map_err(Failure::of_start)?;
+    if output.status.success() {
+        return Ok(String::from_utf8_lossy(&output.stdout).into_owned());
     }
-    let status = child.wait().map_err(Failure::System)?;
-    if status.success() {
-        return Ok(String::from_utf8_lossy(&written).into_owned());
-    }
-    let words = heard(complaints);
+    let words = quotable(&output.stderr);
     Err(Failure::Stopped {
-        status,
+        status: output.status,
         words: words.chars().take(MAX_QUOTED_CHARS).collect(),
     })
 }
