@@ -11,6 +11,8 @@ use std::thread::yield_now;
 use common::{Scratch, TINY, text};
 use dash_train::train::latest_checkpoint;
 
+const NOTHING: [PathBuf; 0] = [];
+
 /// A room, a rig's videos and a run.
 fn prepared() -> Scratch {
     let scratch = Scratch::with_room("n3dv");
@@ -124,7 +126,7 @@ fn a_signal_leaves_nothing_and_ends_with_its_own_code() {
         let stderr = text(&output.stderr);
         assert_eq!(output.status.code(), Some(code), "{line}: {stderr}");
         assert!(stderr.contains("stopped by SIG"), "{line}: {stderr}");
-        assert_eq!(unfinished(&scratch.path("")), [PathBuf::new(); 0], "{line}");
+        assert_eq!(unfinished(&scratch.path("")), NOTHING, "{line}");
         for out in ["out", "out.mp4", "new"] {
             assert!(!scratch.path(out).exists(), "{line} left {out}");
         }
@@ -156,11 +158,7 @@ fn what_a_killed_command_leaves_is_gone_after_the_next() {
         child.wait().expect("our own child");
         assert!(!unfinished(&scratch.path("")).is_empty(), "{long}");
         scratch.ok(&words(short));
-        assert_eq!(
-            unfinished(&scratch.path("")),
-            [PathBuf::new(); 0],
-            "{short}"
-        );
+        assert_eq!(unfinished(&scratch.path("")), NOTHING, "{short}");
     }
 }
 
@@ -195,7 +193,7 @@ fn training_answers_a_signal_with_a_checkpoint_and_goes_on_to_the_same_bits() {
         let checkpoints = scratch.path(&run).join("checkpoints");
         let newest = latest_checkpoint(&checkpoints).expect("listed");
         assert!(newest.is_some(), "no checkpoint: {stderr}");
-        assert_eq!(unfinished(&scratch.path("")), [PathBuf::new(); 0]);
+        assert_eq!(unfinished(&scratch.path("")), NOTHING);
         scratch.ok(&["train", "room", "--out", &run, "--resume"]);
         for file in ["scene.safetensors", "scene.json"] {
             let of = |run: &str| scratch.read(&format!("{run}/scene/{file}"));
@@ -222,7 +220,7 @@ fn a_second_signal_stops_training_at_once() {
         "{code:?}: {}",
         text(&output.stderr)
     );
-    assert_eq!(unfinished(&scratch.path("")), [PathBuf::new(); 0]);
+    assert_eq!(unfinished(&scratch.path("")), NOTHING);
     scratch.ok(&["train", "room", "--out", "run", "--resume"]);
 }
 
@@ -326,7 +324,7 @@ fn the_error_names_what_refused_and_offers_what_the_command_has() {
         assert!(stderr.contains(says), "`{says}` in {line}: {stderr}");
         assert!(!stderr.contains(never), "`{never}` in {line}: {stderr}");
         assert_eq!(output.status.success(), says.is_empty(), "{line}: {stderr}");
-        assert_eq!(unfinished(&scratch.path("")), [PathBuf::new(); 0], "{line}");
+        assert_eq!(unfinished(&scratch.path("")), NOTHING, "{line}");
     }
 }
 
@@ -366,7 +364,7 @@ fn a_result_that_cannot_be_written_fails_and_a_reader_that_leaves_does_not_matte
                 !stderr.contains("a fault in dash itself"),
                 "{line}: {stderr}"
             );
-            assert_eq!(unfinished(&scratch.path("")), [PathBuf::new(); 0], "{line}");
+            assert_eq!(unfinished(&scratch.path("")), NOTHING, "{line}");
         }
     }
 }

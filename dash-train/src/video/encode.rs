@@ -9,7 +9,7 @@ use std::thread::JoinHandle;
 
 use dash_model::unfinished::Unfinished;
 
-use super::error::writing;
+use super::error::{refusal, writing};
 use super::ffmpeg::{FFMPEG, Failure, ffmpeg, ffmpeg_program, file_argument, heard, listen, start};
 use super::image_files::checked_size;
 use crate::Error;
@@ -172,8 +172,10 @@ impl VideoWriter {
         }
         let io_error = Error::media_write(&self.path);
         let status = self.encoder.wait().map_err(&io_error)?;
-        if !status.success() {
-            return Err(self.failed(status));
+        // Where its last write fails, `ffmpeg` says so and ends with success all the same.
+        let words = heard(self.complaints.take());
+        if !status.success() || refusal(&words).is_some() {
+            return Err(self.failed(status, words));
         }
         self.scratch
             .finish(|scratch| fs::rename(scratch, &self.path))
@@ -199,13 +201,15 @@ impl VideoWriter {
     fn gave_up(&mut self, source: io::Error) -> Error {
         self.stdin = None;
         match self.encoder.wait() {
-            Ok(status) => self.failed(status),
+            Ok(status) => {
+                let words = heard(self.complaints.take());
+                self.failed(status, words)
+            }
             Err(_) => Error::media_write(&self.path)(source),
         }
     }
 
-    fn failed(&mut self, status: ExitStatus) -> Error {
-        let words = heard(self.complaints.take());
+    fn failed(&self, status: ExitStatus, words: String) -> Error {
         writing(&self.path, FFMPEG)(Failure::Stopped { status, words })
     }
 }

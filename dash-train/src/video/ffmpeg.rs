@@ -6,6 +6,7 @@ use std::path::{Path, PathBuf};
 use std::process::{ChildStderr, Command, ExitStatus};
 use std::thread::{self, JoinHandle};
 
+use super::error::refusal;
 use crate::process::Child;
 
 /// The program that decodes and encodes videos.
@@ -107,10 +108,11 @@ pub(super) fn start(command: &mut Command) -> Result<Child, Failure> {
 /// Runs a command to its end; what it wrote to its output.
 pub(super) fn output(command: &mut Command) -> Result<String, Failure> {
     let output = Child::output(command).map_err(Failure::of_start)?;
-    if output.status.success() {
+    let words = quotable(&output.stderr);
+    // As in `encode.rs`: success does not mean that the last write succeeded.
+    if output.status.success() && refusal(&words).is_none() {
         return Ok(String::from_utf8_lossy(&output.stdout).into_owned());
     }
-    let words = quotable(&output.stderr);
     Err(Failure::Stopped {
         status: output.status,
         words: words.chars().take(MAX_QUOTED_CHARS).collect(),

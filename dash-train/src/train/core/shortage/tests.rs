@@ -158,7 +158,7 @@ fn what_a_capture_lacks_is_named() {
         ),
         (
             "points behind",
-            dataset(&rig, &[], &[[0.0, 0.0, -90.0], [9.0, 0.0, -80.0]]),
+            dataset(&rig, &[], &[[300.0, 0.0, 300.0], [400.0, 0.0, 500.0]]),
             &["none of the 2 points"],
         ),
         (
