@@ -95,9 +95,13 @@ pub fn write_pictures(
     scratch.finish(|scratch| put(scratch, layers, out))
 }
 
-/// Puts the layers' folders and the list of cameras in their places.
+/// Puts the layers' folders and the list of cameras in their places: in one step where there is no such folder yet.
 fn put(scratch: &Path, layers: &[PictureLayer], out: &Path) -> Result<(), Error> {
-    fs::create_dir_all(out).map_err(|e| Error::io(out, "create", e))?;
+    if fs::symlink_metadata(out).is_err() {
+        let parent = out.parent().unwrap_or(out);
+        fs::create_dir_all(parent).map_err(|e| Error::io(parent, "create", e))?;
+        return fs::rename(scratch, out).map_err(|e| Error::io(out, "write", e));
+    }
     for layer in layers {
         let name = layer.to_string();
         let to = out.join(&name);

@@ -196,7 +196,7 @@ impl Sweep {
         }
         // Points all of one colour say nothing by it.
         let is_plausible = alike <= MIN_CONTRAST * count as f32 || own < MAX_CHANCE * other;
-        is_plausible && self.has_in_sight(points)
+        is_plausible && (n == 0 || self.has_in_sight(points))
     }
 
     /// How much views differ at the point of a pixel's ray on which they agree most, and that point;
