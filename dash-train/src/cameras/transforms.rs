@@ -78,9 +78,11 @@ pub(super) struct TransformsFile {
 
 impl TransformsFile {
     pub(super) fn read(path: &Path) -> Result<Self, Error> {
+        let listed = parse(path)?;
+        listed.warn_of_keys(path);
         Ok(Self {
             path: path.to_path_buf(),
-            listed: parse(path)?,
+            listed,
         })
     }
 

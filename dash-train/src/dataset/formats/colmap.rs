@@ -16,7 +16,7 @@ use crate::dataset::pixels::lens::Lens;
 use crate::dataset::pixels::sizes::Sizes;
 use crate::dataset::points::{Models, find_points};
 use crate::dataset::poses::colmap::{
-    MODEL_FOLDERS, Model, model_folder, read_model, warn_of_larger,
+    MODEL_FOLDERS, Model, has_file, model_folder, read_model, read_model_points, warn_of_larger,
 };
 use crate::dataset::unposed;
 use crate::files::{self, find_image};
@@ -31,13 +31,28 @@ struct ColmapReader {
     sparse: PathBuf,
 }
 
+/// The folder of the model: COLMAP's own, or the dataset's folder (RealityScan's flat export).
+fn find_model(root: &Path) -> Option<PathBuf> {
+    let is_flat = || has_file(root, "cameras") && has_file(root, "images");
+    model_folder(root, &MODEL_FOLDERS).or_else(|| is_flat().then(|| root.to_path_buf()))
+}
+
+/// The folder that names of images are relative to: `images/`, or that of a flat export.
+fn image_folder(root: &Path, sparse: &Path) -> PathBuf {
+    let images = root.join(IMAGE_FOLDER);
+    match sparse == root && !images.is_dir() {
+        true => root.to_path_buf(),
+        false => images,
+    }
+}
+
 impl Format for Colmap {
     fn layout(&self) -> Layout {
         Layout::Colmap
     }
 
     fn recognise(&self, folder: &Folder) -> Result<Option<Box<dyn Reader>>, Error> {
-        let sparse = model_folder(folder.root(), &MODEL_FOLDERS);
+        let sparse = find_model(folder.root());
         Ok(sparse.map(|sparse| Box::new(ColmapReader { sparse }) as Box<dyn Reader>))
     }
 
@@ -45,7 +60,7 @@ impl Format for Colmap {
         self.recognise(folder)?.ok_or_else(|| {
             Error::invalid(
                 folder.root(),
-                "a sparse model (sparse/0/cameras.bin or .txt)",
+                "a sparse model (sparse/0/cameras.bin or .txt, or cameras.txt beside the images)",
                 "none",
                 "run COLMAP, or choose the layout with --layout",
             )
@@ -53,7 +68,7 @@ impl Format for Colmap {
     }
 
     fn poses(&self, folder: &Folder) -> Result<Option<Vec<Camera>>, Error> {
-        let Some(model) = model_folder(folder.root(), &MODEL_FOLDERS) else {
+        let Some(model) = find_model(folder.root()) else {
             return Ok(None);
         };
         let images = read_model(&model)?.images;
@@ -71,12 +86,15 @@ impl Reader for ColmapReader {
         model.images.sort_by(|a, b| a.name.cmp(&b.name));
         let n_cameras = model.images.len();
         let held_out = loader.options.held_out(every_eighth(n_cameras))?;
-        let folder = loader.root.join(IMAGE_FOLDER);
+        let folder = image_folder(loader.root, &self.sparse);
         let planned = plan(loader, &folder, &model, &held_out)?;
         let posed = planned.iter().map(|view| view.source.path().to_path_buf());
         unposed::warn_of_more(loader, &model.images_file, &posed.collect(), true);
         check_any(&model.images_file, !planned.is_empty())?;
-        let points = find_points(loader.root, None, Models::Own)?;
+        let points = match find_points(loader.root, None, Models::Own)? {
+            Some(points) => Some(points),
+            None => read_model_points(&self.sparse)?.filter(|points| !points.is_empty()),
+        };
         let views = loader.load_views(planned)?;
         Ok(Capture {
             views,

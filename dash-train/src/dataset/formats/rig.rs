@@ -14,7 +14,7 @@ use crate::dataset::multi_view::folders::{IMAGE_FOLDER, image_folders};
 use crate::dataset::pixels::masks::MASK_FOLDER;
 use crate::dataset::points::{Models, find_named_points};
 use crate::dataset::poses::colmap::{
-    Model, RIG_MODEL_FOLDERS, model_folder, read_model, warn_of_larger,
+    Model, RIG_MODEL_FOLDERS, model_folder, read_model, read_model_points, warn_of_larger,
 };
 use crate::dataset::poses::transforms::{self, Frame, Transforms};
 use crate::files::{self, VIDEO_EXTENSIONS};
@@ -103,6 +103,7 @@ impl Reader for RigReader {
         let file = root.join(TRANSFORMS_FILE);
         let mut point_file = None;
         let mut models = Models::Rig;
+        let mut model_of_poses = None;
         let cameras = match self.poses {
             Poses::Transforms(file, transforms) => {
                 // Tools that write this file may turn or scale COLMAP's world.
@@ -112,13 +113,17 @@ impl Reader for RigReader {
             }
             Poses::Model(sparse, model) => {
                 warn_of_larger(&sparse, &model);
+                model_of_poses = Some(sparse);
                 pose_by_model(self.sources, model)?
             }
         };
         let n_cameras = cameras.len();
         let suggested = (0..n_cameras).map(|index| index == 0).collect();
         let held_out = loader.options.held_out(suggested)?;
-        let points = find_named_points(root, (point_file.as_deref(), &file), models)?;
+        let mut points = find_named_points(root, (point_file.as_deref(), &file), models)?;
+        if let (None, Some(sparse)) = (&points, model_of_poses) {
+            points = read_model_points(&sparse)?.filter(|points| !points.is_empty());
+        }
         let (views, n_frames) = multi_view::load(loader, &cameras, &held_out)?;
         Ok(Capture {
             views,
@@ -188,6 +193,7 @@ fn pose_by_transforms(
     let frames = &transforms.frames;
     let names: Vec<String> = frames.iter().map(|frame| frame.file_path.clone()).collect();
     let assigned = assign(&sources, &names, file)?;
+    transforms.warn_of_keys(file);
     if let Some(told) = unused_masks(transforms) {
         tracing::warn!("{}: {told}", file.display());
     }

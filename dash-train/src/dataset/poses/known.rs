@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 
 use dash_kernels::Camera;
 
-use super::colmap::{MODEL_FOLDERS, model_folder, read_model as read_registered};
+use super::colmap::{MODEL_FOLDERS, has_file, model_folder, read_model as read_registered};
 use super::npy::parse_poses;
 use super::{llff, plain_order, pose, transforms};
 use crate::Error;
@@ -52,7 +52,7 @@ pub(crate) fn read(
 ) -> Result<Vec<KnownCamera>, Error> {
     let is = |extension| files::has_extension(&path.to_string_lossy(), &[extension]);
     let (listed_in, cameras) = if path.is_dir() {
-        let folder = if has_model(path) {
+        let folder = if has_file(path, "images") {
             path.to_path_buf()
         } else {
             model_folder(path, &MODEL_FOLDERS).ok_or_else(|| {
@@ -106,12 +106,6 @@ pub(crate) fn model_cameras(folder: &Path) -> Result<Vec<(String, KnownCamera)>,
         .collect())
 }
 
-fn has_model(folder: &Path) -> bool {
-    ["images.bin", "images.txt"]
-        .iter()
-        .any(|name| folder.join(name).is_file())
-}
-
 fn read_rows(path: &Path, names: &[String]) -> Result<Vec<KnownCamera>, Error> {
     let bytes = fs::read(path).map_err(Error::access(path))?;
     let rows = parse_poses(path, &bytes)?;
@@ -144,6 +138,7 @@ fn read_transforms(
     sizes: &[[usize; 2]],
 ) -> Result<Vec<KnownCamera>, Error> {
     let transforms = transforms::parse(path)?;
+    transforms.warn_of_keys(path);
     let mut poses = Vec::new();
     for frame in &transforms.frames {
         let Some(index) = camera_of(&frame.file_path, names) else {

@@ -1,11 +1,15 @@
 //! The `transforms*.json` files of NeRF, D-NeRF, instant-ngp and nerfstudio.
 
+mod keys;
+
+use std::collections::BTreeMap;
 use std::fs;
 use std::path::Path;
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use dash_kernels::Camera;
 use serde::Deserialize;
+use serde_json::Value;
 
 use super::pose;
 use crate::Error;
@@ -31,6 +35,9 @@ pub(crate) struct Transforms {
     /// The same, which serve where there are none to test.
     #[serde(default)]
     pub(crate) val_filenames: Vec<String>,
+    /// Every further key; see `keys.rs`.
+    #[serde(flatten)]
+    other: BTreeMap<String, Value>,
     /// Whether it was said that intrinsics are scaled.
     #[serde(skip)]
     is_scaling_told: AtomicBool,
@@ -42,15 +49,18 @@ pub(crate) struct Frame {
     pub(crate) file_path: String,
     pub(crate) time: Option<f64>,
     /// The number of the time, in captures without `time`.
-    timestep_index: Option<serde_json::Value>,
+    timestep_index: Option<Value>,
     /// The picture of the pixels that count (nerfstudio): white where they do.
-    mask_path: Option<serde_json::Value>,
+    mask_path: Option<Value>,
     /// The camera's name in files by `dash prepare`; anything but text is ignored.
-    camera_name: Option<serde_json::Value>,
+    camera_name: Option<Value>,
     /// Camera to world, OpenGL axes, rows; 4x4 or 3x4.
     transform_matrix: Vec<Vec<f64>>,
     #[serde(flatten)]
     own: Intrinsics,
+    /// Every further key; see `keys.rs`.
+    #[serde(flatten)]
+    other: BTreeMap<String, Value>,
 }
 
 /// Camera parameters, which stand at the top level, in each frame, or in both (the frame's count).
@@ -60,6 +70,9 @@ struct Intrinsics {
     is_fisheye: Option<bool>,
     camera_angle_x: Option<f64>,
     camera_angle_y: Option<f64>,
+    /// Degrees (instant-ngp).
+    x_fov: Option<f64>,
+    y_fov: Option<f64>,
     fl_x: Option<f64>,
     fl_y: Option<f64>,
     cx: Option<f64>,
@@ -72,6 +85,8 @@ struct Intrinsics {
     k4: Option<f64>,
     p1: Option<f64>,
     p2: Option<f64>,
+    /// k1, k2, k3, k4, p1, p2 in one list (nerfstudio).
+    distortion_params: Option<Vec<f64>>,
 }
 
 impl Frame {
@@ -92,16 +107,21 @@ impl Frame {
 }
 
 /// Reads a file, which may list no frames.
+///
+/// # Errors
+/// When it is damaged, or says something of pixels or poses that can't be followed.
 pub(crate) fn parse_any(path: &Path) -> Result<Transforms, Error> {
     let bytes = fs::read(path).map_err(Error::access(path))?;
-    parse_json(&bytes).map_err(|e| {
+    let transforms: Transforms = parse_json(&bytes).map_err(|e| {
         Error::invalid(
             path,
             "JSON with `frames`, each with `file_path` and `transform_matrix`",
             e.to_string(),
             "mend the file or write it again",
         )
-    })
+    })?;
+    transforms.check_keys(path)?;
+    Ok(transforms)
 }
 
 /// Reads a file with at least one frame.
@@ -164,7 +184,11 @@ impl Transforms {
         let intrinsics = Camera::new(fx, fy, cx, cy, width, height);
         let camera = place(intrinsics, &frame.transform_matrix)
             .map_err(|found| malformed("a camera-to-world matrix, 4x4 or 3x4", found))?;
-        Ok((camera, distortion(own, shared)))
+        let distortion = distortion(own, shared).map_err(|found| {
+            let expected = "`distortion_params` of 6 numbers (k1, k2, k3, k4, p1, p2)";
+            malformed(expected, found)
+        })?;
+        Ok((camera, distortion))
     }
 
     /// A size of pictures that a frame's intrinsics can be of, by their principal point.
@@ -230,18 +254,21 @@ fn pinhole(
     [w, h]: [f64; 2],
 ) -> Result<[f64; 4], (&'static str, String)> {
     let from_angle = |angle: Option<f64>, side: f64| angle.map(|a| 0.5 * side / (0.5 * a).tan());
-    let focal = |i: &Intrinsics| i.fl_x.or(from_angle(i.camera_angle_x, w));
-    let from_height = |i: &Intrinsics| i.fl_y.or(from_angle(i.camera_angle_y, h));
+    let angle_x = |i: &Intrinsics| i.camera_angle_x.or(i.x_fov.map(f64::to_radians));
+    let angle_y = |i: &Intrinsics| i.camera_angle_y.or(i.y_fov.map(f64::to_radians));
+    let focal = |i: &Intrinsics| i.fl_x.or(from_angle(angle_x(i), w));
+    let from_height = |i: &Intrinsics| i.fl_y.or(from_angle(angle_y(i), h));
     let of_height = || from_height(own).or(from_height(shared));
     let Some(fx) = focal(own).or(focal(shared)).or_else(of_height) else {
-        let expected = "a focal length: `fl_x`, `camera_angle_x` or `camera_angle_y`";
+        let expected =
+            "a focal length: `fl_x`, `camera_angle_x`, `camera_angle_y`, `x_fov` or `y_fov`";
         return Err((expected, "none of these".into()));
     };
     let focal_y = |i: &Intrinsics| {
         i.fl_y
             .or(i.fl_x)
-            .or(from_angle(i.camera_angle_y, h))
-            .or(from_angle(i.camera_angle_x, w))
+            .or(from_angle(angle_y(i), h))
+            .or(from_angle(angle_x(i), w))
     };
     let fy = focal_y(own).or(focal_y(shared)).unwrap_or(fx);
     let cx = own.cx.or(shared.cx).unwrap_or(w / 2.0);
@@ -254,19 +281,34 @@ fn pinhole(
     Ok([fx, fy, cx, cy])
 }
 
-fn distortion(own: &Intrinsics, shared: &Intrinsics) -> Distortion {
-    let coefficient = |own: Option<f64>, shared: Option<f64>| own.or(shared).unwrap_or(0.0);
-    Distortion {
-        k: [
-            coefficient(own.k1, shared.k1),
-            coefficient(own.k2, shared.k2),
-            coefficient(own.k3, shared.k3),
-            coefficient(own.k4, shared.k4),
-        ],
-        p: [
-            coefficient(own.p1, shared.p1),
-            coefficient(own.p2, shared.p2),
-        ],
+/// The coefficients of a frame, each the frame's own or else the file's.
+fn distortion(own: &Intrinsics, shared: &Intrinsics) -> Result<Distortion, String> {
+    let (own, shared) = (own.coefficients()?, shared.coefficients()?);
+    let [k1, k2, k3, k4, p1, p2] =
+        std::array::from_fn(|index| own[index].or(shared[index]).unwrap_or(0.0));
+    Ok(Distortion {
+        k: [k1, k2, k3, k4],
+        p: [p1, p2],
+    })
+}
+
+impl Intrinsics {
+    /// k1, k2, k3, k4, p1, p2, from the list or one by one, or what is wrong with them.
+    fn coefficients(&self) -> Result<[Option<f64>; 6], String> {
+        let single = [self.k1, self.k2, self.k3, self.k4, self.p1, self.p2];
+        let list = match self.distortion_params.as_deref() {
+            None => return Ok(single),
+            // No lens of any kind.
+            Some(zeros) if zeros.iter().all(|&value| value == 0.0) => [0.0; 6],
+            Some(list) => list
+                .try_into()
+                .map_err(|_| format!("{} numbers", list.len()))?,
+        };
+        let differs = |(single, listed): (&Option<f64>, &f64)| single.is_some_and(|v| v != *listed);
+        match single.iter().zip(&list).any(differs) {
+            true => Err("others than k1 to p2 beside them".into()),
+            false => Ok(list.map(Some)),
+        }
     }
 }
 

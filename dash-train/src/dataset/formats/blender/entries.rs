@@ -37,6 +37,7 @@ pub(super) fn collect(
     sizes: &mut Sizes,
     entries: &mut Vec<Entry>,
 ) -> Result<(), Error> {
+    transforms.warn_of_keys(listed_in);
     let mut lacking_masks = 0;
     for frame in &transforms.frames {
         let file = files::confined(loader.root, &frame.file_path, listed_in)?;

@@ -7,7 +7,7 @@ pub(crate) mod text;
 mod tracks;
 
 pub(crate) use model::{
-    MODEL_FOLDERS, Model, RIG_MODEL_FOLDERS, model_folder, pinhole, place, read_model,
+    MODEL_FOLDERS, Model, RIG_MODEL_FOLDERS, has_file, model_folder, pinhole, place, read_model,
     read_model_points, warn_of_larger,
 };
 pub(crate) use rows::{ModelCamera, ModelImage};

@@ -1,6 +1,6 @@
 //! COLMAP's sparse models: cameras with poses and points, from binary or text files.
 
-use std::collections::HashMap;
+use std::collections::{HashMap, HashSet};
 use std::fs;
 use std::path::{Path, PathBuf};
 
@@ -14,7 +14,7 @@ use crate::dataset::pixels::MAX_IMAGE_SIDE;
 use crate::dataset::pixels::distortion::Distortion;
 use crate::dataset::poses::pose;
 use crate::files::{self, without_mark};
-use crate::ply::PointCloud;
+use crate::ply::{PointCloud, read_points};
 
 /// Where COLMAP's own layout has its model.
 pub(crate) const MODEL_FOLDERS: [&str; 2] = ["sparse/0", "sparse"];
@@ -45,14 +45,32 @@ pub(crate) struct Model {
     pub(crate) images: Vec<Registered>,
 }
 
-/// The first of the folders that holds a sparse model, in either format, if there is one.
+/// The first of the folders that holds a sparse model, in either format, if there is one. Where COLMAP's first model
+/// (`sparse/0`) was taken away, its next one counts.
 pub(crate) fn model_folder(root: &Path, folders: &[&str]) -> Option<PathBuf> {
-    let has_cameras = |folder: &PathBuf| {
-        ["cameras.bin", "cameras.txt"]
-            .iter()
-            .any(|name| folder.join(name).is_file())
-    };
-    folders.iter().map(|name| root.join(name)).find(has_cameras)
+    let has_cameras = |folder: &PathBuf| has_file(folder, "cameras");
+    let first = folders.iter().map(|name| root.join(name)).find(has_cameras);
+    first.or_else(|| {
+        let parents = folders.iter().filter_map(|name| name.strip_suffix("/0"));
+        let numbered = |parent: &str| {
+            let parent = root.join(parent);
+            let names = files::list(&parent).unwrap_or_default();
+            let numbers = names.into_iter().filter(|name| is_number(name));
+            numbers.map(|name| parent.join(name)).find(has_cameras)
+        };
+        parents.map(numbered).find_map(|found| found)
+    })
+}
+
+/// Whether the folder has one of a model's files, binary or text.
+pub(crate) fn has_file(folder: &Path, name: &str) -> bool {
+    ["bin", "txt"]
+        .iter()
+        .any(|extension| folder.join(format!("{name}.{extension}")).is_file())
+}
+
+fn is_number(name: &str) -> bool {
+    name.parse::<u32>().is_ok()
 }
 
 /// Warns if COLMAP made several models (`sparse/0`, `sparse/1`, ..) and another has more images than this one.
@@ -71,7 +89,6 @@ pub(crate) fn warn_of_larger(folder: &Path, model: &Model) {
 
 /// The largest of the models beside this one of `n` images that has more, and its number of images.
 fn larger_model(folder: &Path, n: usize) -> Option<(PathBuf, usize)> {
-    let is_number = |name: &str| name.parse::<u32>().is_ok();
     let own = folder.file_name()?.to_str()?;
     let all = folder.parent().filter(|_| is_number(own))?;
     let names = files::list(all).ok()?;
@@ -86,13 +103,14 @@ fn larger_model(folder: &Path, n: usize) -> Option<(PathBuf, usize)> {
     counted.max_by_key(|&(_, images)| images)
 }
 
-/// The points of a sparse model, if it has the file.
+/// The points of a sparse model, if it has a file of them: its own, or the PLY that it was exported to.
 pub(crate) fn read_model_points(model: &Path) -> Result<Option<PointCloud>, Error> {
-    if !["points3D.bin", "points3D.txt"]
-        .iter()
-        .any(|name| model.join(name).is_file())
-    {
-        return Ok(None);
+    if !has_file(model, "points3D") {
+        let exported = model.join("points3D.ply");
+        return exported
+            .is_file()
+            .then(|| read_points(&exported))
+            .transpose();
     }
     let (points, dropped) = read_model_file(model, "points3D", binary::points, text::points)?.1;
     if dropped > 0 {
@@ -126,7 +144,7 @@ pub(crate) fn read_model_file<T>(
 /// Reads the cameras and poses of the model in a folder.
 ///
 /// # Errors
-/// Names the file: missing, damaged, without images, or with a lens that is not supported.
+/// Names the file: missing, damaged, without images, or with an image's lens that is not supported.
 pub(crate) fn read_model(model: &Path) -> Result<Model, Error> {
     let (cameras_file, cameras) =
         read_model_file(model, "cameras", binary::cameras, text::cameras)?;
@@ -139,8 +157,9 @@ pub(crate) fn read_model(model: &Path) -> Result<Model, Error> {
             "run COLMAP's mapper until it registers images",
         ));
     }
+    let used: HashSet<u32> = images.iter().map(|image| image.camera_id).collect();
     let mut intrinsics = HashMap::new();
-    for camera in &cameras {
+    for camera in cameras.iter().filter(|camera| used.contains(&camera.id)) {
         intrinsics.insert(camera.id, pinhole(camera, &cameras_file)?);
     }
     let registered = |image: ModelImage| {
@@ -261,5 +280,14 @@ mod tests {
         assert_eq!(larger_model(&model("0"), 1), Some((model("12"), 5)));
         assert_eq!(larger_model(&model("12"), 5), None);
         assert_eq!(larger_model(&model("old"), 1), None);
+        // Without a first model, the next one with cameras is read.
+        let found = || model_folder(root.path(), &["a/0", "/0"]);
+        assert_eq!(found(), None);
+        write("12", "cameras.bin", b"");
+        assert_eq!(found(), Some(model("12")));
+        write("1", "cameras.txt", b"");
+        assert_eq!(found(), Some(model("1")));
+        write("0", "cameras.txt", b"");
+        assert_eq!(found(), Some(model("0")));
     }
 }

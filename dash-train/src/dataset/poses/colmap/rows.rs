@@ -22,7 +22,7 @@ pub(crate) struct ModelImage {
 
 /// Name and number of parameters of COLMAP's camera models, by their ids.
 pub(crate) fn parameter_names(model: u32) -> Option<(&'static str, usize)> {
-    const MODELS: [(&str, usize); 11] = [
+    const MODELS: [(&str, usize); 18] = [
         ("SIMPLE_PINHOLE", 3),
         ("PINHOLE", 4),
         ("SIMPLE_RADIAL", 4),
@@ -34,6 +34,13 @@ pub(crate) fn parameter_names(model: u32) -> Option<(&'static str, usize)> {
         ("SIMPLE_RADIAL_FISHEYE", 4),
         ("RADIAL_FISHEYE", 5),
         ("THIN_PRISM_FISHEYE", 12),
+        ("RAD_TAN_THIN_PRISM_FISHEYE", 16),
+        ("SIMPLE_DIVISION", 4),
+        ("DIVISION", 5),
+        ("SIMPLE_FISHEYE", 3),
+        ("FISHEYE", 4),
+        ("EUCM", 6),
+        ("EQUIRECTANGULAR", 2),
     ];
     MODELS.get(model as usize).copied()
 }

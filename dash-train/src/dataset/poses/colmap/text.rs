@@ -16,7 +16,8 @@ pub(crate) fn cameras(path: &Path, text: &str) -> Result<Vec<ModelCamera>, Error
             model: fields.next("camera model")?,
             width: fields.next("width")?,
             height: fields.next("height")?,
-            parameters: fields.rest("camera parameters")?,
+            // A camera that no image uses may be of any kind.
+            parameters: fields.any("camera parameters")?,
         });
     }
     Ok(cameras)
@@ -146,6 +147,13 @@ impl<'a> Fields<'a> {
 
     pub(crate) fn rest<T: FromStr>(&mut self, what: &str) -> Result<Vec<T>, Error> {
         let mut values = vec![self.next(what)?];
+        values.extend(self.any(what)?);
+        Ok(values)
+    }
+
+    /// As [`Fields::rest`], of which there may be none.
+    fn any<T: FromStr>(&mut self, what: &str) -> Result<Vec<T>, Error> {
+        let mut values = Vec::new();
         while let Some(field) = self.field() {
             values.push(
                 field
