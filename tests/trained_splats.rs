@@ -152,7 +152,7 @@ fn a_trained_scene() {
     let Some(path) = test_data("splat_ply/trained_9080.ply") else {
         return;
     };
-    let (rows, _) = read_splat_ply(&path).expect("a sound file");
+    let rows = read_splat_ply(&path).expect("a sound file").rows;
     assert_eq!((rows.len(), rows.sh_rest_width), (9080, 45));
     // A room in the axes of COLMAP, y downwards, seen from within along z.
     let camera = Camera::new(280.0, 280.0, 160.0, 120.0, 320, 240).look_at(
@@ -169,7 +169,7 @@ fn a_random_scene() {
     let path: PathBuf = folder.path().join("random.ply");
     let written = random(2000);
     write_splat_ply(&path, &written, NEAR_PLANE).expect("writes");
-    let (rows, _) = read_splat_ply(&path).expect("reads");
+    let rows = read_splat_ply(&path).expect("reads").rows;
     assert_eq!(rows, written, "the file holds every bit");
     let camera = Camera::new(150.0, 155.0, 83.0, 58.0, 160, 121).look_at(
         [0.3, -0.2, -4.0],

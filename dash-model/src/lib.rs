@@ -17,7 +17,7 @@
 //! | items | are |
 //! | --- | --- |
 //! | [`Gaussians`], [`GaussianRows`] | a set of 3D Gaussians on a device, and its rows on the host for densify and prune |
-//! | [`read_splat_ply`], [`write_splat_ply`] | the standard 3DGS PLY file |
+//! | [`read_splat_ply`], [`write_splat_ply`] | the standard 3DGS PLY file; SuperSplat's compressed one is read, too |
 //! | [`HashEncoder`], [`mlp`] | building blocks of fields |
 //! | [`SpaceBox`], [`TrajectoryBasis`] | the box that a field covers; coarse trajectories |
 //! | [`MotionField`], [`decomposition`] | the first stage: coarse motion, and which Gaussians are dynamic (DASH Eqs. 3-5) |
@@ -111,7 +111,7 @@ pub use hash_encoder::{HashEncoder, HashEncoderConfig};
 pub use motion::MotionField;
 pub use scene::{DynamicScene, Layer, OffsetPlacement, Rendering, SceneSettings};
 pub use space_box::SpaceBox;
-pub use splat_ply::{read_splat_ply, write_splat_ply};
+pub use splat_ply::{LeftOut, SplatFile, is_splat_ply, read_splat_ply, write_splat_ply};
 pub use time_gaps::{GapExtrapolation, GapInterpolation, Gaps};
 pub use trajectory::TrajectoryBasis;
 

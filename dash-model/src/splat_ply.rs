@@ -1,14 +1,33 @@
-//! The standard 3DGS PLY file: one vertex per Gaussian.
+//! The standard 3DGS PLY file: one vertex per Gaussian. SuperSplat's compressed PLY is read, too.
+
+mod compressed;
+mod table;
+#[cfg(test)]
+mod tests;
+mod values;
 
 use std::fs::File;
 use std::io::{BufReader, BufWriter, Write};
 use std::path::Path;
 
 use dash_kernels::splats::NEAR_PLANE;
-use serde::de::{Deserialize, Deserializer, IgnoredAny, MapAccess, SeqAccess, Visitor};
-use serde_ply::{PlyReader, PropertyType};
+use serde_ply::PlyReader;
+
+use table::Table;
+pub use values::LeftOut;
 
 use crate::{GaussianRows, ModelError};
+
+/// What a file of Gaussians holds.
+#[derive(Debug, Clone, PartialEq)]
+pub struct SplatFile {
+    /// The Gaussians that can be seen.
+    pub rows: GaussianRows,
+    /// The near plane in world units, see [`write_splat_ply`]; 3DGS's 0.2 where the file names none.
+    pub near_plane: f64,
+    /// How many others the file has.
+    pub left_out: LeftOut,
+}
 
 /// Higher SH coefficients per channel of degrees 0 to 3.
 const REST_COUNTS: [usize; 4] = [0, 3, 8, 15];
@@ -31,35 +50,61 @@ fn near_plane_of(comments: &[String]) -> Result<f64, String> {
 }
 
 /// Reads a standard 3DGS PLY: `x y z f_dc_* f_rest_* opacity scale_* rot_*`, ASCII or binary, other
-/// columns ignored. Also returns the near plane in world units, see [`write_splat_ply`]; 3DGS's 0.2 where the
-/// file names none.
+/// columns ignored; or SuperSplat's compressed PLY. Infinite and extreme values that have a limit are brought to where
+/// they are drawn as that limit says.
 ///
 /// # Errors
-/// [`ModelError::Io`] or [`ModelError::Format`]; the latter also for coordinates that are not finite.
-pub fn read_splat_ply(path: &Path) -> Result<(GaussianRows, f64), ModelError> {
-    let file = File::open(path).map_err(|e| ModelError::io(path, "open", e))?;
-    let mut reader = PlyReader::from_reader(BufReader::new(file))
-        .map_err(|e| ModelError::format(path, "a PLY header", e.to_string()))?;
+/// [`ModelError::Io`] or [`ModelError::Format`]; the latter, with row and property, also for values that have no limit:
+/// NaN, and infinite positions, rotations and colours.
+pub fn read_splat_ply(path: &Path) -> Result<SplatFile, ModelError> {
+    let mut reader = open(path)?;
     let near_plane = near_plane_of(&reader.header().comments).map_err(|found| {
         ModelError::format(path, "a positive near plane in the comments", found)
     })?;
+    let first = reader
+        .current_element()
+        .map(|element| element.name.as_str());
+    let rows = match first {
+        Some(compressed::CHUNK) => compressed::read(&mut reader, path)?,
+        _ => read_standard(&mut reader, path)?,
+    };
+    let (rows, left_out) = values::settled(rows, path)?;
+    Ok(SplatFile {
+        rows,
+        near_plane,
+        left_out,
+    })
+}
+
+/// Whether a PLY file is one of Gaussians, whole or damaged, and not one of points: by the names in its header. `false`
+/// where there is no readable header.
+pub fn is_splat_ply(path: &Path) -> bool {
+    let Ok(reader) = open(path) else {
+        return false;
+    };
+    let elements = reader.header().elem_defs.iter();
+    let names: Vec<&str> = elements.flat_map(table::names).collect();
+    let has = |prefix: &str| names.iter().any(|name| name.starts_with(prefix));
+    let kinds = ["f_dc_", "opacity", "scale_", "rot_"];
+    kinds.into_iter().filter(|kind| has(kind)).count() >= 2 || has("packed_")
+}
+
+fn open(path: &Path) -> Result<PlyReader<BufReader<File>>, ModelError> {
+    let file = File::open(path).map_err(|e| ModelError::io(path, "open", e))?;
+    PlyReader::from_reader(BufReader::new(file))
+        .map_err(|e| ModelError::format(path, "a PLY header", e.to_string()))
+}
+
+fn read_standard(
+    reader: &mut PlyReader<BufReader<File>>,
+    path: &Path,
+) -> Result<GaussianRows, ModelError> {
     let vertex = reader
         .current_element()
         .filter(|element| element.name == "vertex")
         .cloned()
         .ok_or_else(|| ModelError::format(path, "`vertex` as the first element", "another"))?;
-    let names: Vec<&str> = vertex.properties.iter().map(|p| p.name.as_str()).collect();
-    if vertex
-        .properties
-        .iter()
-        .any(|p| matches!(p.property_type, PropertyType::List { .. }))
-    {
-        return Err(ModelError::format(
-            path,
-            "scalar vertex properties",
-            "a list property",
-        ));
-    }
+    let names = table::names(&vertex);
     let columns = Columns::find(&names).map_err(|missing| {
         ModelError::format(
             path,
@@ -67,18 +112,8 @@ pub fn read_splat_ply(path: &Path) -> Result<(GaussianRows, f64), ModelError> {
             names.join(" "),
         )
     })?;
-    let table: Table = reader.next_element().map_err(|e| {
-        ModelError::format(path, format!("{} vertices", vertex.count), e.to_string())
-    })?;
-    if table.rows != vertex.count {
-        return Err(ModelError::format(
-            path,
-            format!("{} vertices", vertex.count),
-            format!("{} before the end", table.rows),
-        ));
-    }
-    let rows = columns.gather(&table.values, names.len(), path)?;
-    Ok((rows, near_plane))
+    let table = table::read(reader, &vertex, path)?;
+    Ok(columns.gather(&table, names.len()))
 }
 
 /// Writes a standard binary 3DGS PLY through a sibling scratch file.
@@ -93,7 +128,8 @@ pub fn read_splat_ply(path: &Path) -> Result<(GaussianRows, f64), ModelError> {
 /// let rows = GaussianRows::from_points(&[[0.0; 3], [0.5; 3]], &[[0.8; 3]; 2], 3, 0.1);
 /// let path = std::env::temp_dir().join(format!("dash-{}.ply", std::process::id()));
 /// write_splat_ply(&path, &rows, 0.05)?;
-/// assert_eq!(read_splat_ply(&path)?, (rows, 0.05));
+/// let read = read_splat_ply(&path)?;
+/// assert_eq!((read.rows, read.near_plane), (rows, 0.05));
 /// # std::fs::remove_file(path).expect("written above");
 /// # Ok::<(), dash_model::ModelError>(())
 /// ```
@@ -182,91 +218,27 @@ impl Columns {
         })
     }
 
-    fn gather(
-        &self,
-        values: &[f32],
-        width: usize,
-        path: &Path,
-    ) -> Result<GaussianRows, ModelError> {
+    fn gather(&self, table: &Table<f32>, width: usize) -> GaussianRows {
         let per_channel = self.rest.len() / 3;
         let mut rows = GaussianRows {
             sh_rest_width: self.rest.len(),
             ..Default::default()
         };
-        for (index, row) in values.chunks_exact(width).enumerate() {
-            let mean = self.means.map(|c| row[c]);
-            if mean.iter().any(|v| !v.is_finite()) {
-                return Err(ModelError::format(
-                    path,
-                    "finite positions",
-                    format!("{mean:?} at vertex {index}"),
-                ));
-            }
-            rows.means.push(mean);
+        for row in table.values.chunks_exact(width) {
+            rows.means.push(self.means.map(|c| row[c]));
             rows.sh_dc.push(self.dc.map(|c| row[c]));
-            for k in 0..per_channel {
-                rows.sh_rest
-                    .extend((0..3).map(|channel| row[self.rest[channel * per_channel + k]]));
-            }
+            rest_from_file(&mut rows.sh_rest, per_channel, |k| row[self.rest[k]]);
             rows.opacity_logits.push(row[self.opacity]);
             rows.log_scales.push(self.scales.map(|c| row[c]));
             rows.quats.push(self.quats.map(|c| row[c]));
         }
-        Ok(rows)
+        rows
     }
 }
 
-/// All rows of an element, flattened. It grows with the rows read: the header's count is not trusted.
-#[derive(Default)]
-struct Table {
-    values: Vec<f32>,
-    rows: usize,
-}
-
-impl<'de> Deserialize<'de> for Table {
-    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
-        struct Rows;
-        impl<'de> Visitor<'de> for Rows {
-            type Value = Table;
-
-            fn expecting(&self, f: &mut std::fmt::Formatter) -> std::fmt::Result {
-                f.write_str("rows of numbers")
-            }
-
-            fn visit_seq<A: SeqAccess<'de>>(self, mut seq: A) -> Result<Table, A::Error> {
-                let mut table = Table::default();
-                while let Some(Row(values)) = seq.next_element()? {
-                    table.values.extend(values);
-                    table.rows += 1;
-                }
-                Ok(table)
-            }
-        }
-        deserializer.deserialize_seq(Rows)
-    }
-}
-
-/// One row's numbers in the order of its properties.
-struct Row(Vec<f32>);
-
-impl<'de> Deserialize<'de> for Row {
-    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
-        struct Numbers;
-        impl<'de> Visitor<'de> for Numbers {
-            type Value = Row;
-
-            fn expecting(&self, f: &mut std::fmt::Formatter) -> std::fmt::Result {
-                f.write_str("named numbers")
-            }
-
-            fn visit_map<A: MapAccess<'de>>(self, mut map: A) -> Result<Row, A::Error> {
-                let mut values = Vec::new();
-                while let Some((_, value)) = map.next_entry::<IgnoredAny, f32>()? {
-                    values.push(value);
-                }
-                Ok(Row(values))
-            }
-        }
-        deserializer.deserialize_map(Numbers)
+/// Appends a row's coefficients: files have one channel after the other, rows have the channels next to each other.
+fn rest_from_file(rest: &mut Vec<f32>, per_channel: usize, at: impl Fn(usize) -> f32) {
+    for k in 0..per_channel {
+        rest.extend((0..3).map(|channel| at(channel * per_channel + k)));
     }
 }

@@ -4,7 +4,7 @@ use burn::module::{Module, ModuleMapper, Param};
 use burn::tensor::{Device, Tensor};
 use dash_kernels::splats::NEAR_PLANE;
 use dash_model::{
-    DeformationField, DynamicScene, Gaussians, Layer, OffsetPlacement, read_splat_ply,
+    DeformationField, DynamicScene, Gaussians, Layer, OffsetPlacement, SplatFile, read_splat_ply,
     write_splat_ply,
 };
 use rand::SeedableRng;
@@ -24,7 +24,12 @@ fn an_instant_survives_the_ply_and_renders_alike() {
             let scene = scene(6, Some(5), offsets, &device);
             let written = scene.at(0.7).expect("deforms");
             write_splat_ply(&path, &written, scene.settings.near_plane).expect("writes");
-            let (read, near_plane) = read_splat_ply(&path).expect("reads");
+            let SplatFile {
+                rows: read,
+                near_plane,
+                left_out,
+            } = read_splat_ply(&path).expect("reads");
+            assert_eq!(left_out.count(), 0);
             assert_eq!(read, written);
             assert_eq!(near_plane, scene.settings.near_plane);
             let instant = DynamicScene {
@@ -96,11 +101,11 @@ fn a_comment_of_a_ply_holds_the_near_plane() {
     let path = folder.path().join("near.ply");
     let near_plane = 0.1 + 0.2;
     write_splat_ply(&path, &rows(3, 5, 3), near_plane).expect("writes");
-    assert_eq!(read_splat_ply(&path).expect("reads").1, near_plane);
+    assert_eq!(read_splat_ply(&path).expect("reads").near_plane, near_plane);
     write_splat_ply(&path, &rows(3, 5, 3), NEAR_PLANE).expect("writes");
     let bytes = std::fs::read(&path).expect("reads");
     assert!(!String::from_utf8_lossy(&bytes).contains("comment"));
-    assert_eq!(read_splat_ply(&path).expect("reads").1, NEAR_PLANE);
+    assert_eq!(read_splat_ply(&path).expect("reads").near_plane, NEAR_PLANE);
     let header = b"ply\nformat binary_little_endian 1.0\n";
     let damaged = [
         header,

@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use burn::tensor::Device;
 use clap::Args;
 use dash_kernels::splats::NEAR_PLANE;
-use dash_model::{GaussianRows, read_splat_ply};
+use dash_model::{SplatFile, is_splat_ply, read_splat_ply};
 use dash_train::dataset::{Dataset, FrameRange, Layout, LoadOptions, Partition, load};
 use dash_train::evaluate::storage_bytes;
 use dash_train::ply::{PointCloud, read_points};
@@ -228,7 +228,8 @@ fn ply(path: &Path) -> Result<Table, Failure> {
     let mut table = Table::default();
     table.row("file", path.display());
     match read_splat_ply(path) {
-        Ok((rows, near_plane)) => splats(&mut table, &rows, near_plane),
+        Ok(file) => splats(&mut table, &file),
+        Err(damaged) if is_splat_ply(path) => return Err(damaged.into()),
         // A file without the columns of Gaussians may hold plain points.
         Err(not_splats) => match read_points(path) {
             Ok(points) => cloud(&mut table, &points),
@@ -238,11 +239,16 @@ fn ply(path: &Path) -> Result<Table, Failure> {
     Ok(table)
 }
 
-fn splats(table: &mut Table, rows: &GaussianRows, near_plane: f64) {
-    let degree = ((rows.sh_rest_width / 3 + 1) as f64).sqrt() as usize - 1;
-    table.row("Gaussians", rows.len()).row("SH degree", degree);
-    if near_plane != NEAR_PLANE {
-        table.row("near plane", near_plane);
+fn splats(table: &mut Table, file: &SplatFile) {
+    let rows = &file.rows;
+    table
+        .row("Gaussians", rows.len())
+        .row("SH degree", rows.sh_degree());
+    if file.left_out.count() > 0 {
+        table.row("left out", file.left_out);
+    }
+    if file.near_plane != NEAR_PLANE {
+        table.row("near plane", file.near_plane);
     }
     add_box(table, &rows.means);
 }

@@ -5,7 +5,8 @@ use std::path::{Path, PathBuf};
 
 use clap::Args;
 use dash_model::{
-    DynamicScene, Gaps, Gaussians, OffsetPlacement, SceneSettings, TrajectoryBasis, read_splat_ply,
+    DynamicScene, Gaps, Gaussians, OffsetPlacement, SceneSettings, SplatFile, TrajectoryBasis,
+    read_splat_ply,
 };
 use dash_train::cameras::{CameraFile, DatasetTerms};
 use dash_train::dataset::Dataset;
@@ -157,7 +158,14 @@ fn refuse_other_videos(out: &Path) -> Result<(), Failure> {
 
 /// The Gaussians of a PLY file as a scene in which nothing moves.
 fn ply_scene(path: &Path, device: &burn::tensor::Device) -> Result<DynamicScene, Failure> {
-    let (rows, near_plane) = read_splat_ply(path)?;
+    let SplatFile {
+        rows,
+        near_plane,
+        left_out,
+    } = read_splat_ply(path)?;
+    if left_out.count() > 0 {
+        tracing::warn!("{}: left out Gaussians: {left_out}", path.display());
+    }
     let static_set = Gaussians::from_rows(&rows, device);
     let settings = SceneSettings {
         background: [0.0; 3],
