@@ -9,8 +9,8 @@ use dash_model::{DynamicScene, read_splat_ply};
 
 pub use crate::dataset::fuzzing::{
     colmap_cameras_binary, colmap_cameras_text, colmap_images_binary, colmap_images_text,
-    colmap_points_binary, colmap_points_text, image, image_header, nerfies_camera, npy, points_npy,
-    points_ply, technicolor, transforms,
+    colmap_points_binary, colmap_points_text, frame_names, image, image_header, nerfies_camera,
+    npy, points_npy, points_ply, technicolor, transforms,
 };
 
 /// A parser that takes bytes and says whether it accepted them.
@@ -23,12 +23,13 @@ pub struct Parser {
 }
 
 /// Every parser.
-pub const PARSERS: [Parser; 19] = [
+pub const PARSERS: [Parser; 20] = [
     parser("npy", npy),
     parser("points_npy", points_npy),
     parser("technicolor", technicolor),
     parser("nerfies_camera", nerfies_camera),
     parser("transforms", transforms),
+    parser("frame_names", frame_names),
     parser("colmap_cameras_binary", colmap_cameras_binary),
     parser("colmap_images_binary", colmap_images_binary),
     parser("colmap_points_binary", colmap_points_binary),

@@ -48,28 +48,44 @@ impl PointCloud {
 /// Reads a point cloud: `x, y, z` and, where present, `red, green, blue` of the element `vertex`;
 /// ASCII or binary, further columns and elements are skipped. Integer colours are scaled from
 /// their type's range, real ones from [0, 1] (from [0, 255] when any exceeds 1).
-/// Points that are not finite are left out with a warning.
+/// Points that are not finite are left out with a warning; one tells of points without colours, too.
 ///
 /// # Errors
 /// Names the file: unreadable, not a PLY file, truncated, or without positions.
 pub fn read_points(path: &Path) -> Result<PointCloud, Error> {
-    let (points, dropped) = read_points_counting(path)?;
-    if dropped > 0 {
+    let bytes = fs::read(path).map_err(Error::access(path))?;
+    let parsed = parse(path, bytes)?;
+    if parsed.n_dropped > 0 {
         tracing::warn!(
-            "{}: left out {dropped} points that are not finite",
-            path.display()
+            "{}: left out {} points that are not finite",
+            path.display(),
+            parsed.n_dropped
         );
     }
-    Ok(points)
+    if let Some(told) = parsed.lacks_colors {
+        tracing::warn!("{}: {told}", path.display());
+    }
+    Ok(parsed.points)
 }
 
-/// [`read_points`] without the warning: the points and how many were not finite.
+/// What a file holds.
+#[derive(Debug)]
+pub(crate) struct Parsed {
+    pub(crate) points: PointCloud,
+    /// Points that are not finite and were left out.
+    pub(crate) n_dropped: usize,
+    /// Why all points are gray, where they are.
+    lacks_colors: Option<String>,
+}
+
+/// [`read_points`] without the warnings: the points and how many were not finite.
 ///
 /// # Errors
 /// As [`read_points`].
 pub fn read_points_counting(path: &Path) -> Result<(PointCloud, usize), Error> {
     let bytes = fs::read(path).map_err(Error::access(path))?;
-    parse(path, bytes)
+    let parsed = parse(path, bytes)?;
+    Ok((parsed.points, parsed.n_dropped))
 }
 
 /// Writes a binary little-endian PLY with the columns that 3DGS tools expect of initial points
@@ -148,8 +164,8 @@ struct Vertex {
 #[derive(Deserialize)]
 struct Skipped {}
 
-/// [`read_points_counting`] from a file's content.
-pub(crate) fn parse(path: &Path, mut bytes: Vec<u8>) -> Result<(PointCloud, usize), Error> {
+/// [`read_points`] from a file's content.
+pub(crate) fn parse(path: &Path, mut bytes: Vec<u8>) -> Result<Parsed, Error> {
     let malformed = |found: String| {
         Error::invalid(
             path,
@@ -220,7 +236,7 @@ fn rows_fit(element: &ElementDef, format: PlyFormat, n_bytes: usize) -> bool {
     element.count == 0 || (row_bytes > 0 && element.count <= n_bytes / row_bytes)
 }
 
-fn collect(element: &ElementDef, rows: Vec<Vertex>) -> (PointCloud, usize) {
+fn collect(element: &ElementDef, rows: Vec<Vertex>) -> Parsed {
     let color_type = match element.get_property("red").map(|p| &p.property_type) {
         Some(PropertyType::Scalar(scalar))
             if element.has_property("green") && element.has_property("blue") =>
@@ -241,7 +257,7 @@ fn collect(element: &ElementDef, rows: Vec<Vertex>) -> (PointCloud, usize) {
         _ => 1.0,
     };
     let mut points = PointCloud::default();
-    let mut dropped = 0;
+    let mut n_dropped = 0;
     for row in rows {
         let color = match color_type {
             Some(_) => [row.red, row.green, row.blue]
@@ -249,17 +265,36 @@ fn collect(element: &ElementDef, rows: Vec<Vertex>) -> (PointCloud, usize) {
             None => [NEUTRAL_GRAY; 3],
         };
         if !points.push_finite([row.x, row.y, row.z], color) {
-            dropped += 1;
+            n_dropped += 1;
         }
     }
-    (points, dropped)
+    Parsed {
+        points,
+        n_dropped,
+        lacks_colors: color_type.is_none().then(|| lacks_colors(element)),
+    }
+}
+
+/// Says that points have no colours of the names that are read, and what else they have.
+fn lacks_colors(element: &ElementDef) -> String {
+    const READ: [&str; 6] = ["x", "y", "z", "nx", "ny", "nz"];
+    let names = element.properties.iter().map(|p| p.name.as_str());
+    let others: Vec<&str> = names.filter(|name| !READ.contains(name)).collect();
+    let found = match others.is_empty() {
+        true => "nothing but positions".into(),
+        false => others.join(", "),
+    };
+    format!(
+        "expected the colours of points as numbers red, green and blue, found {found}: all points are gray; rename or \
+         convert the columns"
+    )
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
 
-    fn read_text(text: &str) -> Result<(PointCloud, usize), Error> {
+    fn read_text(text: &str) -> Result<Parsed, Error> {
         parse(Path::new("cloud.ply"), text.as_bytes().to_vec())
     }
 
@@ -286,7 +321,7 @@ mod tests {
 
     #[test]
     fn ascii_with_doubles_extra_columns_earlier_elements_and_real_colors() {
-        let (points, dropped) = read_text(
+        let Parsed { points, n_dropped, lacks_colors } = read_text(
             "ply\nformat ascii 1.0\ncomment made by hand\nelement camera 1\nproperty list uchar int a\n\
              element vertex 4\nproperty double z\nproperty float extra\nproperty double y\n\
              property double x\nproperty float red\nproperty float green\nproperty float blue\n\
@@ -296,17 +331,39 @@ mod tests {
         .expect("valid");
         assert_eq!(points.positions, [[1.0, 2.0, 3.0], [4.0, 5.0, 6.0]]);
         assert_eq!(points.colors, [[255, 128, 0], [0, 0, 255]]);
-        assert_eq!(dropped, 2, "NaN and what overflows f32");
+        assert_eq!(n_dropped, 2, "NaN and what overflows f32");
+        assert_eq!(lacks_colors, None);
     }
 
     #[test]
-    fn points_without_colors_are_gray() {
-        let (points, _) = read_text(
-            "ply\nformat ascii 1.0\nelement vertex 1\nproperty float x\nproperty float y\n\
-             property float z\nend_header\n1 2 3",
-        )
-        .expect("valid");
-        assert_eq!(points.colors, [[NEUTRAL_GRAY; 3]]);
+    fn points_without_colors_of_the_usual_names_are_gray_and_told() {
+        for (colors, found) in [
+            ("", "nothing but positions"),
+            ("nx ny nz", "nothing but positions"),
+            (
+                "diffuse_red diffuse_green diffuse_blue",
+                "diffuse_red, diffuse_green, diffuse_blue",
+            ),
+            ("r g b", "r, g, b"),
+            ("Red Green Blue", "Red, Green, Blue"),
+            ("f_dc_0 f_dc_1 f_dc_2", "f_dc_0, f_dc_1, f_dc_2"),
+            ("red green", "red, green"),
+            ("scalar_R scalar_G scalar_B", "scalar_R"),
+        ] {
+            let names: Vec<&str> = "x y z"
+                .split(' ')
+                .chain(colors.split_ascii_whitespace())
+                .collect();
+            let properties = names.iter().map(|name| format!("property float {name}\n"));
+            let properties: String = properties.collect();
+            let numbers: Vec<String> = (0..names.len()).map(|n| n.to_string()).collect();
+            let header =
+                format!("ply\nformat ascii 1.0\nelement vertex 1\n{properties}end_header\n");
+            let parsed = read_text(&(header + &numbers.join(" "))).expect("valid");
+            assert_eq!(parsed.points.colors, [[NEUTRAL_GRAY; 3]], "{colors}");
+            let told = parsed.lacks_colors.expect(colors);
+            assert!(told.contains(&format!("found {found}")), "{told}");
+        }
     }
 
     #[test]
@@ -319,7 +376,7 @@ mod tests {
             bytes.extend(v.to_be_bytes());
         }
         bytes.extend([9, 8, 7]);
-        let (points, _) = parse(Path::new("cloud.ply"), bytes).expect("valid");
+        let points = parse(Path::new("cloud.ply"), bytes).expect("valid").points;
         assert_eq!(
             (points.positions[0], points.colors[0]),
             ([1.0, 2.0, 3.0], [9, 8, 7])

@@ -49,6 +49,7 @@ pub fn transforms(scratch: &Path, bytes: &[u8]) -> bool {
         let Ok(transforms) = transforms_files::parse(path) else {
             return false;
         };
+        transforms.warn_of_keys(path);
         transforms.frames.iter().all(|frame| {
             transforms
                 .camera(path, frame, || Ok((64, 48)))
@@ -57,6 +58,14 @@ pub fn transforms(scratch: &Path, bytes: &[u8]) -> bool {
                 .is_ok()
         })
     })
+}
+
+/// Names of frames, a line each: whether their order is that of plain numbers.
+pub fn frame_names(_: &Path, bytes: &[u8]) -> bool {
+    let text = String::from_utf8_lossy(bytes);
+    let mut names: Vec<&str> = text.lines().collect();
+    names.sort_by(|a, b| files::natural_cmp(a, b));
+    files::order(&names) == files::Order::Plain
 }
 
 fn confined(name: &str, listed_in: &Path) -> Result<(), Error> {

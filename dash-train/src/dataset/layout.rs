@@ -24,6 +24,8 @@ pub enum Layout {
     Nerfies,
     /// A rig: `videos/` or `images/CAMERA/`, and poses by the cameras' names.
     Rig,
+    /// 4DGaussians, multi-view: `camNN/frame_*.jpg` and a COLMAP model in `sparse_/`.
+    Multipleview,
     /// A format outside this crate; see [`Format`](super::Format).
     #[value(skip)]
     Custom,
@@ -38,6 +40,7 @@ impl fmt::Display for Layout {
             Self::Technicolor => "technicolor",
             Self::Nerfies => "nerfies",
             Self::Rig => "rig",
+            Self::Multipleview => "multipleview",
             Self::Custom => "custom",
         })
     }
@@ -49,7 +52,7 @@ impl FromStr for Layout {
     fn from_str(name: &str) -> Result<Self, Error> {
         <Self as ValueEnum>::from_str(name, true).map_err(|_| Error::LoadOption {
             option: "--layout",
-            expected: "n3dv, blender, colmap, technicolor, nerfies or rig".into(),
+            expected: "n3dv, blender, colmap, technicolor, nerfies, rig or multipleview".into(),
             found: format!("`{name}`"),
         })
     }

@@ -65,8 +65,7 @@ pub(crate) fn find_points(
         folders.extend(first_frames_model(root)?);
     }
     for folder in folders {
-        let points = read_model_points(&folder)?;
-        if let Some(points) = points.filter(|points| !points.is_empty()) {
+        if let Some(points) = read_model_points(&folder)? {
             return Ok(Some(points));
         }
     }

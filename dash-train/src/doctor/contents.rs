@@ -8,7 +8,7 @@ use crate::dataset::{Dataset, Layout, Partition, View};
 use crate::files::frame_numbers;
 
 /// Files by which layouts are known.
-const MARKS: [(Layout, &str); 13] = [
+const MARKS: [(Layout, &str); 16] = [
     (Layout::N3dv, "poses_bounds.npy"),
     (Layout::Blender, "transforms_train.json"),
     (Layout::Blender, "transforms.json"),
@@ -16,6 +16,9 @@ const MARKS: [(Layout, &str); 13] = [
     (Layout::Colmap, "sparse/0/cameras.txt"),
     (Layout::Colmap, "sparse/cameras.bin"),
     (Layout::Colmap, "sparse/cameras.txt"),
+    (Layout::Colmap, "cameras.bin"),
+    (Layout::Colmap, "cameras.txt"),
+    (Layout::Multipleview, "sparse_"),
     (Layout::Technicolor, "cameras_parameters.txt"),
     (Layout::Technicolor, "colmap/dense/workspace/sparse"),
     (Layout::Nerfies, "dataset.json"),

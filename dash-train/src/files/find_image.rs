@@ -2,6 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
+use super::in_either_form;
 use super::names::{IMAGE_EXTENSIONS, UNREAD_EXTENSIONS, has_extension};
 use crate::Error;
 
@@ -14,8 +15,11 @@ pub(crate) fn find_image(file: PathBuf, listed_in: &Path) -> Result<PathBuf, Err
     if is_file(&file) {
         return Ok(file);
     }
-    let mut candidates = with_extensions(&file, &IMAGE_EXTENSIONS).into_iter();
-    if let Some(found) = candidates.find(is_file) {
+    let found = |extensions| {
+        let candidates = with_extensions(&file, extensions).into_iter();
+        candidates.map(in_either_name).find(is_file)
+    };
+    if let Some(found) = found(&IMAGE_EXTENSIONS) {
         return Ok(found);
     }
     let how = match has_image_extension(&file) {
@@ -26,10 +30,7 @@ pub(crate) fn find_image(file: PathBuf, listed_in: &Path) -> Result<PathBuf, Err
         "the image {} (or with .png, .jpg or .jpeg {how}, in either case)",
         file.display()
     );
-    let unread = with_extensions(&file, &UNREAD_EXTENSIONS)
-        .into_iter()
-        .find(is_file);
-    Err(match unread {
+    Err(match found(&UNREAD_EXTENSIONS) {
         Some(unread) => Error::invalid(
             listed_in,
             expected,
@@ -43,6 +44,14 @@ pub(crate) fn find_image(file: PathBuf, listed_in: &Path) -> Result<PathBuf, Err
             "put the image there, remove its entry, or leave it out with --skip-broken",
         ),
     })
+}
+
+/// The file in the form of its name that is there.
+fn in_either_name(file: PathBuf) -> PathBuf {
+    match (file.parent(), file.file_name()) {
+        (Some(folder), Some(name)) => in_either_form(folder, Path::new(name)),
+        _ => file,
+    }
 }
 
 fn has_image_extension(file: &Path) -> bool {

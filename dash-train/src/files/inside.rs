@@ -2,6 +2,7 @@
 
 use std::path::{Component, Path, PathBuf};
 
+use super::unicode::in_either_form;
 use crate::Error;
 
 /// `name` in tidy form (no `.`, no `..`), or `None` when it is absolute, empty or would leave its folder.
@@ -38,7 +39,7 @@ pub(crate) fn confined(root: &Path, name: &str, listed_in: &Path) -> Result<Path
             "copy the file into the folder and write its path relative to it",
         )
     })?;
-    Ok(root.join(inside))
+    Ok(in_either_form(root, &inside))
 }
 
 /// The path relative to `root` of a path that is absolute or has `..`; `None` if it lies outside, also by a link.

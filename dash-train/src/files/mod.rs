@@ -2,7 +2,8 @@
 //!
 //! | file | what |
 //! | --- | --- |
-//! | `names.rs`, `folder.rs` | order, numbers and extensions of names; listings |
+//! | `names.rs`, `order.rs`, `folder.rs` | order, numbers and extensions of names; whether the order is sure; listings |
+//! | `unicode.rs` | letters in one piece or in two |
 //! | `inside.rs`, `find_image.rs` | from a path that a file lists to the file that is meant |
 //! | `first_bytes.rs` | byte order marks, Git LFS pointers |
 
@@ -11,9 +12,13 @@ mod first_bytes;
 mod folder;
 mod inside;
 mod names;
+mod order;
+mod unicode;
 
 pub(crate) use find_image::find_image;
 pub(crate) use first_bytes::{parse_json, refuse_pointer, refuse_pointer_file, without_mark};
 pub(crate) use folder::{is_occupied, list, list_images, require_folder, unread_images};
 pub(crate) use inside::confined;
 pub(crate) use names::{VIDEO_EXTENSIONS, frame_numbers, has_extension, natural_cmp, stem};
+pub(crate) use order::{Order, order};
+pub(crate) use unicode::{in_either_form, one_form};

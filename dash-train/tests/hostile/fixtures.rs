@@ -17,6 +17,8 @@ use image::{DynamicImage, ImageFormat};
 use rand::SeedableRng;
 use rand_pcg::Pcg64;
 
+use crate::compressed;
+
 /// Valid files for the parser of this name.
 pub fn fixtures(parser: &str) -> Vec<Vec<u8>> {
     match parser {
@@ -25,6 +27,7 @@ pub fn fixtures(parser: &str) -> Vec<Vec<u8>> {
         "technicolor" => vec![TECHNICOLOR.into()],
         "nerfies_camera" => vec![NERFIES.into()],
         "transforms" => vec![NERFSTUDIO.into(), BLENDER.into()],
+        "frame_names" => FRAME_NAMES.map(|names| names.into()).to_vec(),
         "colmap_cameras_binary" => vec![model_cameras()],
         "colmap_images_binary" => vec![model_images(&["a.png", "left/b.jpg"])],
         "colmap_points_binary" => vec![model_points()],
@@ -47,14 +50,20 @@ pub fn fixtures(parser: &str) -> Vec<Vec<u8>> {
 }
 
 const NERFSTUDIO: &str = r#"{"camera_model": "OPENCV", "fl_x": 60.5, "fl_y": 61, "cx": 32, "cy": 24,
- "w": 64, "h": 48, "k1": 0.01, "k2": -0.002, "p1": 0.0003, "p2": 0, "ply_file_path": "points.ply",
+ "w": 64, "h": 48, "distortion_params": [0.01, -0.002, 0, 0, 0.0003, 0],
+ "applied_transform": [[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0]], "rolling_shutter": [0, 0, 0], "ply_file_path": "points.ply",
  "frames": [{"file_path": "images/a.png", "time": 0.25, "unknown": [1, {"x": null}],
  "transform_matrix": [[1, 0, 0, 0.5], [0, 1, 0, 0], [0, 0, 1, 2], [0, 0, 0, 1]]},
- {"file_path": "b", "fl_x": 50, "transform_matrix": [[0, 0, 1, 0], [0, 1, 0, 0], [-1, 0, 0, 2]]}]}"#;
+ {"file_path": "b", "fl_x": 50, "k1": 0.01, "x_fov": 40, "transform_matrix": [[0, 0, 1, 0], [0, 1, 0, 0], [-1, 0, 0, 2]]}]}"#;
 
 const BLENDER: &str = r#"{"camera_angle_x": 0.69, "frames": [{"file_path": "./train/r_000",
  "rotation": 0.03, "time": 0.0, "transform_matrix": [[-0.9999, 0.0042, -0.0133, -0.0538],
  [-0.0140, -0.2997, 0.9539, 3.8455], [-4.6566e-10, 0.9540, 0.2997, 1.2081], [0, 0, 0, 1]]}]}"#;
+
+const FRAME_NAMES: [&str; 2] = [
+    "frame_0009.a\nframe_0010.a\nframe_0011.a\n",
+    "é-2024-01-31_1\né-2024-01-31_2\n",
+];
 
 const TECHNICOLOR: &str = "f cu cv ar sk qw qx qy qz tx ty tz\n\
 60.5 32.1 23.8 1.0 0 1 0 0 0 0.1 -0.2 3\n61 31.5 24.5 0.999 0 0.9 0.1 -0.2 0.3 1 2 0.5\n";
@@ -207,7 +216,7 @@ fn splat_ply() -> Vec<Vec<u8>> {
         "ply\nformat ascii 1.0\nelement vertex 2\n{properties}end_header\n\
          1 2 3 0.5 0.5 0.5 -1 -3 -3 -3 1 0 0 0\n4 5 6 1 1 1 2.5 -3 -3 -3 0.5 0.5 0.5 0.5\n"
     );
-    vec![binary, ascii.into()]
+    vec![binary, ascii.into(), compressed::two_gaussians()]
 }
 
 fn cameras_json() -> Vec<u8> {

@@ -6,6 +6,7 @@
 //! as the corpus of the fuzz targets.
 
 mod allocation;
+mod compressed;
 mod fixtures;
 mod mutate;
 

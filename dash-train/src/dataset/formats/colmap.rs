@@ -93,7 +93,7 @@ impl Reader for ColmapReader {
         check_any(&model.images_file, !planned.is_empty())?;
         let points = match find_points(loader.root, None, Models::Own)? {
             Some(points) => Some(points),
-            None => read_model_points(&self.sparse)?.filter(|points| !points.is_empty()),
+            None => read_model_points(&self.sparse)?,
         };
         let views = loader.load_views(planned)?;
         Ok(Capture {

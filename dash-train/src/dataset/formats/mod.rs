@@ -3,34 +3,38 @@
 //! | format | what it looks like |
 //! | --- | --- |
 //! | `n3dv.rs` | Neural 3D Video and LLFF: `poses_bounds.npy`, and `camNN/`, `cam*.mp4` or `images/` |
+//! | `multipleview.rs` | 4DGaussians: `camNN/frame_*.jpg`, `sparse_/` |
 //! | `technicolor.rs` | `cameras_parameters.txt`, or `images/camNN/` and COLMAP |
 //! | `rig.rs` | a rig of the user's own: `videos/` or `images/CAMERA/`, and poses by camera |
 //! | `blender/` | D-NeRF, Blender, nerfstudio: `transforms*.json` |
 //! | `nerfies.rs` | Nerfies, HyperNeRF: `dataset.json`, `camera/`, `rgb/` |
-//! | `colmap.rs` | a static capture: `sparse/0`, `images/` |
+//! | `colmap.rs` | a static capture: `sparse/0`, `images/`, or a model beside its images |
 //!
 //! A new format is a file here and a line in [`FORMATS`]; one outside this crate goes to
 //! [`load_with`](super::load_with).
 
 mod blender;
 mod colmap;
+mod multipleview;
 mod n3dv;
 mod nerfies;
 mod rig;
 mod technicolor;
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use dash_kernels::Camera;
 
 use super::format::{Folder, Format, Reader};
 use super::layout::Layout;
 use crate::Error;
+use crate::files;
 
 /// The formats that are read; the first that recognises a folder reads it.
-pub static FORMATS: [&dyn Format; 6] = [
+pub static FORMATS: [&dyn Format; 7] = [
     &technicolor::Technicolor,
     &n3dv::N3dv,
+    &multipleview::Multipleview,
     &rig::Rig,
     &blender::Blender,
     &nerfies::Nerfies,
@@ -126,6 +130,9 @@ fn unknown(folder: &Folder, formats: &[&dyn Format]) -> Error {
             return Error::invalid(&root.join(file), expected, found, remedy);
         }
     }
+    if let Some(error) = registration(folder) {
+        return error;
+    }
     let mut found: String = match names {
         [] => "an empty folder".into(),
         [first @ .., _] if first.len() >= 8 => format!("{}, ..", names[..8].join(", ")),
@@ -139,12 +146,37 @@ fn unknown(folder: &Folder, formats: &[&dyn Format]) -> Error {
     }
     Error::invalid(
         root,
-        "poses_bounds.npy (n3dv), transforms_train.json or transforms.json (blender, rig), \
-         sparse/0/cameras.bin (colmap, rig), dataset.json, metadata.json and camera/ (nerfies) \
+        "poses_bounds.npy (n3dv), sparse_/ and camNN/ (multipleview), transforms_train.json or \
+         transforms.json (blender, rig), sparse/0/cameras.bin (colmap, rig), cameras.txt and images.txt (colmap), \
+         dataset.json, metadata.json and camera/ (nerfies) \
          or cameras_parameters.txt (technicolor)",
         found,
         remedy,
     )
+}
+
+/// The error for RealityScan's table of registrations, whose angles and sensor units are not read.
+fn registration(folder: &Folder) -> Option<Error> {
+    const COLUMNS: [&str; 4] = ["name", "heading", "pitch", "roll"];
+    let is_table = |file: &PathBuf| {
+        let text = std::fs::read(file).unwrap_or_default();
+        let line = text.split(|&c| c == b'\n').next().unwrap_or_default();
+        let line = String::from_utf8_lossy(line).to_lowercase();
+        let columns: Vec<&str> = line.split([',', ';', '#']).map(str::trim).collect();
+        COLUMNS.iter().all(|column| columns.contains(column))
+    };
+    let tables = folder
+        .names()
+        .iter()
+        .filter(|name| files::has_extension(name, &["csv"]));
+    let mut files = tables.take(MOST_NAMED).map(|name| folder.root().join(name));
+    let file = files.find(is_table)?;
+    Some(Error::invalid(
+        &file,
+        "a capture in one of the layouts that are read",
+        "a table of registrations of RealityScan (RealityCapture), which is not read",
+        "export the registration in COLMAP's format (cameras.txt, images.txt, points3D.txt) with its undistorted images",
+    ))
 }
 
 /// The first of the folders in a folder that are datasets themselves.

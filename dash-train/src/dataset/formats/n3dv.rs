@@ -231,7 +231,7 @@ fn is_camera(name: &str) -> bool {
         .is_some_and(|start| start.eq_ignore_ascii_case("cam"))
 }
 
-fn is_camera_folder(root: &Path, name: &str) -> bool {
+pub(super) fn is_camera_folder(root: &Path, name: &str) -> bool {
     is_camera(name) && name.ends_with(|c: char| c.is_ascii_digit()) && root.join(name).is_dir()
 }
 

@@ -122,7 +122,7 @@ impl Reader for RigReader {
         let held_out = loader.options.held_out(suggested)?;
         let mut points = find_named_points(root, (point_file.as_deref(), &file), models)?;
         if let (None, Some(sparse)) = (&points, model_of_poses) {
-            points = read_model_points(&sparse)?.filter(|points| !points.is_empty());
+            points = read_model_points(&sparse)?;
         }
         let (views, n_frames) = multi_view::load(loader, &cameras, &held_out)?;
         Ok(Capture {

@@ -12,11 +12,11 @@ use crate::files::{self};
 /// (`left/0000.png`). Where cameras and frames are both numbers, `0.png` may be a frame of every camera:
 /// then the one image in the folder counts.
 pub(crate) fn find(source: &Source, names: &[String]) -> Vec<usize> {
-    let camera = source.name.as_str();
+    let camera = &*files::one_form(&source.name);
     let indices = |means: &dyn Fn(&Path) -> bool| -> Vec<usize> {
-        let named = names.iter().enumerate();
+        let named = names.iter().map(|name| files::one_form(name)).enumerate();
         named
-            .filter(|(_, name)| means(Path::new(name)))
+            .filter(|(_, name)| means(Path::new(&**name)))
             .map(|(index, _)| index)
             .collect()
     };

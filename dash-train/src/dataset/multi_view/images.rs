@@ -8,6 +8,7 @@ use crate::dataset::loader::{Loader, PlannedView};
 use crate::dataset::partition::Partition;
 use crate::dataset::pixels::frames::Source;
 use crate::dataset::times::{self, frame_time};
+use crate::files::{self, Order};
 
 /// A camera's images by frame; `None` where it lacks one.
 type Row<'a> = Vec<Option<&'a FrameFile>>;
@@ -23,6 +24,7 @@ pub(crate) fn plan(
     lists: &[&[FrameFile]],
     held_out: &[bool],
 ) -> Result<(Vec<PlannedView>, usize), Error> {
+    check_order(cameras, lists)?;
     let rows = match check_frames(cameras, lists) {
         Ok(()) => lists.iter().map(|l| l.iter().map(Some).collect()).collect(),
         Err(error) if !loader.options.skip_broken => return Err(error),
@@ -48,6 +50,33 @@ pub(crate) fn plan(
     let times = times.unwrap_or_else(|| (0..n_frames).map(|k| frame_time(k, n_frames)).collect());
     let wanted: Vec<(usize, f32)> = wanted.into_iter().zip(times).collect();
     Ok((views(loader, cameras, &rows, &wanted, held_out)?, n_frames))
+}
+
+/// Refuses names whose order in time is not known, and tells the order of the first camera's where it may be another.
+fn check_order(cameras: &[RigCamera], lists: &[&[FrameFile]]) -> Result<(), Error> {
+    let mut is_told = false;
+    for (camera, list) in cameras.iter().zip(lists) {
+        let path = &camera.source.path;
+        let labels: Vec<&str> = list.iter().map(|frame| frame.label.as_str()).collect();
+        match files::order(&labels) {
+            Order::Plain => {}
+            Order::Told(told) => {
+                if !is_told {
+                    tracing::warn!("{}: {told}", path.display());
+                }
+                is_told = true;
+            }
+            Order::Unknown(found) => {
+                return Err(Error::invalid(
+                    path,
+                    "names of frames with decimal numbers, without sign, in the order of time",
+                    found,
+                    "rename the frames 00000, 00001, .. in their order",
+                ));
+            }
+        }
+    }
+    Ok(())
 }
 
 /// The frames of any camera by their numbers; `None` if images have no numbers, or most numbers of a camera occur in

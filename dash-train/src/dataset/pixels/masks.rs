@@ -30,7 +30,9 @@ pub(crate) fn beside(folder: &Path, name: &str, image: Option<&Path>) -> Option<
     if let Some(extension) = image.and_then(Path::extension) {
         names.push(format!("{name}.{}.png", extension.to_string_lossy()));
     }
-    let mut paths = names.into_iter().map(|name| folder.join(name));
+    let mut paths = names
+        .into_iter()
+        .map(|name| files::in_either_form(folder, Path::new(&name)));
     paths.find(|path| path.is_file())
 }
 

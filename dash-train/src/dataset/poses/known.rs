@@ -161,13 +161,14 @@ fn read_model(folder: &Path, names: &[String]) -> Result<Vec<KnownCamera>, Error
 
 /// The camera after which a file or one of its folders is named.
 fn camera_of(file: &str, names: &[String]) -> Option<usize> {
-    let file = PathBuf::from(file.replace('\\', "/"));
+    let file = PathBuf::from(files::one_form(file).replace('\\', "/"));
     let stem = files::stem(&file);
     let is_named = |name: &String| {
+        let name = files::one_form(name);
         *name == stem
             || file
                 .components()
-                .any(|part| part.as_os_str().to_str() == Some(name))
+                .any(|part| part.as_os_str().to_str() == Some(&*name))
     };
     names.iter().position(is_named)
 }

@@ -143,3 +143,28 @@ fn cameras_and_frames_may_both_be_numbers() {
         }
     }
 }
+
+#[test]
+fn names_whose_order_in_time_is_not_known_are_refused() {
+    for names in [
+        ["frame_0009", "frame_000a", "frame_0010"],
+        ["-1", "0", "1"],
+        ["31-01-2024", "01-02-2024", "02-02-2024"],
+        ["1.5", "1.25", "2.0"],
+        ["30-Jan", "31-Jan", "01-Feb"],
+        ["11.59 AM", "1.00 PM", "1.01 PM"],
+    ] {
+        rig([&names; 2]).refuses(&[
+            "cam00",
+            "in the order of time",
+            "rename the frames 00000, 00001",
+        ]);
+        // One image per camera is of one time whatever its name.
+        for name in names {
+            rig([&[name]; 2]).load().expect("loads");
+        }
+    }
+    // A year that stands first orders as names do.
+    let dates = ["2023-12-31_23-59-59", "2024-01-01_00-00-00"];
+    assert_eq!(rig([&dates; 2]).load().expect("loads").n_frames, 2);
+}

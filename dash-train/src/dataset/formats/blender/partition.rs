@@ -18,13 +18,16 @@ pub(super) fn hold_out(
     transforms: &Transforms,
     entries: &mut Vec<Entry>,
 ) {
+    let key = |name: &str| files::one_form(name).into_owned();
     let listed = |list: &[String]| -> Option<HashSet<String>> {
         let names: HashSet<String> = list
             .iter()
             .filter_map(|name| files::confined(root, name, listed_in).ok())
-            .map(|path| entry_name(path.strip_prefix(root).unwrap_or(&path)))
+            .map(|path| key(&entry_name(path.strip_prefix(root).unwrap_or(&path))))
             .collect();
-        let any = entries.iter().any(|entry| names.contains(&entry.name));
+        let any = entries
+            .iter()
+            .any(|entry| names.contains(&key(&entry.name)));
         any.then_some(names)
     };
     let train = listed(&transforms.train_filenames);
@@ -33,12 +36,12 @@ pub(super) fn hold_out(
         (None, None) => hold_out_every_eighth(entries),
         (None, Some(held_out)) => {
             for entry in entries {
-                entry.held_out = held_out.contains(&entry.name);
+                entry.held_out = held_out.contains(&key(&entry.name));
             }
         }
         (Some(train), None) => {
             for entry in entries {
-                entry.held_out = !train.contains(&entry.name);
+                entry.held_out = !train.contains(&key(&entry.name));
             }
         }
         (Some(train), Some(held_out)) => {
@@ -50,9 +53,9 @@ pub(super) fn hold_out(
                 );
             }
             for entry in entries.iter_mut() {
-                entry.held_out = held_out.contains(&entry.name);
+                entry.held_out = held_out.contains(&key(&entry.name));
             }
-            entries.retain(|entry| entry.held_out || train.contains(&entry.name));
+            entries.retain(|entry| entry.held_out || train.contains(&key(&entry.name)));
         }
     }
 }

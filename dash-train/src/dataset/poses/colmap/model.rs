@@ -103,15 +103,20 @@ fn larger_model(folder: &Path, n: usize) -> Option<(PathBuf, usize)> {
     counted.max_by_key(|&(_, images)| images)
 }
 
-/// The points of a sparse model, if it has a file of them: its own, or the PLY that it was exported to.
+/// The points of a sparse model, if it has any: in its own file, or in the PLY that it was exported to.
 pub(crate) fn read_model_points(model: &Path) -> Result<Option<PointCloud>, Error> {
-    if !has_file(model, "points3D") {
-        let exported = model.join("points3D.ply");
-        return exported
-            .is_file()
-            .then(|| read_points(&exported))
-            .transpose();
+    let own = has_file(model, "points3D").then(|| read_own_points(model));
+    let own = own.transpose()?.filter(|points| !points.is_empty());
+    let exported = model.join("points3D.ply");
+    match own {
+        None if exported.is_file() => {
+            Ok(Some(read_points(&exported)?).filter(|points| !points.is_empty()))
+        }
+        own => Ok(own),
     }
+}
+
+fn read_own_points(model: &Path) -> Result<PointCloud, Error> {
     let (points, dropped) = read_model_file(model, "points3D", binary::points, text::points)?.1;
     if dropped > 0 {
         tracing::warn!(
@@ -119,7 +124,7 @@ pub(crate) fn read_model_points(model: &Path) -> Result<Option<PointCloud>, Erro
             model.display()
         );
     }
-    Ok(Some(points))
+    Ok(points)
 }
 
 /// Reads one of the model's files, binary if there is one, and says which.
