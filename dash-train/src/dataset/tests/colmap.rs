@@ -158,10 +158,10 @@ fn all_pinhole_models_with_undone_lenses() {
     ]);
     fixture.write("sparse/0/cameras.bin", cameras_bin(99, &[]));
     fixture.refuses(&["cameras.bin", "model 99"]);
-    fixture.write("sparse/0/cameras.bin", cameras_bin(11, &[1.0; 16]));
+    fixture.write("sparse/0/cameras.bin", cameras_bin(18, &[1.0; 16]));
     fixture.refuses(&[
         "not supported",
-        "model 11",
+        "model 18",
         "camera 5",
         "colmap image_undistorter",
     ]);
