@@ -12,7 +12,9 @@ pub(crate) const UNREAD_EXTENSIONS: [&str; 8] =
     ["webp", "bmp", "tif", "tiff", "gif", "exr", "heic", "avif"];
 
 /// Extensions of videos.
-pub(crate) const VIDEO_EXTENSIONS: [&str; 5] = ["mp4", "mov", "mkv", "webm", "avi"];
+pub(crate) const VIDEO_EXTENSIONS: [&str; 9] = [
+    "mp4", "m4v", "mov", "mkv", "webm", "avi", "ts", "mts", "m2ts",
+];
 
 /// Compares names with runs of digits taken as numbers: `cam2` before `cam10`.
 pub(crate) fn natural_cmp(a: &str, b: &str) -> Ordering {

@@ -4,18 +4,16 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 use dash_model::unfinished::create_dir_all;
+use image::metadata::Orientation;
 use rayon::prelude::*;
 
 use super::schedule::{Schedule, Timeline};
 use super::sources::{Recording, Source, image_times};
 use crate::Error;
+use crate::dataset::pixels::decode::orientation;
 use crate::dataset::pixels::dimensions;
-use crate::dataset::pixels::shrink::write_resized;
-use crate::files;
-use crate::video::{Selection, frame_times, refusal, write_frames};
-
-/// Size of a file that a disk takes which is not full.
-const PROBE_BYTES: usize = 1 << 16;
+use crate::dataset::pixels::shrink::write_upright;
+use crate::video::{VideoIndex, write_frames};
 
 /// How large the frames are to be.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
@@ -44,12 +42,20 @@ impl FrameSize {
     }
 }
 
-/// When each camera recorded its frames. `image_rate` is that of folders of images.
-pub(super) fn timelines(
-    sources: &[Source],
+/// A camera's pictures.
+pub(super) enum Pictures<'a> {
+    /// Frames of a video.
+    Video(VideoIndex),
+    /// Image files.
+    Images(&'a [PathBuf]),
+}
+
+/// When each camera recorded its pictures, and where they are. `image_rate` is that of folders of images.
+pub(super) fn recorded<'a>(
+    sources: &'a [Source],
     offsets: &[f64],
     image_rate: f64,
-) -> Result<Vec<Timeline>, Error> {
+) -> Result<(Vec<Timeline>, Vec<Pictures<'a>>), Error> {
     let images: Vec<&[PathBuf]> = sources
         .iter()
         .filter_map(|source| match &source.recording {
@@ -58,61 +64,93 @@ pub(super) fn timelines(
         })
         .collect();
     let mut of_images = image_times(&images, image_rate).into_iter();
-    let lists: Vec<Option<Vec<f64>>> = sources
+    let lists: Vec<Vec<f64>> = sources
         .iter()
         .map(|source| match source.recording {
-            Recording::Images(_) => of_images.next(),
-            Recording::Video(_) => None,
+            Recording::Images(_) => of_images.next().unwrap_or_default(),
+            Recording::Video(_) => Vec::new(),
         })
         .collect();
-    sources
-        .par_iter()
-        .zip(lists)
-        .zip(offsets)
-        .map(|((source, list), &offset)| {
-            let times = match (list, &source.recording) {
-                (Some(times), _) => times,
-                (None, Recording::Video(video)) => {
-                    frame_times(video).map_err(Error::of_recording)?
-                }
-                (None, Recording::Images(_)) => Vec::new(),
-            };
-            Ok(Timeline { times, offset })
+    let recorded = sources.par_iter().zip(lists).zip(offsets);
+    let recorded = recorded.map(|((source, times), &offset)| {
+        Ok(match &source.recording {
+            Recording::Images(images) => (
+                Timeline::of_images(times, offset),
+                Pictures::Images(images.as_slice()),
+            ),
+            Recording::Video(video) => {
+                let video = VideoIndex::read(video, false).map_err(Error::of_recording)?;
+                (of_video(&video, offset), Pictures::Video(video))
+            }
         })
-        .collect()
+    });
+    let recorded = recorded.collect::<Result<Vec<_>, Error>>()?;
+    Ok(recorded.into_iter().unzip())
+}
+
+/// Times from the first frame on, since where a file's clock begins depends on the program that wrote it.
+fn of_video(video: &VideoIndex, offset: f64) -> Timeline {
+    let times = video.times();
+    let first = times.first().copied().unwrap_or(0.0);
+    Timeline {
+        times: times.iter().map(|time| time - first).collect(),
+        rate: video.rate(),
+        offset,
+    }
+}
+
+/// A remark on cameras whose images their EXIF data turn.
+pub(super) fn turned(names: &[String], cameras: &[Pictures]) -> Option<String> {
+    let is_turned = |pictures: &Pictures| match pictures {
+        Pictures::Images(images) => images.iter().any(|image| !is_upright(image)),
+        Pictures::Video(_) => false,
+    };
+    let turned: Vec<&str> = names
+        .iter()
+        .zip(cameras)
+        .filter_map(|(name, pictures)| is_turned(pictures).then_some(name.as_str()))
+        .collect();
+    (!turned.is_empty()).then(|| {
+        format!(
+            "images are turned upright, as their EXIF orientation says: those of {}",
+            turned.join(", ")
+        )
+    })
+}
+
+fn is_upright(image: &Path) -> bool {
+    orientation(image) == Orientation::NoTransforms
 }
 
 /// Each camera's first frame at its full size, as `folder/0000.png`, `0001.png` .. (or with the extension
 /// of the image it is), in the cameras' order.
 pub(super) fn first_frames(
-    sources: &[Source],
+    cameras: &[Pictures],
     timelines: &[Timeline],
     schedule: &Schedule,
     folder: &Path,
 ) -> Result<Vec<PathBuf>, Error> {
     create_dir_all(folder).map_err(Error::access(folder))?;
-    sources
+    cameras
         .par_iter()
         .zip(timelines)
         .enumerate()
-        .map(|(index, (source, timeline))| match &source.recording {
-            Recording::Images(images) => {
-                let image = &images[timeline.nearest(schedule.start)];
-                let to = folder.join(format!("{index:04}.{}", extension(image)));
-                copy(image, &to)?;
-                Ok(to)
-            }
-            Recording::Video(video) => {
-                let own = folder.join(format!("{index:04}"));
-                fs::create_dir(&own).map_err(Error::access(&own))?;
-                extract(video, &own, &selection(timeline, schedule, 1, None))?;
-                let (from, to) = (own.join("0000.png"), folder.join(format!("{index:04}.png")));
-                if !from.is_file() {
-                    return Err(no_frame(video, schedule.start));
+        .map(|(index, (pictures, timeline))| {
+            let stem = format!("{index:04}");
+            let first = timeline.nearest(schedule.start);
+            match pictures {
+                Pictures::Images(images) => copy_image(&images[first], folder, &stem, None),
+                Pictures::Video(video) => {
+                    let own = folder.join(&stem);
+                    fs::create_dir(&own).map_err(Error::access(&own))?;
+                    let written =
+                        write_frames(video, &own, &[first], None).map_err(Error::of_recording)?;
+                    let from = written.first().ok_or_else(|| video.is_missing(first))?;
+                    let to = own.with_extension("png");
+                    fs::rename(from, &to).map_err(Error::access(&to))?;
+                    fs::remove_dir(&own).map_err(Error::access(&own))?;
+                    Ok(to)
                 }
-                fs::rename(&from, &to).map_err(Error::access(&to))?;
-                fs::remove_dir(&own).map_err(Error::access(&own))?;
-                Ok(to)
             }
         })
         .collect()
@@ -121,31 +159,24 @@ pub(super) fn first_frames(
 /// Writes every camera's frames to `dataset/NAME/images/0000.png` and so on. Returns equally many for each camera,
 /// fewer than planned if a video ends early, and the index of the camera with the fewest.
 pub(super) fn write_all(
-    sources: &[Source],
+    names: &[String],
+    cameras: &[Pictures],
     timelines: &[Timeline],
     schedule: &Schedule,
-    sizes: &[[usize; 2]],
-    recorded_sizes: &[[usize; 2]],
+    sizes: &[Option<[usize; 2]>],
     dataset: &Path,
 ) -> Result<(Vec<Vec<PathBuf>>, usize), Error> {
-    let mut cameras = (0..sources.len())
+    let mut cameras = (0..cameras.len())
         .into_par_iter()
         .map(|index| {
-            let folder = dataset.join(&sources[index].name).join("images");
+            let folder = dataset.join(&names[index]).join("images");
             create_dir_all(&folder).map_err(Error::access(&folder))?;
-            let size = (sizes[index] != recorded_sizes[index]).then_some(sizes[index]);
-            let timeline = &timelines[index];
-            match &sources[index].recording {
-                Recording::Images(images) => copy_images(images, timeline, schedule, size, &folder),
-                Recording::Video(video) => {
-                    let selection = selection(timeline, schedule, schedule.n_frames, size);
-                    extract(video, &folder, &selection)?;
-                    let frames = files::list_images(&folder)?;
-                    if frames.is_empty() {
-                        return Err(no_frame(video, schedule.start));
-                    }
-                    Ok(frames)
-                }
+            let times = (0..schedule.n_frames).map(|frame| schedule.time(frame));
+            let nearest: Vec<usize> = times.map(|time| timelines[index].nearest(time)).collect();
+            match &cameras[index] {
+                Pictures::Images(images) => copy_images(images, &nearest, sizes[index], &folder),
+                Pictures::Video(video) => write_frames(video, &folder, &nearest, sizes[index])
+                    .map_err(Error::of_recording),
             }
         })
         .collect::<Result<Vec<Vec<PathBuf>>, Error>>()?;
@@ -161,27 +192,33 @@ pub(super) fn write_all(
 
 fn copy_images(
     images: &[PathBuf],
-    timeline: &Timeline,
-    schedule: &Schedule,
+    nearest: &[usize],
     size: Option<[usize; 2]>,
     folder: &Path,
 ) -> Result<Vec<PathBuf>, Error> {
-    (0..schedule.n_frames)
-        .into_par_iter()
-        .map(|frame| {
-            let image = &images[timeline.nearest(schedule.time(frame))];
-            let extension = match size {
-                Some(_) => "png".into(),
-                None => extension(image),
-            };
-            let to = folder.join(format!("{frame:04}.{extension}"));
-            match size {
-                Some(size) => write_resized(image, &to, size)?,
-                None => copy(image, &to)?,
-            }
-            Ok(to)
-        })
+    let copied = nearest.par_iter().enumerate();
+    copied
+        .map(|(frame, &image)| copy_image(&images[image], folder, &format!("{frame:04}"), size))
         .collect()
+}
+
+/// Copies an image to `folder/STEM.*`: the file itself, or where it is turned or scaled, a PNG.
+fn copy_image(
+    image: &Path,
+    folder: &Path,
+    stem: &str,
+    size: Option<[usize; 2]>,
+) -> Result<PathBuf, Error> {
+    if size.is_some() || !is_upright(image) {
+        let to = folder.join(format!("{stem}.png"));
+        write_upright(image, &to, size)?;
+        return Ok(to);
+    }
+    let to = folder.join(format!("{stem}.{}", extension(image)));
+    // Apart, so that an error names the file that was refused.
+    let bytes = fs::read(image).map_err(Error::access(image))?;
+    fs::write(&to, bytes).map_err(Error::access(&to))?;
+    Ok(to)
 }
 
 /// Width and height of images.
@@ -192,59 +229,10 @@ pub(super) fn sizes(images: &[PathBuf]) -> Result<Vec<[usize; 2]>, Error> {
         .collect()
 }
 
-/// Writes frames of a video. Where that fails, the folder may be at fault, not the video.
-fn extract(video: &Path, folder: &Path, selection: &Selection) -> Result<(), Error> {
-    let Err(error) = write_frames(video, folder, selection) else {
-        return Ok(());
-    };
-    let said = match &error {
-        Error::VideoDecode { reason, .. } => refusal(reason),
-        _ => None,
-    };
-    let probe = folder.join("probe");
-    let refused = fs::write(&probe, vec![0; PROBE_BYTES]).err().or(said);
-    // It may not exist.
-    let _ = fs::remove_file(&probe);
-    Err(match refused {
-        Some(source) => Error::access(folder)(source),
-        None => error.of_recording(),
-    })
-}
-
-/// Copies a file; the error names the one that was refused.
-fn copy(from: &Path, to: &Path) -> Result<(), Error> {
-    let bytes = fs::read(from).map_err(Error::access(from))?;
-    fs::write(to, bytes).map_err(Error::access(to))
-}
-
-fn selection(
-    timeline: &Timeline,
-    schedule: &Schedule,
-    n_frames: usize,
-    size: Option<[usize; 2]>,
-) -> Selection {
-    Selection {
-        start: schedule.start + timeline.offset,
-        fps: schedule.fps,
-        n_frames,
-        period: timeline.period().unwrap_or(1.0 / schedule.fps),
-        size,
-    }
-}
-
 fn extension(image: &Path) -> String {
     image
         .extension()
         .unwrap_or_default()
         .to_string_lossy()
         .to_ascii_lowercase()
-}
-
-fn no_frame(video: &Path, time: f64) -> Error {
-    Error::invalid(
-        video,
-        format!("a frame at {time:.3} s"),
-        "none that could be decoded",
-        "replace the video, or choose another range with --start and --end",
-    )
 }

@@ -39,6 +39,7 @@ use crate::dataset::poses::known::{self, KnownCamera};
 use crate::dataset::{LoadOptions, load};
 use cameras::{Found, check_lenses, find_cameras_and_points, find_colmap};
 use config::{held_out, read_offsets};
+use frames::{Pictures, turned};
 use output::Output;
 use schedule::{Schedule, Timeline, Wanted, schedule};
 use sources::Source;
@@ -75,8 +76,12 @@ fn prepare_with(
     };
     let mut clip = Clip::of(&rig, config)?;
     let first_frames = output.workspace().join("first");
-    let first_frames =
-        frames::first_frames(&rig.sources, &clip.timelines, &clip.schedule, &first_frames)?;
+    let first_frames = frames::first_frames(
+        &clip.pictures,
+        &clip.timelines,
+        &clip.schedule,
+        &first_frames,
+    )?;
     let sizes = frames::sizes(&first_frames)?;
     let known = config.poses.as_deref();
     let known = known
@@ -140,23 +145,28 @@ impl Rig {
     }
 }
 
-/// When each camera recorded, and when frames are taken.
-struct Clip {
+/// When each camera recorded, its pictures, and when frames are taken.
+struct Clip<'a> {
     timelines: Vec<Timeline>,
+    pictures: Vec<Pictures<'a>>,
     schedule: Schedule,
 }
 
-impl Clip {
-    fn of(rig: &Rig, config: &PrepareConfig) -> Result<Self, Error> {
-        let timelines = frames::timelines(&rig.sources, &rig.offsets, config.image_rate)?;
+impl<'a> Clip<'a> {
+    fn of(rig: &'a Rig, config: &PrepareConfig) -> Result<Self, Error> {
+        let (timelines, pictures) =
+            frames::recorded(&rig.sources, &rig.offsets, config.image_rate)?;
         let wanted = Wanted {
             fps: config.fps,
             start: config.start,
             end: config.end,
         };
+        let mut schedule = schedule(&rig.names, &timelines, wanted)?;
+        schedule.remarks.extend(turned(&rig.names, &pictures));
         Ok(Self {
-            schedule: schedule(&rig.names, &timelines, wanted)?,
             timelines,
+            pictures,
+            schedule,
         })
     }
 }
@@ -180,12 +190,17 @@ fn write_dataset(
         .iter()
         .map(|&recorded| size.of(recorded))
         .collect();
+    let scaled: Vec<Option<[usize; 2]>> = sizes
+        .iter()
+        .zip(recorded_sizes)
+        .map(|(&size, &recorded)| (size != recorded).then_some(size))
+        .collect();
     let (written, shortest) = frames::write_all(
-        &rig.sources,
+        names,
+        &clip.pictures,
         &clip.timelines,
         schedule,
-        &sizes,
-        recorded_sizes,
+        &scaled,
         dataset,
     )?;
     let n_frames = written.first().map_or(0, Vec::len);

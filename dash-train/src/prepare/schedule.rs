@@ -1,6 +1,7 @@
 //! When frames are taken: the range that all cameras cover, sampled at one rate.
 
 use crate::Error;
+use crate::numbers::median;
 
 /// Times are equal within this, in seconds.
 const SAME_SECS: f64 = 1e-4;
@@ -9,26 +10,29 @@ const LAST_FRAME_SLACK: f64 = 1e-3;
 /// The most frames that are written per camera.
 const MAX_FRAMES: f64 = 1e6;
 
+/// Two frames are equally near to a time within this, in seconds. Then the earlier one is taken.
+const TIE_SECS: f64 = 1e-6;
+
 /// The times at which a camera recorded.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Timeline {
-    /// Seconds in the recording's own time, ascending, at least one.
+    /// Seconds in the recording's own time, which begins with its first frame; ascending, at least one.
     pub(super) times: Vec<f64>,
+    /// Frames a second; `None` for a single frame.
+    pub(super) rate: Option<f64>,
     /// How much later the recording's own time is than the rig's, in seconds.
     pub(super) offset: f64,
 }
 
 impl Timeline {
-    /// Typical seconds from frame to frame; `None` with fewer than two.
-    pub(super) fn period(&self) -> Option<f64> {
-        let mut steps: Vec<f64> = self
-            .times
-            .windows(2)
-            .map(|pair| pair[1] - pair[0])
-            .collect();
-        steps.retain(|step| *step > 0.0);
-        steps.sort_by(f64::total_cmp);
-        steps.get(steps.len() / 2).copied()
+    /// That of images at these times.
+    pub(super) fn of_images(times: Vec<f64>, offset: f64) -> Self {
+        let steps = times.windows(2).map(|pair| pair[1] - pair[0]);
+        Self {
+            rate: median(steps.filter(|step| *step > 0.0)).map(f64::recip),
+            times,
+            offset,
+        }
     }
 
     /// The index of the frame nearest to a time of the rig.
@@ -38,7 +42,7 @@ impl Timeline {
         match after {
             0 => 0,
             n if n == self.times.len() => n - 1,
-            n if own - self.times[n - 1] <= self.times[n] - own => n - 1,
+            n if own - self.times[n - 1] <= self.times[n] - own + TIE_SECS => n - 1,
             n => n,
         }
     }
@@ -85,32 +89,25 @@ pub(super) fn schedule(
     wanted: Wanted,
 ) -> Result<Schedule, Error> {
     let mut remarks = Vec::new();
-    let slowest = timelines
-        .iter()
-        .filter_map(Timeline::period)
-        .fold(0.0, f64::max);
-    let fastest = timelines
-        .iter()
-        .filter_map(Timeline::period)
-        .fold(f64::INFINITY, f64::min);
+    let rates = || timelines.iter().filter_map(|timeline| timeline.rate);
+    let slowest = rates().fold(f64::INFINITY, f64::min);
+    let fastest = rates().fold(0.0, f64::max);
     let fps = match wanted.fps {
         Some(fps) => {
-            if slowest > 0.0 && fps * slowest > 1.0 + LAST_FRAME_SLACK {
+            if fps > slowest * (1.0 + LAST_FRAME_SLACK) {
                 remarks.push(format!(
-                    "--fps {fps} is more than the {:.2} frames a second that were recorded: some frames are repeated",
-                    1.0 / slowest
+                    "--fps {fps} is more than the {slowest:.2} frames a second that were recorded: some frames are \
+                     repeated"
                 ));
             }
             fps
         }
-        None if slowest > 0.0 => 1.0 / slowest,
+        None if slowest.is_finite() => slowest,
         None => 1.0,
     };
-    if wanted.fps.is_none() && slowest > fastest * (1.0 + LAST_FRAME_SLACK) {
+    if wanted.fps.is_none() && fastest > slowest * (1.0 + LAST_FRAME_SLACK) {
         remarks.push(format!(
-            "the cameras record {:.2} to {:.2} frames a second: the lowest rate is taken",
-            1.0 / slowest,
-            1.0 / fastest
+            "the cameras record {slowest:.2} to {fastest:.2} frames a second: the lowest rate is taken"
         ));
     }
     let ranges: Vec<[f64; 2]> = timelines.iter().map(Timeline::range).collect();

@@ -59,6 +59,10 @@ impl VideoIndex {
     /// How many coded pictures of a group decode, from its beginning.
     fn sound_packets(&self, number: usize) -> usize {
         let n = self.group(number).len();
+        if !self.is_timed {
+            // Which pictures the first ones show is unknown.
+            return 0;
+        }
         if self.decodes(number, n) {
             return n;
         }
@@ -82,7 +86,7 @@ impl VideoIndex {
             max_packets: Some(n_packets),
             ..self.part(self.group(number))
         };
-        let found = decode(self.path(), &part, |_| Ok(()));
+        let found = decode(&self.track, &part, |_| Ok(()));
         found.is_ok_and(|found| found == n_packets)
     }
 
@@ -90,8 +94,8 @@ impl VideoIndex {
     fn shown_of(&self, number: usize, n_packets: usize) -> Range<usize> {
         let group = self.group(number);
         let mut decoded = self.packets[group.start..group.start + n_packets].to_vec();
-        decoded.sort_by(f64::total_cmp);
-        let shown = self.times()[group.clone()]
+        decoded.sort_unstable();
+        let shown = self.stamps[group.clone()]
             .iter()
             .zip(&decoded)
             .take_while(|(wanted, decoded)| wanted == decoded);

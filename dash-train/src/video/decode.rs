@@ -2,13 +2,14 @@
 
 use std::ffi::OsStr;
 use std::io::{self, BufRead, BufReader, Read};
+use std::ops::Range;
 use std::path::Path;
 use std::process::{ChildStdout, Command, Stdio};
 
 use super::error::reading;
 use super::ffmpeg::{ffmpeg, ffmpeg_program, file_argument, listen, start};
+use super::probe::Track;
 use crate::Error;
-use crate::files::refuse_pointer_file;
 use crate::process::Child;
 
 /// Largest side of a picture that is read.
@@ -30,31 +31,57 @@ pub(crate) struct VideoFrame {
 pub(super) struct Part {
     /// Seconds into the file from which decoding starts: a moment after a key frame's.
     pub(super) seek: Option<f64>,
-    /// The first and last presentation time, on the file's clock.
-    pub(super) times: Option<[f64; 2]>,
+    pub(super) frames: Which,
     pub(super) max_frames: Option<usize>,
     /// Most coded pictures that are read.
     pub(super) max_packets: Option<usize>,
     /// Whether pictures may be damaged.
     pub(super) lenient: bool,
+    /// Width and height to scale to; the frames' own when `None`.
+    pub(super) size: Option<[usize; 2]>,
+}
+
+/// Which frames of a video are wanted.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub(super) enum Which {
+    #[default]
+    All,
+    /// From the first to the last presentation time, on the file's clock.
+    Times([f64; 2]),
+    /// By their numbers in a video that is decoded from its beginning.
+    Numbers(Range<usize>),
+}
+
+impl Which {
+    /// `ffmpeg`'s filter.
+    fn filter(&self) -> Option<String> {
+        let condition = match self {
+            Self::All => return None,
+            Self::Times([from, to]) => format!("between(t\\,{from:.6}\\,{to:.6})"),
+            Self::Numbers(range) => format!("gte(n\\,{})*lt(n\\,{})", range.start, range.end),
+        };
+        Some(format!("select={condition}"))
+    }
 }
 
 /// Width and height of the video's frames as shown; with `skip_broken`, its first pictures may be damaged.
 pub(crate) fn frame_size(path: &Path, skip_broken: bool) -> Result<(usize, usize), Error> {
-    if !skip_broken {
-        refuse_pointer_file(path, "a video")?;
-    }
+    size_of(&Track::read(path)?, skip_broken)
+}
+
+/// [`frame_size`] of a track.
+pub(super) fn size_of(track: &Track, skip_broken: bool) -> Result<(usize, usize), Error> {
     let mut size = None;
     let first = Part {
         max_frames: Some(1),
         lenient: skip_broken,
         ..Part::default()
     };
-    decode(path, &first, |frame| {
+    decode(track, &first, |frame| {
         size = Some((frame.width, frame.height));
         Ok(())
     })?;
-    size.ok_or_else(|| Error::video_decode(path, "it has no frames"))
+    size.ok_or_else(|| Error::video_decode(&track.path, "it has no frames"))
 }
 
 /// Calls `on_frame` with the frames of a part, in order, and returns their number.
@@ -62,21 +89,22 @@ pub(crate) fn frame_size(path: &Path, skip_broken: bool) -> Result<(usize, usize
 /// # Errors
 /// When `ffmpeg` is missing or cannot decode the file, or `on_frame` fails.
 pub(super) fn decode(
-    path: &Path,
+    track: &Track,
     part: &Part,
     on_frame: impl FnMut(VideoFrame) -> Result<(), Error>,
 ) -> Result<usize, Error> {
-    decode_with(&ffmpeg_program(), path, part, on_frame)
+    decode_with(&ffmpeg_program(), track, part, on_frame)
 }
 
 fn decode_with(
     program: &OsStr,
-    path: &Path,
+    track: &Track,
     part: &Part,
     mut on_frame: impl FnMut(VideoFrame) -> Result<(), Error>,
 ) -> Result<usize, Error> {
+    let path = &track.path;
     for option in PASSTHROUGH {
-        let (n_frames, complaint) = run(program, path, option, part, &mut on_frame)?;
+        let (n_frames, complaint) = run(program, track, option, part, &mut on_frame)?;
         match complaint {
             Some(complaint) if n_frames == 0 && complaint.contains(&option[1..]) => {}
             Some(_) if n_frames > 0 && part.lenient => return Ok(n_frames),
@@ -94,17 +122,18 @@ fn decode_with(
 /// One run of `ffmpeg`: the number of frames and, when it failed, what it said.
 fn run(
     program: &OsStr,
-    path: &Path,
+    track: &Track,
     passthrough: &str,
     part: &Part,
     on_frame: &mut impl FnMut(VideoFrame) -> Result<(), Error>,
 ) -> Result<(usize, Option<String>), Error> {
+    let path = &track.path;
     let mut copier = part
         .max_packets
-        .map(|n| copy_packets(program, path, part.seek, n))
+        .map(|n| copy_packets(program, track, part.seek, n))
         .transpose()?;
     let copied = copier.as_mut().and_then(Child::stdout);
-    let mut command = decoder(program, path, passthrough, part, copied);
+    let mut command = decoder(program, track, passthrough, part, copied);
     let mut process = start(&mut command).map_err(reading(path))?;
     // The command holds the copier's output open.
     drop(command);
@@ -143,7 +172,7 @@ fn run(
 /// `ffmpeg` that writes the frames of a part, from the file or from `copied` pictures of it.
 fn decoder(
     program: &OsStr,
-    path: &Path,
+    track: &Track,
     passthrough: &str,
     part: &Part,
     copied: Option<ChildStdout>,
@@ -154,6 +183,9 @@ fn decoder(
     }
     // With more threads, ffmpeg 5 conceals damage silently.
     command.args(["-threads", "1"]);
+    // The track's own filters turn pictures.
+    command.arg("-noautorotate");
+    let is_copied = copied.is_some();
     let stdin = if let Some(copied) = copied {
         // `-copyts` keeps the times of the file, by which frames are selected.
         command.args(["-protocol_whitelist", "pipe", "-copyts", "-i", "pipe:0"]);
@@ -161,12 +193,18 @@ fn decoder(
     } else {
         command.args(["-protocol_whitelist", "file"]);
         seek(&mut command, part.seek);
-        command.args(["-copyts", "-i"]).arg(file_argument(path));
+        command
+            .args(["-copyts", "-i"])
+            .arg(file_argument(&track.path));
         Stdio::null()
     };
-    command.args(["-map", "0:v:0", passthrough, "passthrough"]);
-    if let Some([from, to]) = part.times {
-        command.args(["-vf", &format!("select=between(t\\,{from:.6}\\,{to:.6})")]);
+    // The copier passes on no other stream.
+    let stream = if is_copied { 0 } else { track.stream };
+    command.args(["-map", &format!("0:{stream}"), passthrough, "passthrough"]);
+    let mut filters = Vec::from_iter(part.frames.filter());
+    filters.extend(track.picture.filters(is_copied, part.size));
+    if !filters.is_empty() {
+        command.args(["-vf", &filters.join(",")]);
     }
     if let Some(max) = part.max_frames {
         command.args(["-frames:v", &max.to_string()]);
@@ -182,20 +220,25 @@ fn decoder(
 }
 
 /// `ffmpeg` that copies the first `n` coded pictures of a part without decoding them.
-fn copy_packets(program: &OsStr, path: &Path, from: Option<f64>, n: usize) -> Result<Child, Error> {
+fn copy_packets(
+    program: &OsStr,
+    track: &Track,
+    from: Option<f64>,
+    n: usize,
+) -> Result<Child, Error> {
     let mut command = ffmpeg(program);
     command.args(["-protocol_whitelist", "file"]);
     seek(&mut command, from);
     command
         .args(["-copyts", "-i"])
-        .arg(file_argument(path))
-        .args(["-map", "0:v:0", "-c", "copy"])
+        .arg(file_argument(&track.path))
+        .args(["-map", &format!("0:{}", track.stream), "-c", "copy"])
         .args(["-avoid_negative_ts", "disabled"])
         .args(["-frames:v", &n.to_string(), "-f", "nut", "pipe:1"])
         .stdin(Stdio::null())
         .stdout(Stdio::piped())
         .stderr(Stdio::null());
-    start(&mut command).map_err(reading(path))
+    start(&mut command).map_err(reading(&track.path))
 }
 
 fn seek(command: &mut Command, seconds: Option<f64>) {
@@ -233,18 +276,14 @@ fn read_ppm(stream: &mut BufReader<ChildStdout>) -> io::Result<Option<VideoFrame
 
 #[cfg(test)]
 mod tests {
+    use super::super::probe::track;
     use super::*;
 
     #[test]
     fn a_missing_ffmpeg_is_one_error_that_says_how_to_install_it() {
-        let path = Path::new("cam00.mp4");
-        let error = decode_with(
-            "ffmpeg-that-does-not-exist".as_ref(),
-            path,
-            &Part::default(),
-            |_| Ok(()),
-        )
-        .expect_err("no such program");
+        let program = "ffmpeg-that-does-not-exist".as_ref();
+        let error = decode_with(program, &track("cam00.mp4"), &Part::default(), |_| Ok(()))
+            .expect_err("no such program");
         assert!(matches!(error, Error::NoFfmpegToRead { .. }));
         let message = error.to_string();
         assert!(

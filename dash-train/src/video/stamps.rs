@@ -6,7 +6,7 @@
 /// Stamps agree if they differ by at most this share of the median frame interval.
 const TOLERANCE: f64 = 0.5;
 /// Frames are missing where an interval is more than this many times the median.
-const MISSING: f64 = 1.5;
+pub(super) const MISSING: f64 = 1.5;
 
 /// The times in [0, 1] of some frames by their stamps; `None` if the stamps agree with even steps.
 pub(crate) fn uneven(stamps: &[f64], places: &[usize]) -> Option<Vec<f32>> {
@@ -56,7 +56,7 @@ fn usual_gap(stamps: &[f64]) -> Option<f64> {
     Some(*median)
 }
 
-fn gaps(stamps: &[f64]) -> impl Iterator<Item = f64> {
+pub(super) fn gaps(stamps: &[f64]) -> impl Iterator<Item = f64> {
     stamps.windows(2).map(|pair| pair[1] - pair[0])
 }
 

@@ -4,6 +4,7 @@ use std::fs;
 use std::io::Cursor;
 use std::path::Path;
 
+use image::metadata::Orientation;
 use image::{DynamicImage, ImageDecoder, ImageFormat, ImageReader, Limits};
 
 use super::image::{ImageData, RGBA};
@@ -40,16 +41,22 @@ pub(crate) fn header(path: &Path) -> Result<(usize, usize, bool), Error> {
 
 /// A note for errors about an image of the wrong shape: its EXIF orientation turns it by a right angle. Else empty.
 pub(crate) fn turned(path: &Path) -> String {
-    let orientation = || {
+    let n = orientation(path).to_exif();
+    // 5 to 8 exchange rows and columns.
+    match n {
+        5..=8 => format!(" (EXIF orientation {n}: rotate the file)"),
+        _ => String::new(),
+    }
+}
+
+/// How an image is to be turned and mirrored, as its EXIF data say; not at all where they don't.
+pub(crate) fn orientation(path: &Path) -> Orientation {
+    let stated = || {
         let reader = ImageReader::open(path).and_then(ImageReader::with_guessed_format);
         let mut decoder = reader.ok()?.into_decoder().ok()?;
-        let orientation = decoder.orientation().ok()?.to_exif();
-        // 5 to 8 exchange rows and columns.
-        (5..=8).contains(&orientation).then_some(orientation)
+        decoder.orientation().ok()
     };
-    orientation().map_or_else(String::new, |n| {
-        format!(" (EXIF orientation {n}: rotate the file)")
-    })
+    stated().unwrap_or(Orientation::NoTransforms)
 }
 
 fn limits() -> Limits {
@@ -59,11 +66,21 @@ fn limits() -> Limits {
     limits
 }
 
-/// Decodes an image file completely.
+/// Decodes an image file completely, as it is stored.
 pub(crate) fn decode(path: &Path) -> Result<ImageData, Error> {
-    let decoded = decode_any(path)?;
+    decode_any(path).map(eight_bit)
+}
+
+/// Decodes an image file and turns it upright.
+pub(crate) fn decode_upright(path: &Path) -> Result<ImageData, Error> {
+    let mut decoded = decode_any(path)?;
+    decoded.apply_orientation(orientation(path));
+    Ok(eight_bit(decoded))
+}
+
+fn eight_bit(decoded: DynamicImage) -> ImageData {
     let (width, height) = (decoded.width() as usize, decoded.height() as usize);
-    Ok(if decoded.color().has_alpha() {
+    if decoded.color().has_alpha() {
         let pixels = decoded.into_rgba8().into_raw();
         ImageData {
             width,
@@ -74,7 +91,7 @@ pub(crate) fn decode(path: &Path) -> Result<ImageData, Error> {
         }
     } else {
         ImageData::from_rgb(width, height, decoded.into_rgb8().into_raw())
-    })
+    }
 }
 
 /// Decodes the mask of an image of the given size; one of the same shape is scaled to it.

@@ -8,6 +8,7 @@ fn names(n: usize) -> Vec<String> {
 fn timeline(first: f64, n: usize, fps: f64, offset: f64) -> Timeline {
     Timeline {
         times: (0..n).map(|frame| first + frame as f64 / fps).collect(),
+        rate: (n > 1).then_some(fps),
         offset,
     }
 }
@@ -96,4 +97,23 @@ fn single_frames_and_recordings_that_never_meet() {
         ..Wanted::default()
     };
     schedule(&names(1), &[timeline(0.0, 2, 0.001, 0.0)], many).expect_err("ten million frames");
+}
+
+#[test]
+fn a_time_half_way_between_two_frames_takes_the_earlier_one() {
+    let timeline = timeline(0.0, 600, 60.0, 0.0);
+    let at_24 = plan(
+        std::slice::from_ref(&timeline),
+        Wanted {
+            fps: Some(24.0),
+            ..Wanted::default()
+        },
+    );
+    for frame in 0..at_24.n_frames {
+        assert_eq!(
+            timeline.nearest(at_24.time(frame)),
+            5 * frame / 2,
+            "{frame}"
+        );
+    }
 }

@@ -1,0 +1,217 @@
+//! What a file says of its video, as `ffprobe` lists it.
+
+use std::path::{Path, PathBuf};
+
+use serde::Deserialize;
+
+use super::clock::Ratio;
+use super::error::reading;
+use super::ffmpeg::{ffprobe, file_argument, output};
+use super::picture::{Picture, Stated};
+use crate::Error;
+use crate::files::refuse_pointer_file;
+
+/// Frames of one file are refused beyond this: 46 hours at 60 frames a second.
+const MAX_FRAMES: usize = 10_000_000;
+
+/// The video of a file.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) struct Track {
+    pub(super) path: PathBuf,
+    /// Its number among the file's streams.
+    pub(super) stream: usize,
+    /// Seconds of a unit of its time stamps.
+    pub(super) unit: Ratio,
+    /// Frames a second as the file states, or `ffprobe` estimates.
+    pub(super) rate: Option<Ratio>,
+    /// Where the file's clock begins.
+    pub(super) start: Option<f64>,
+    pub(super) picture: Picture,
+    /// Which of several tracks it is.
+    choice: Option<String>,
+}
+
+/// A coded picture as the file has it.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Packet {
+    /// When it is shown, in the track's units.
+    pub(super) stamp: i64,
+    pub(super) is_key: bool,
+}
+
+/// Coded pictures in the order of the file.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) struct Packets {
+    pub(super) list: Vec<Packet>,
+    /// Whether the file says of each when it is shown. If not, the stamps are when each is decoded.
+    pub(super) are_timed: bool,
+}
+
+#[derive(Debug, Default, Deserialize)]
+#[serde(default)]
+struct Listing {
+    streams: Vec<Stream>,
+    format: Format,
+}
+
+#[derive(Debug, Default, Deserialize)]
+#[serde(default)]
+struct Format {
+    start_time: Option<String>,
+}
+
+#[derive(Debug, Default, Deserialize)]
+#[serde(default)]
+struct Stream {
+    index: usize,
+    codec_type: String,
+    time_base: String,
+    avg_frame_rate: String,
+    disposition: Disposition,
+    #[serde(flatten)]
+    picture: Stated,
+}
+
+/// 0 or 1 each.
+#[derive(Debug, Default, Deserialize)]
+#[serde(default)]
+struct Disposition {
+    default: u8,
+    attached_pic: u8,
+    still_image: u8,
+    timed_thumbnails: u8,
+}
+
+impl Stream {
+    /// Whether it is a video, not the picture of a cover or a thumbnail.
+    fn is_video(&self) -> bool {
+        let no_video = &self.disposition;
+        let is_picture = no_video.attached_pic + no_video.still_image + no_video.timed_thumbnails;
+        self.codec_type == "video" && is_picture == 0
+    }
+}
+
+impl Track {
+    /// Reads the head of a file.
+    ///
+    /// # Errors
+    /// When `ffprobe` is missing, or the file has no video or one whose pictures can't be shown as meant.
+    pub(super) fn read(path: &Path) -> Result<Self, Error> {
+        refuse_pointer_file(path, "a video")?;
+        let mut command = ffprobe();
+        command
+            .args([
+                "-protocol_whitelist",
+                "file",
+                "-show_streams",
+                "-show_format",
+            ])
+            .args(["-of", "json"])
+            .arg(file_argument(path));
+        let listing = output(&mut command).map_err(reading(path))?;
+        let listing = serde_json::from_str(&listing)
+            .map_err(|e| Error::video_decode(path, format!("ffprobe's listing: {e}")))?;
+        Self::of(path, listing)
+    }
+
+    /// The track marked as the default one, or else the first. Pictures of covers and thumbnails don't count.
+    fn of(path: &Path, listing: Listing) -> Result<Self, Error> {
+        let videos: Vec<&Stream> = listing.streams.iter().filter(|s| s.is_video()).collect();
+        let default = videos.iter().find(|stream| stream.disposition.default == 1);
+        let Some(stream) = default.or(videos.first()) else {
+            return Err(Error::video_decode(path, "it has no video track"));
+        };
+        let unit = Ratio::parse(&stream.time_base, '/').ok_or_else(|| {
+            Error::video_decode(path, format!("its time base is {:?}", stream.time_base))
+        })?;
+        let start = listing.format.start_time.and_then(|text| text.parse().ok());
+        let choice = (videos.len() > 1).then(|| {
+            let streams: Vec<String> = videos.iter().map(|s| s.index.to_string()).collect();
+            let why = default.map_or("the first", |_| "marked as default, or the first so marked");
+            let (own, all) = (stream.index, streams.join(", "));
+            format!("it has several video tracks (streams {all}): stream {own} is read, {why}")
+        });
+        Ok(Self {
+            path: path.to_path_buf(),
+            stream: stream.index,
+            unit,
+            rate: Ratio::parse(&stream.avg_frame_rate, '/'),
+            start: start.filter(|start: &f64| start.is_finite()),
+            picture: Picture::new(path, &stream.picture)?,
+            choice,
+        })
+    }
+
+    /// Tells the user what is assumed.
+    pub(super) fn tell(&self) {
+        for remark in self.choice.iter().chain(&self.picture.remarks) {
+            tracing::warn!("{}: {remark}", self.path.display());
+        }
+    }
+
+    /// Lists its coded pictures; nothing is decoded.
+    ///
+    /// # Errors
+    /// When `ffprobe` fails, or there are none, too many, or ones without times.
+    pub(super) fn packets(&self) -> Result<Packets, Error> {
+        let mut command = ffprobe();
+        command
+            .args(["-protocol_whitelist", "file"])
+            .args(["-select_streams", &self.stream.to_string()])
+            .args(["-show_entries", "packet=pts,dts,flags", "-of", "csv"])
+            .arg(file_argument(&self.path));
+        let listing = output(&mut command).map_err(reading(&self.path))?;
+        parse_packets(&listing).map_err(|what| Error::video_decode(&self.path, what))
+    }
+}
+
+/// Lines such as `packet,512,0,K__`: when it is shown, when it is decoded, flags.
+pub(super) fn parse_packets(listing: &str) -> Result<Packets, String> {
+    let mut shown = Vec::new();
+    let mut decoded = Vec::new();
+    for line in listing.lines() {
+        let mut fields = line.trim().split(',');
+        let (Some("packet"), Some(pts), Some(dts), Some(flags)) =
+            (fields.next(), fields.next(), fields.next(), fields.next())
+        else {
+            continue;
+        };
+        // Pictures that only others need, from before the clip's beginning.
+        if flags.contains('D') {
+            continue;
+        }
+        let packet = |stamp: &str| {
+            let stamp = stamp.parse().ok()?;
+            let is_key = flags.contains('K');
+            Some(Packet { stamp, is_key })
+        };
+        shown.push(packet(pts));
+        decoded.push(packet(dts));
+        if shown.len() > MAX_FRAMES {
+            return Err(format!("it has more than {MAX_FRAMES} frames"));
+        }
+    }
+    if shown.is_empty() {
+        return Err("it has no frames".into());
+    }
+    let all = |packets: Vec<Option<Packet>>| packets.into_iter().collect::<Option<Vec<_>>>();
+    let timed = all(shown).map(|list| (list, true));
+    let (list, are_timed) = timed
+        .or_else(|| all(decoded).map(|list| (list, false)))
+        .ok_or("its pictures have no times; put it into an MP4 file")?;
+    Ok(Packets { list, are_timed })
+}
+
+/// A track with stamps in milliseconds.
+#[cfg(test)]
+pub(super) fn track(path: &str) -> Track {
+    Track {
+        path: path.into(),
+        stream: 0,
+        unit: Ratio { n: 1, d: 1000 },
+        rate: None,
+        start: None,
+        picture: Picture::default(),
+        choice: None,
+    }
+}
