@@ -215,3 +215,67 @@ pub(super) fn track(path: &str) -> Track {
         choice: None,
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn chosen(listing: serde_json::Value) -> Result<Track, Error> {
+        Track::of(
+            Path::new("a.mp4"),
+            serde_json::from_value(listing).expect("a listing"),
+        )
+    }
+
+    fn stream(index: usize, mark: &str) -> serde_json::Value {
+        serde_json::json!({
+            "index": index, "codec_type": "video", "width": 64, "height": 48, "time_base": "1/600",
+            "avg_frame_rate": "30/1", "disposition": {mark: 1}
+        })
+    }
+
+    #[test]
+    fn the_default_video_is_chosen_or_else_the_first() {
+        let sound = || serde_json::json!({"index": 7, "codec_type": "audio", "disposition": {"default": 1}});
+        for (marks, expected, n_videos) in [
+            (["dub", "dub", "dub"], 0, 3),
+            (["dub", "default", "default"], 1, 3),
+            (["attached_pic", "still_image", "dub"], 2, 1),
+            (["attached_pic", "dub", "timed_thumbnails"], 1, 1),
+            (["timed_thumbnails", "dub", "default"], 2, 2),
+        ] {
+            let videos = marks
+                .iter()
+                .enumerate()
+                .map(|(index, mark)| stream(index, mark));
+            let streams: Vec<_> = std::iter::once(sound()).chain(videos).collect();
+            let track = chosen(serde_json::json!({"streams": streams})).expect("a video");
+            assert_eq!(
+                (track.stream, track.choice.is_some()),
+                (expected, n_videos > 1),
+                "{marks:?}"
+            );
+        }
+        let covers = serde_json::json!({"streams": [sound(), stream(0, "attached_pic")]});
+        let error = chosen(covers).expect_err("no video").to_string();
+        assert!(
+            error.contains("a.mp4") && error.contains("no video track"),
+            "{error}"
+        );
+    }
+
+    #[test]
+    fn a_file_without_a_unit_of_time_is_refused() {
+        for unit in ["", "0/1", "1/0", "x"] {
+            let mut broken = stream(0, "default");
+            broken["time_base"] = unit.into();
+            assert!(
+                chosen(serde_json::json!({"streams": [broken]})).is_err(),
+                "{unit}"
+            );
+        }
+        let start =
+            serde_json::json!({"streams": [stream(0, "default")], "format": {"start_time": "nan"}});
+        assert_eq!(chosen(start).expect("a video").start, None);
+    }
+}
