@@ -44,7 +44,7 @@ pub(super) fn writing(path: &Path, program: &str) -> impl FnOnce(Failure) -> Err
 }
 
 /// What of a program's words says that the system did not take what it wrote.
-pub(crate) fn refusal(words: &str) -> Option<io::Error> {
+pub(super) fn refusal(words: &str) -> Option<io::Error> {
     let known = [
         ("No space left on device", io::ErrorKind::StorageFull),
         ("Disk quota exceeded", io::ErrorKind::QuotaExceeded),

@@ -31,7 +31,7 @@ pub(crate) fn write_frames(
         Ok(())
     });
     match decoded {
-        Err(Error::VideoDecode { path, reason }) if !written.is_empty() => {
+        Err(Error::VideoDecode { path, reason, .. }) if !written.is_empty() => {
             let next = frames.get(written.len()).unwrap_or(&last);
             let path = path.display();
             tracing::warn!("{path}: frame {next} could not be decoded, nor what follows: {reason}");
