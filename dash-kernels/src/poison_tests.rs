@@ -347,7 +347,7 @@ fn projection() {
 fn rasterization() {
     let (width, height) = (50, 30);
     let good: [f32; N_COLUMNS] = [
-        21.0, 14.0, 0.02, 0.004, 0.03, 0.6, 0.3, 0.5, 0.7, 2.0, 30.0, 25.0,
+        21.0, 14.0, 0.02, 0.004, 0.03, 0.6, 0.3, 0.5, 0.7, 2.0, 30.0, 25.0, 0.0, 0.0, 0.0, 0.0,
     ];
     let mut splats: Vec<f32> = good.to_vec();
     for column in 0..N_COLUMNS {

@@ -2,7 +2,7 @@
 //! [`rasterize`](crate::rasterize::rasterize) reads, and the thresholds both agree on.
 //!
 //! Rows may be concatenated: static and dynamic splats are joined after projection. A row whose
-//! radii are zero draws nothing.
+//! radii are zero draws nothing. The last four columns are zero but for needles, see [`ACROSS_X`].
 //!
 //! # Example
 //! Splats can be written by hand, too:
@@ -49,9 +49,25 @@ pub const DEPTH: usize = 9;
 pub const RADIUS_X: usize = 10;
 /// Column of the half height of that box, in pixels. Carries no gradient.
 pub const RADIUS_Y: usize = 11;
+/// Column of the unit vector across a needle's long axis, its x; y follows.
+///
+/// Of a needle the mean and the inverse covariance in single precision do not say where it runs: far from the mean
+/// the terms of the exponent are huge and cancel. Its row says so once more, relative to the picture: with `n` this
+/// vector, `l` the inverse variance across, `m` the mean and `t` the vector `n` turned by 90 degrees, the exponent at
+/// `p` is `(l (n p - ACROSS_OFFSET)^2 + ALONG (t (p - m))^2) / 2`. Four zeros where the other columns suffice.
+///
+/// The gradient of a needle's shape is that of the inverse covariance in the frame `(n, t)`: the entries `(n, n)`,
+/// `(n, t)` and `(t, t)` in the columns `ACROSS_X`, `ACROSS_Y` and `ACROSS_OFFSET`, in place of the three of the conic.
+pub const ACROSS_X: usize = 12;
+/// Column of that vector's y.
+pub const ACROSS_Y: usize = 13;
+/// Column of a needle's place across its long axis: the product of that vector with the axis' points, in pixels.
+pub const ACROSS_OFFSET: usize = 14;
+/// Column of a needle's inverse variance along its long axis, in 1 / px^2; zero for other splats.
+pub const ALONG: usize = 15;
 /// Number of columns.
-pub const N_COLUMNS: usize = 12;
-/// Number of leading columns that carry a gradient: all but the radii.
+pub const N_COLUMNS: usize = 16;
+/// Number of leading columns that carry a gradient.
 pub const N_DIFFERENTIABLE: usize = 10;
 
 /// Gaussians nearer than this along the camera's z are not drawn, in world units (3DGS).
@@ -64,6 +80,14 @@ pub const ALPHA_MIN: f64 = 1.0 / 255.0;
 pub const ALPHA_MAX: f64 = 0.99;
 /// A pixel is finished before the splat that would bring its transmittance under this (3DGS).
 pub const TRANSMITTANCE_STOP: f64 = 1e-4;
+
+/// Ratio of the variances along and across a splat at which it is a needle: from there on rounding may change the
+/// exponent in single precision by 1e-3.
+pub const NEEDLE: f64 = 1e4;
+
+/// On a splat's long axis, where it is opaquest, rounding of the exponent's terms may make it negative by as much; the
+/// largest of them are those of splats that are nearly needles.
+pub(crate) const EXPONENT_ROUNDING: f32 = 4e-3;
 
 /// Whether the value is neither infinite nor NaN, from its bits: `x != x` and the like are
 /// optimised away by some shader compilers, and this contract is theirs too.

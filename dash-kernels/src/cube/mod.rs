@@ -1,10 +1,12 @@
-//! Shared by the CubeCL kernels: device memory, launches, prefix sums, sorting, atomic addition.
+//! Shared by the CubeCL kernels: device memory, launches, prefix sums, sorting, atomic addition, numbers of
+//! two floats.
 
 pub(crate) mod atomic;
 pub(crate) mod radix_sort;
 pub(crate) mod scan;
 #[cfg(test)]
 pub(crate) mod tests;
+pub(crate) mod two_float;
 
 use burn::tensor::DType;
 use burn_cubecl::kernel::into_contiguous;

@@ -2,9 +2,11 @@
 //!
 //! The covariance is never formed in 3D: with `g` the two rows of `J W R S`, its projection is
 //! `g g^T + 0.3 I` and its determinant the sum `|g0 x g1|^2 + 0.3 tr + 0.09`, in which nothing
-//! cancels however thin the Gaussian is.
+//! cancels however thin the Gaussian is. The few that are needles in the picture are projected once more in double
+//! precision.
 
 mod linear;
+mod needle;
 mod vjp;
 
 use rayon::prelude::*;
@@ -14,6 +16,7 @@ use crate::splats::{self, ALPHA_MIN, LOW_PASS_PX2, N_COLUMNS, is_finite};
 use super::sh::sh_basis;
 use super::{Activation, GaussianGradients, Gaussians, View};
 use linear::{cross, dot, mat_mul, rotation_from_quat};
+use needle::{Needle, is_needle};
 use vjp::project_one_vjp;
 
 /// Gaussians per parallel piece.
@@ -156,10 +159,17 @@ fn clamped_colour_vjp(row: &[f32; N_COLUMNS], v_row: &[f32; N_COLUMNS]) -> [f32;
     })
 }
 
+/// The mean relative to the view's origin.
+#[inline(always)]
+fn from_origin(gaussians: &Gaussians<f32>, i: usize, view: &View<f32>) -> [f32; 3] {
+    let mean: [f32; 3] = vector(gaussians.means, i);
+    std::array::from_fn(|k| mean[k] - view.origin[k])
+}
+
 /// Unit vector from the camera's centre to the mean, and the distance.
 #[inline(always)]
 fn direction(gaussians: &Gaussians<f32>, i: usize, view: &View<f32>) -> ([f32; 3], f32) {
-    let mean: [f32; 3] = vector(gaussians.means, i);
+    let mean = from_origin(gaussians, i, view);
     let offset: [f32; 3] = std::array::from_fn(|k| mean[k] - view.position[k]);
     let distance = dot(offset, offset).sqrt();
     (offset.map(|o| o / distance), distance)
@@ -192,7 +202,7 @@ impl Footprint {
     /// `None` when the Gaussian is to be culled before anything is projected.
     #[inline(always)]
     fn new(gaussians: &Gaussians<f32>, i: usize, view: &View<f32>) -> Option<Self> {
-        let mean: [f32; 3] = vector(gaussians.means, i);
+        let mean = from_origin(gaussians, i, view);
         let w = &view.rotation;
         let point: [f32; 3] = std::array::from_fn(|r| dot(w[r], mean) + view.translation[r]);
         // In the positive form, so that NaN is culled too.
@@ -276,7 +286,7 @@ fn project_one(gaussians: &Gaussians<f32>, i: usize, view: &View<f32>) -> Option
         }
     }
     let [red, green, blue] = colour.map(|value| value.max(0.0));
-    let row = [
+    let mut row = [
         mean2d[0],
         mean2d[1],
         yy / det,
@@ -289,7 +299,16 @@ fn project_one(gaussians: &Gaussians<f32>, i: usize, view: &View<f32>) -> Option
         footprint.point[2],
         radii[0],
         radii[1],
+        0.0,
+        0.0,
+        0.0,
+        0.0,
     ];
+    if is_needle(xx + yy, det)
+        && let Some(needle) = Needle::new(gaussians, i, &footprint, view)
+    {
+        needle.write(&mut row, extent);
+    }
     let finite = all_finite(&[row]) && all_finite(&[colour, [det; 3]]);
     finite.then_some(row)
 }

@@ -1,10 +1,12 @@
 //! Projection on CubeCL devices.
 //!
 //! A unit owns one Gaussian, forward and backward. No shared memory, no atomics; deterministic.
-//! The determinant is the sum of the CPU kernel, in which nothing cancels.
+//! The determinant is the sum of the CPU kernel, in which nothing cancels. The few that are needles in the picture are
+//! projected once more in numbers of two floats.
 
 mod footprint;
 mod linear;
+mod needle;
 mod sh;
 #[cfg(test)]
 mod tests;
@@ -22,8 +24,12 @@ use footprint::{
     Ellipsoids, EllipsoidsLaunch, Footprint, ViewConstants, ViewConstantsLaunch, footprint_of,
 };
 use linear::{Mat3Launch, Vec3, Vec3Launch};
+use needle::{is_needle, needle_of, view_rest};
 use sh::{ShGradientsLaunch, colour};
 use vjp::{GradientsLaunch, project_vjp_kernel};
+
+/// Columns that every splat has; those of needles follow.
+const N_BEFORE_NEEDLES: usize = splats::ACROSS_X;
 
 impl Project for CubeBackend {
     fn project(
@@ -148,6 +154,7 @@ fn constants(view: &View<f32>) -> ViewConstantsLaunch {
     let vector = |[x, y, z]: [f32; 3]| Vec3Launch::new(x, y, z);
     let [x, y, z] = view.rotation.map(vector);
     ViewConstantsLaunch::new(
+        vector(view.origin),
         Mat3Launch::new(x, y, z),
         vector(view.translation),
         vector(view.position),
@@ -163,10 +170,20 @@ fn constants(view: &View<f32>) -> ViewConstantsLaunch {
         view.highest[1],
         view.near_plane,
         view.low_pass,
+        view_rest(view),
     )
 }
 
-/// The splat of a footprint, and whether it is in the image and finite.
+/// Whether a splat is in the image and finite, and whether it is a needle.
+#[derive(CubeType, Clone, Copy)]
+struct Packed {
+    seen: bool,
+    is_needle: bool,
+    /// The square of the Mahalanobis distance that is drawn.
+    extent: f32,
+}
+
+/// The splat of a footprint.
 #[cube]
 fn pack(
     row: &mut Array<f32>, // [C]
@@ -174,7 +191,7 @@ fn pack(
     opacity: f32,
     raw_colour: &Vec3,
     view: &ViewConstants,
-) -> bool {
+) -> Packed {
     let alpha_min = comptime!(ALPHA_MIN as f32);
     let g00 = f.row0.dot(&f.row0);
     let g11 = f.row1.dot(&f.row1);
@@ -200,11 +217,19 @@ fn pack(
     row[splats::DEPTH] = f.point.z;
     row[splats::RADIUS_X] = radius_x;
     row[splats::RADIUS_Y] = radius_y;
-    x + radius_x > 0.0f32
-        && x - radius_x < view.width
-        && y + radius_y > 0.0f32
-        && y - radius_y < view.height
-        && is_finite(det)
+    #[unroll]
+    for column in N_BEFORE_NEEDLES..N_COLUMNS {
+        row[column] = 0.0f32;
+    }
+    Packed {
+        seen: x + radius_x > 0.0f32
+            && x - radius_x < view.width
+            && y + radius_y > 0.0f32
+            && y - radius_y < view.height
+            && is_finite(det),
+        is_needle: is_needle(xx + yy, det),
+        extent,
+    }
 }
 
 #[cube(launch)]
@@ -230,9 +255,12 @@ fn project_kernel(
     let f = footprint_of(&gaussians, i, &view, form.exp);
     let raw_colour = colour(&gaussians.means, sh_dc, sh_rest, i, &view, form);
     let mut row = Array::<f32>::new(N_COLUMNS);
-    let seen = pack(&mut row, &f, opacity, &raw_colour, &view);
+    let packed = pack(&mut row, &f, opacity, &raw_colour, &view);
     let opaque = opacity >= comptime!(ALPHA_MIN as f32) && is_finite(raw_opacity);
-    let mut drawn = f.drawn && opaque && seen && raw_colour.is_finite();
+    let mut drawn = f.drawn && opaque && packed.seen && raw_colour.is_finite();
+    if drawn && packed.is_needle {
+        needle_of(&gaussians, i, &f, &view).write(&mut row, packed.extent);
+    }
     #[unroll]
     for column in 0..N_COLUMNS {
         drawn = drawn && is_finite(row[column]);

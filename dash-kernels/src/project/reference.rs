@@ -109,7 +109,7 @@ struct Colour<T> {
 impl<T: Float> Colour<T> {
     fn new(g: &Gaussian<T>, view: &View<T>) -> Self {
         let half = T::from(0.5).expect("every float type holds a half");
-        let offset: [T; 3] = std::array::from_fn(|k| g.mean[k] - view.position[k]);
+        let offset: [T; 3] = std::array::from_fn(|k| g.mean[k] - view.origin[k] - view.position[k]);
         let distance = dot(offset, offset).sqrt();
         let direction = offset.map(|o| o / distance);
         let basis = sh_basis(direction, view.sh_degree);
@@ -176,7 +176,8 @@ impl<T: Float> Projection<T> {
         let quat_norm = norm_squared.sqrt();
         let unit_quat = g.quat.map(|q| q / quat_norm);
 
-        let rotated = mat_vec(&view.rotation, g.mean);
+        let from_origin = std::array::from_fn(|k| g.mean[k] - view.origin[k]);
+        let rotated = mat_vec(&view.rotation, from_origin);
         let point = std::array::from_fn(|k| rotated[k] + view.translation[k]);
         let [x, y, z] = point;
         if z < view.near_plane {
@@ -367,6 +368,10 @@ fn packed_row<T: Float>(
         depth,
         radii[0],
         radii[1],
+        zero,
+        zero,
+        zero,
+        zero,
     ];
     let mut all = row.iter().chain(raw_colour).chain([&det]);
     all.all(|value| value.is_finite()).then_some(row)

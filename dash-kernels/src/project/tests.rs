@@ -178,6 +178,10 @@ fn one_gaussian_by_hand() {
             4.0,
             (extent * 4.3).sqrt(),
             (extent * 1.3).sqrt(),
+            0.0,
+            0.0,
+            0.0,
+            0.0,
         ];
         assert_close("splat", &to_f64(&values(splats)), &expected, 1e-6, 1e-6);
     }

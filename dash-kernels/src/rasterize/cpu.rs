@@ -15,7 +15,7 @@ use std::sync::Arc;
 
 use rayon::prelude::*;
 
-use crate::splats::{N_COLUMNS, N_DIFFERENTIABLE, is_finite};
+use crate::splats::{self, N_COLUMNS, is_finite};
 
 use super::tiles::{Bands, Footprint, TILE, depth_order};
 use super::{N_CHANNELS, RasterizeOptions};
@@ -116,12 +116,19 @@ pub fn rasterize_vjp(saved: &Saved, v_image: &[f32]) -> Vec<f32> {
         .for_each(|(piece, rows)| {
             for (k, v_row) in rows.chunks_exact_mut(N_COLUMNS).enumerate() {
                 let id = piece * PIECE + k;
-                let v_row = &mut v_row[..N_DIFFERENTIABLE];
-                for &(band, index) in &parts[starts[id] as usize..starts[id + 1] as usize] {
+                let own_parts = &parts[starts[id] as usize..starts[id + 1] as usize];
+                for &(band, index) in own_parts {
                     let part = &by_band[band as usize][index as usize];
                     for (sum, value) in v_row.iter_mut().zip(part) {
                         *sum += value;
                     }
+                }
+                if own_parts.first().is_some_and(|&(band, index)| {
+                    let band = &pass.blended[band as usize];
+                    band.needle(&band.records[index as usize]).is_some()
+                }) {
+                    v_row.copy_within(splats::CONIC_A..=splats::CONIC_C, splats::ACROSS_X);
+                    v_row[splats::CONIC_A..=splats::CONIC_C].fill(0.0);
                 }
                 if !v_row.iter().all(|&value| is_finite(value)) {
                     v_row.fill(0.0);

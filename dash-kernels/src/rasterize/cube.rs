@@ -10,6 +10,7 @@ mod blend_vjp;
 mod capacity;
 mod footprint;
 mod intersect;
+mod moments;
 mod slots;
 #[cfg(test)]
 mod tests;

@@ -4,6 +4,7 @@ mod autodiff;
 pub mod cpu;
 #[cfg(feature = "cube")]
 mod cube;
+mod needle;
 pub mod reference;
 #[cfg(test)]
 mod tests;
@@ -44,8 +45,9 @@ pub struct RasterizeOptions {
 ///
 /// A splat's visibility in a pixel is its alpha times the transmittance of the splats in front of it.
 /// A splat's alpha at a pixel's centre is `min(0.99, opacity * exp(-sigma))` with
-/// `sigma = a dx^2 / 2 + b dx dy + c dy^2 / 2`; it is skipped where alpha is under 1/255 or sigma
-/// is negative, and where the radii say that this is so. Splats are ordered by depth, equal
+/// `sigma = a dx^2 / 2 + b dx dy + c dy^2 / 2`, or that of its axes where it is a needle, see
+/// [`ACROSS_X`](crate::splats::ACROSS_X); it is skipped where alpha is under 1/255 or sigma
+/// is negative by more than rounding, and where the radii say that this is so. Splats are ordered by depth, equal
 /// depths by row. A pixel is finished before the splat that would bring its transmittance under
 /// 1e-4. Rows with a radius of zero, an opacity under 1/255 or a value that is not finite draw
 /// nothing.
@@ -55,7 +57,8 @@ pub struct RasterizeOptions {
 /// visibility times depth).
 ///
 /// # Gradient
-/// To all columns but the radii; zero to opacity, mean and conic where alpha was clamped to 0.99.
+/// To all columns but the radii; zero to opacity, mean and conic where alpha was clamped to 0.99. A needle's goes to
+/// its shape in the frame of its axes, and not to the conic.
 ///
 /// # Errors
 /// [`KernelError::Shape`] when the rows have another width, [`KernelError::Config`] when the image
@@ -72,7 +75,7 @@ pub struct RasterizeOptions {
 ///
 /// let options = RasterizeOptions { width: 8, height: 6, background: [0.0, 0.0, 1.0] };
 /// // A red splat with its centre on that of the pixel in column 3 and row 2; see `splats` for the columns.
-/// let splat = [3.5, 2.5, 1.0, 0.0, 1.0, 0.75, 1.0, 0.0, 0.0, 2.0, 4.0, 4.0];
+/// let splat = [3.5, 2.5, 1.0, 0.0, 1.0, 0.75, 1.0, 0.0, 0.0, 2.0, 4.0, 4.0, 0.0, 0.0, 0.0, 0.0];
 /// let splats = Tensor::from_floats([splat], &Device::flex());
 /// let image = rasterize(splats, &options)?;
 /// assert_eq!(image.dims(), [6, 8, N_CHANNELS]);

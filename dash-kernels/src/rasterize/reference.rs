@@ -3,8 +3,9 @@
 
 use num_traits::Float;
 
-use crate::splats::{self, ALPHA_MAX, ALPHA_MIN, N_COLUMNS, N_DIFFERENTIABLE, TRANSMITTANCE_STOP};
+use crate::splats::{self, ALPHA_MAX, ALPHA_MIN, N_COLUMNS, TRANSMITTANCE_STOP};
 
+use super::needle::Needle;
 use super::{CHANNEL_ALPHA, CHANNEL_DEPTH, N_CHANNELS};
 
 /// The image `[H, W, 5]`.
@@ -49,7 +50,7 @@ pub fn rasterize_vjp<T: Float>(
         }) * transmittance;
         for part in contributions.iter().rev() {
             let row = row(splats, part.splat);
-            let v_row = &mut v_splats[part.splat * N_COLUMNS..][..N_DIFFERENTIABLE];
+            let v_row = &mut v_splats[part.splat * N_COLUMNS..][..N_COLUMNS];
             let visibility = part.alpha * part.before;
             let mut v_visibility = row[splats::DEPTH] * v[CHANNEL_DEPTH];
             v_row[splats::DEPTH] = v_row[splats::DEPTH] + visibility * v[CHANNEL_DEPTH];
@@ -63,17 +64,9 @@ pub fn rasterize_vjp<T: Float>(
                 continue;
             }
             let v_sigma = -part.alpha * v_alpha;
-            let half = T::from(0.5).expect("every float type holds a half");
-            let (dx, dy) = (part.dx, part.dy);
-            let (a, b, c) = (row[2], row[3], row[4]);
-            for (column, v) in [
-                (splats::MEAN_X, v_sigma * (a * dx + b * dy)),
-                (splats::MEAN_Y, v_sigma * (b * dx + c * dy)),
-                (splats::CONIC_A, v_sigma * half * dx * dx),
-                (splats::CONIC_B, v_sigma * dx * dy),
-                (splats::CONIC_C, v_sigma * half * dy * dy),
-                (splats::OPACITY, v_alpha * part.alpha / row[splats::OPACITY]),
-            ] {
+            v_row[splats::OPACITY] =
+                v_row[splats::OPACITY] + v_alpha * part.alpha / row[splats::OPACITY];
+            for (column, v) in exponent_vjp(row, part.place, v_sigma) {
                 v_row[column] = v_row[column] + v;
             }
         }
@@ -92,7 +85,7 @@ pub fn margin<T: Float>(splats: &[T], px: usize, py: usize) -> T {
     let mut smallest = T::infinity();
     let mut transmittance = T::one();
     for &splat in &order {
-        let (sigma, _, _) = exponent(row(splats, splat), px, py);
+        let (sigma, _) = exponent(row(splats, splat), px, py);
         let alpha = row(splats, splat)[splats::OPACITY] * (-sigma).exp();
         smallest = smallest
             .min(relative(alpha, ALPHA_MIN))
@@ -117,8 +110,8 @@ struct Contribution<T> {
     clamped: bool,
     /// Transmittance in front of the splat.
     before: T,
-    dx: T,
-    dy: T,
+    /// What [`exponent`] says of the pixel's place.
+    place: [T; 2],
 }
 
 fn blend<T: Float>(
@@ -132,7 +125,7 @@ fn blend<T: Float>(
     let mut transmittance = T::one();
     for &splat in order {
         let row = row(splats, splat);
-        let (sigma, dx, dy) = exponent(row, px, py);
+        let (sigma, place) = exponent(row, px, py);
         let Some((alpha, clamped)) = clamped_alpha(sigma, row[splats::OPACITY] * (-sigma).exp())
         else {
             continue;
@@ -146,21 +139,56 @@ fn blend<T: Float>(
             alpha,
             clamped,
             before: transmittance,
-            dx,
-            dy,
+            place,
         });
         transmittance = next;
     }
     (contributions, transmittance)
 }
 
-/// The exponent sigma at a pixel's centre, and the offset of the splat from there.
-fn exponent<T: Float>(row: &[T], px: usize, py: usize) -> (T, T, T) {
+/// The exponent sigma at a pixel's centre, and the offset of the splat from there: across and along of a needle.
+fn exponent<T: Float>(row: &[T], px: usize, py: usize) -> (T, [T; 2]) {
     let c = |value: f64| T::from(value).expect("every float type converts from f64");
-    let dx = row[splats::MEAN_X] - c(px as f64 + 0.5);
-    let dy = row[splats::MEAN_Y] - c(py as f64 + 0.5);
+    let pixel = [c(px as f64 + 0.5), c(py as f64 + 0.5)];
+    if let Some(needle) = Needle::of(row) {
+        let [across, along] = needle.parts(pixel);
+        let (w, z) = (needle.offset - across, needle.centre - along);
+        return (
+            c(0.5) * (needle.across * w * w + needle.along * z * z),
+            [w, z],
+        );
+    }
+    let dx = row[splats::MEAN_X] - pixel[0];
+    let dy = row[splats::MEAN_Y] - pixel[1];
     let quadratic = row[splats::CONIC_A] * dx * dx + row[splats::CONIC_C] * dy * dy;
-    (c(0.5) * quadratic + row[splats::CONIC_B] * dx * dy, dx, dy)
+    (
+        c(0.5) * quadratic + row[splats::CONIC_B] * dx * dy,
+        [dx, dy],
+    )
+}
+
+/// Gradients of the mean and the shape, with their columns.
+fn exponent_vjp<T: Float>(row: &[T], [dx, dy]: [T; 2], v_sigma: T) -> [(usize, T); 5] {
+    let half = T::from(0.5).expect("every float type holds a half");
+    let needle = Needle::of(row);
+    let (v_mean, columns) = match needle {
+        Some(needle) => {
+            let (v_w, v_z) = (needle.across * dx, needle.along * dy);
+            let [nx, ny] = needle.normal;
+            ([nx * v_w - ny * v_z, ny * v_w + nx * v_z], splats::ACROSS_X)
+        }
+        None => {
+            let (a, b, c) = (row[2], row[3], row[4]);
+            ([a * dx + b * dy, b * dx + c * dy], splats::CONIC_A)
+        }
+    };
+    [
+        (splats::MEAN_X, v_sigma * v_mean[0]),
+        (splats::MEAN_Y, v_sigma * v_mean[1]),
+        (columns, v_sigma * half * dx * dx),
+        (columns + 1, v_sigma * dx * dy),
+        (columns + 2, v_sigma * half * dy * dy),
+    ]
 }
 
 /// Alpha after clamping, and whether it was clamped; `None` where the splat is skipped.

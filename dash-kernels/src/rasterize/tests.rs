@@ -1,4 +1,5 @@
 mod edges;
+mod needles;
 
 use burn::tensor::Tensor;
 use rand::Rng;
@@ -9,8 +10,9 @@ use super::{
 };
 use crate::splats::{self, ALPHA_MAX, ALPHA_MIN, N_COLUMNS, N_DIFFERENTIABLE, TRANSMITTANCE_STOP};
 use crate::testing::{
-    COSINE, assert_agrees, assert_close, assert_finite, assert_same_for_any_thread_count,
-    central_differences, cosine, devices, normals, rng, tensor, to_f32, to_f64, values,
+    COSINE, RELATIVE_L2, assert_agrees, assert_close, assert_finite,
+    assert_same_for_any_thread_count, central_differences, cosine, devices, normals, poison,
+    relative_l2, rng, tensor, to_f32, to_f64, values,
 };
 
 const BACKGROUND: [f32; 3] = [0.25, 0.5, 0.125];
@@ -52,6 +54,10 @@ fn row(
         depth,
         radius(xx),
         radius(yy),
+        0.0,
+        0.0,
+        0.0,
+        0.0,
     ]
 }
 

@@ -92,9 +92,9 @@ pub fn take_rows(values: Tensor<2>, rows: &[u32]) -> Result<Tensor<2>, KernelErr
 /// use dash_kernels::rows::join_rows;
 ///
 /// let device = Device::flex();
-/// let splats_of_two_sets = [Tensor::ones([3, 12], &device), Tensor::zeros([2, 12], &device)];
+/// let splats_of_two_sets = [Tensor::ones([3, 16], &device), Tensor::zeros([2, 16], &device)];
 /// let [first, second] = splats_of_two_sets;
-/// assert_eq!(join_rows(first, second)?.dims(), [5, 12]);
+/// assert_eq!(join_rows(first, second)?.dims(), [5, 16]);
 /// # Ok::<(), dash_kernels::KernelError>(())
 /// ```
 pub fn join_rows(first: Tensor<2>, second: Tensor<2>) -> Result<Tensor<2>, KernelError> {

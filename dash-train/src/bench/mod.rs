@@ -8,11 +8,13 @@
 //! - `error`: errors of many values; `timing`: medians and quartiles.
 //! - `hash_encode`, `mlp`, `project`, `rasterize`, `ssim`, `photometric`, `adam`: one operation each.
 //! - `trajectories`: `displacement`, `squared_extent`, `take_rows`, `join_rows`, `space_time`.
-//! - `scene`: a whole scene; `determinant`: two forms of one formula, on the host; `stiffness`: ever harder inputs.
+//! - `scene`: a whole scene; `determinant`, `exponent`: forms of one formula, on the host; `stiffness`: ever harder
+//!   inputs.
 
 mod adam;
 mod determinant;
 mod error;
+mod exponent;
 mod file;
 mod hash_encode;
 mod mlp;
@@ -186,6 +188,11 @@ impl Bench<'_> {
         if options.ops.contains(&Op::Project) {
             for &size in &options.sizes {
                 determinant::measure(self, size);
+            }
+        }
+        if options.ops.contains(&Op::Rasterize) {
+            for &size in &options.sizes {
+                exponent::measure(self, size);
             }
         }
         if options.stiffness {

@@ -5,7 +5,9 @@ use burn::tensor::Tensor;
 use dash_kernels::project::Activation;
 use dash_kernels::rasterize::{N_CHANNELS, RasterizeOptions, rasterize, reference};
 use dash_kernels::set_deterministic;
-use dash_kernels::splats::{MEAN_X, MEAN_Y, N_COLUMNS, N_DIFFERENTIABLE};
+use dash_kernels::splats::{
+    ACROSS_OFFSET, ACROSS_X, ACROSS_Y, MEAN_X, MEAN_Y, N_COLUMNS, N_DIFFERENTIABLE,
+};
 
 use super::project::{Cloud, columns_apart, sight};
 use super::{
@@ -45,6 +47,7 @@ impl Judged {
         for row in splats.chunks_exact_mut(N_COLUMNS) {
             row[MEAN_X] -= left as f64;
             row[MEAN_Y] -= top as f64;
+            row[ACROSS_OFFSET] -= row[ACROSS_X] * left as f64 + row[ACROSS_Y] * top as f64;
         }
         splats
     }

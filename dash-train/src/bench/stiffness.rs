@@ -13,8 +13,8 @@ use super::hash_encode::{HALF_TABLE, through_half};
 use super::project::{Cloud, columns_apart, sight};
 use super::rasterize::Judged;
 use super::{
-    Bench, BenchOptions, ErrorStats, Errors, Op, StiffnessPoint, Target, determinant, generator,
-    to_f64, uniform, values,
+    Bench, BenchOptions, ErrorStats, Errors, Op, StiffnessPoint, Target, determinant, exponent,
+    generator, to_f64, uniform, values,
 };
 use crate::Error;
 
@@ -37,6 +37,11 @@ pub(super) fn measure(bench: &mut Bench, options: &BenchOptions) -> Result<(), E
     if wants(Op::Project) {
         for length_px in NEEDLES_PX {
             determinant::stiff(bench, NEEDLES, length_px, N);
+        }
+    }
+    if wants(Op::Rasterize) {
+        for length_px in NEEDLES_PX {
+            exponent::stiff(bench, NEEDLES, length_px, N);
         }
     }
     for (name, device) in &options.devices {
@@ -135,7 +140,7 @@ fn crowd(n: usize) -> Judged {
             for value in &mut row[6..9] {
                 *value = rng.random();
             }
-            row[9..].copy_from_slice(&[rng.random_range(1.0..9.0), radius, radius]);
+            row[9..12].copy_from_slice(&[rng.random_range(1.0..9.0), radius, radius]);
             row
         })
         .collect();

@@ -7,7 +7,7 @@
 //! # Map
 //! - `measured`: the result of a case; `inputs`: random inputs and tensors; `projected`: Gaussians on a device and
 //!   in `f64`.
-//! - `projection`, `rasterization`, `hash_grid`, `networks`, `similarity`, `trajectories`, `optimiser`, `selection`,
+//! - `projection`, `rasterization`, `precision`, `hash_grid`, `networks`, `similarity`, `trajectories`, `optimiser`, `selection`,
 //!   `scenes`, `training`: the cases of each family.
 
 mod hash_grid;
@@ -15,6 +15,7 @@ mod inputs;
 mod measured;
 mod networks;
 mod optimiser;
+mod precision;
 mod projected;
 mod projection;
 mod rasterization;
@@ -80,6 +81,7 @@ pub fn cases() -> Vec<Case> {
     [
         projection::CASES,
         rasterization::CASES,
+        precision::CASES,
         hash_grid::CASES,
         networks::CASES,
         similarity::CASES,

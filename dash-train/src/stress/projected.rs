@@ -21,7 +21,7 @@ pub(super) struct Set {
     pub(super) scales: Vec<f32>,
     pub(super) opacities: Vec<f32>,
     pub(super) sh_coeffs: Vec<f32>,
-    sh_degree: usize,
+    pub(super) sh_degree: usize,
 }
 
 impl Set {
@@ -92,7 +92,10 @@ pub(super) fn compare(set: &Set, near_plane: f64, device: &Device) -> Result<Com
         &options,
     )?;
     let splats = to_host(out.clone().inner());
-    let v_splats = uniform(&mut rng(7), n * N_COLUMNS, -1.0, 1.0);
+    let mut v_splats = uniform(&mut rng(7), n * N_COLUMNS, -1.0, 1.0);
+    for v_row in v_splats.chunks_exact_mut(N_COLUMNS) {
+        v_row[N_DIFFERENTIABLE..].fill(0.0);
+    }
     let v_out = tensor(&v_splats, [n, N_COLUMNS], &device.clone().autodiff());
     let gradients = (out * v_out).sum().backward();
 

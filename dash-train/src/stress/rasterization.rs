@@ -60,7 +60,8 @@ fn row(
     let [x, y] = mean;
     let [a, b, c] = conic;
     let [red, green, blue] = colour;
-    [
+    let mut row = [0.0; N_COLUMNS];
+    row[..12].copy_from_slice(&[
         x,
         y,
         a,
@@ -73,7 +74,8 @@ fn row(
         depth,
         radius(xx),
         radius(yy),
-    ]
+    ]);
+    row
 }
 
 /// Whether a splat's exponent at a place is all rounding, which then decides whether it is drawn: a

@@ -5,6 +5,7 @@ use crate::splats::{self, N_COLUMNS, is_finite};
 use super::super::sh::sh_basis_vjp;
 use super::super::{Activation, Gaussians, View};
 use super::linear::{cross, dot, mat_mul, rotation_from_quat_vjp, transpose};
+use super::needle::Needle;
 use super::{Footprint, LOW_PASS, all_finite, clamped_colour_vjp, direction};
 
 /// Gradients of one Gaussian.
@@ -28,7 +29,11 @@ pub fn project_one_vjp(
         return None;
     }
     let footprint = Footprint::new(gaussians, i, view)?;
-    let (mut v_point, v_axes, mut scale) = footprint_vjp(&footprint, view, row, v_row);
+    let needle = match row[splats::ALONG] > 0.0 {
+        true => Needle::new(gaussians, i, &footprint, view),
+        false => None,
+    };
+    let (mut v_point, v_axes, mut scale) = footprint_vjp(&footprint, needle, view, row, v_row);
     v_point[2] += v_row[splats::DEPTH];
     let inverse_z = 1.0 / footprint.point[2];
     for k in 0..2 {
@@ -73,6 +78,7 @@ pub fn project_one_vjp(
 #[inline(always)]
 fn footprint_vjp(
     f: &Footprint,
+    needle: Option<Needle>,
     view: &View<f32>,
     row: &[f32; N_COLUMNS],
     v_row: &[f32; N_COLUMNS],
@@ -103,6 +109,9 @@ fn footprint_vjp(
         v_rows[0][k] = -2.0 * (a * v_h0 + b * v_h1);
         v_rows[1][k] = -2.0 * (b * v_h0 + c * v_h1);
         v_log_scale[k] = -2.0 * (h0 * v_h0 + h1 * v_h1);
+    }
+    if let Some(needle) = needle {
+        needle.add_vjp(v_row, &mut v_rows, &mut v_log_scale);
     }
     let inverse_z = 1.0 / f.point[2];
     let mut v_point = [0.0; 3];

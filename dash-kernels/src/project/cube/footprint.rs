@@ -3,9 +3,10 @@
 use cubecl::prelude::*;
 
 use crate::cube::is_finite;
-use crate::splats;
+use crate::splats::{self, N_COLUMNS};
 
 use super::linear::{Mat3, Quat, Vec3};
+use super::needle::{ViewRest, needle_of};
 
 /// Quaternions with a smaller squared length are culled.
 const MIN_QUAT_NORM_SQUARED: f32 = 1e-12;
@@ -13,8 +14,9 @@ const MIN_QUAT_NORM_SQUARED: f32 = 1e-12;
 /// A [`View`](super::super::View) as launched.
 #[derive(CubeType, CubeLaunch, Clone, Copy)]
 pub(super) struct ViewConstants {
+    pub origin: Vec3,
     pub rotation: Mat3,
-    translation: Vec3,
+    pub translation: Vec3,
     position: Vec3,
     pub focal_x: f32,
     pub focal_y: f32,
@@ -22,12 +24,13 @@ pub(super) struct ViewConstants {
     pub principal_y: f32,
     pub width: f32,
     pub height: f32,
-    lowest_x: f32,
-    lowest_y: f32,
-    highest_x: f32,
-    highest_y: f32,
+    pub lowest_x: f32,
+    pub lowest_y: f32,
+    pub highest_x: f32,
+    pub highest_y: f32,
     near_plane: f32,
     pub low_pass: f32,
+    pub rest: ViewRest,
 }
 
 #[cube]
@@ -35,14 +38,18 @@ impl ViewConstants {
     /// Vector from the camera's centre.
     pub fn offset(&self, mean: &Vec3) -> Vec3 {
         Vec3 {
-            x: mean.x - self.position.x,
-            y: mean.y - self.position.y,
-            z: mean.z - self.position.z,
+            x: mean.x - self.origin.x - self.position.x,
+            y: mean.y - self.origin.y - self.position.y,
+            z: mean.z - self.origin.z - self.position.z,
         }
     }
 
-    fn point(&self, mean: &Vec3) -> Vec3 {
-        self.rotation.times_vector(mean).plus(&self.translation)
+    fn from_origin(&self, mean: &Vec3) -> Vec3 {
+        Vec3 {
+            x: mean.x - self.origin.x,
+            y: mean.y - self.origin.y,
+            z: mean.z - self.origin.z,
+        }
     }
 }
 
@@ -50,7 +57,7 @@ impl ViewConstants {
 #[derive(CubeType, CubeLaunch)]
 pub(super) struct Ellipsoids {
     pub means: Box<[f32]>, // [N, 3]
-    quats: Box<[f32]>,     // [N, 4]
+    pub quats: Box<[f32]>, // [N, 4]
     scales: Box<[f32]>,    // [N, 3]
 }
 
@@ -93,7 +100,9 @@ pub(super) fn footprint_of(
     #[comptime] exp: bool,
 ) -> Footprint {
     let mean = Vec3::read(&gaussians.means, i);
-    let point = view.point(&mean);
+    let from_origin = view.from_origin(&mean);
+    let rotated = view.rotation.times_vector(&from_origin);
+    let point = rotated.plus(&view.translation);
     let raw_scale = Vec3::read(&gaussians.scales, i);
     let quat = Quat::read(&gaussians.quats, i);
     let norm_squared = quat.dot(&quat);
@@ -137,11 +146,11 @@ pub(super) fn footprint_of(
 
 /// Gradients of the rows of `J W R S`.
 #[derive(CubeType, Clone, Copy)]
-struct RowsGradient {
-    v_row0: Vec3,
-    v_row1: Vec3,
+pub(super) struct RowsGradient {
+    pub v_row0: Vec3,
+    pub v_row1: Vec3,
     /// Through both rows, of the scales' logarithms.
-    v_log_scale: Vec3,
+    pub v_log_scale: Vec3,
 }
 
 /// `v_rows = -2 conic v_conic (conic rows)`.
@@ -189,16 +198,24 @@ pub(super) struct FootprintGradient {
     pub v_log_scale: Vec3,
 }
 
-/// The pullback of [`footprint_of`]: through the centre, the conic and the depth of the splat that starts at `at`.
+/// The pullback of [`footprint_of`]: through the centre, the conic and the depth of splat `i`.
 #[cube]
 pub(super) fn footprint_vjp(
+    gaussians: &Ellipsoids,
+    i: usize,
     f: &Footprint,
     splats: &[f32],   // [N, C]
     v_splats: &[f32], // [N, C]
-    at: usize,
     view: &ViewConstants,
 ) -> FootprintGradient {
-    let rows = rows_vjp(f, splats, v_splats, at, view.low_pass);
+    let at = i * N_COLUMNS;
+    let mut rows = rows_vjp(f, splats, v_splats, at, view.low_pass);
+    if splats[at + splats::ALONG] > 0.0f32 {
+        let more = needle_of(gaussians, i, f, view).vjp(v_splats, at);
+        rows.v_row0.add(&more.v_row0);
+        rows.v_row1.add(&more.v_row1);
+        rows.v_log_scale.add(&more.v_log_scale);
+    }
     let v_log_scale = rows.v_log_scale;
     let inverse_z = 1.0f32 / f.point.z;
     let v_unscaled0 = rows.v_row0.times(&f.scale).scaled(view.focal_x * inverse_z);

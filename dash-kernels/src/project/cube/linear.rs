@@ -73,6 +73,12 @@ impl Vec3 {
         }
     }
 
+    pub fn add(&mut self, other: &Vec3) {
+        self.x += other.x;
+        self.y += other.y;
+        self.z += other.z;
+    }
+
     /// Coordinate by coordinate.
     pub fn times(&self, other: &Vec3) -> Vec3 {
         Vec3 {

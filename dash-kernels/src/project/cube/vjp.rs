@@ -99,7 +99,7 @@ pub(super) fn project_vjp_kernel(
     GaussianGradient::zero().write(&mut gradients, i);
     if splats[at + splats::RADIUS_X] > 0.0f32 {
         let f = footprint_of(&gaussians, i, &view, form.exp);
-        let v = footprint_vjp(&f, splats, v_splats, at, &view);
+        let v = footprint_vjp(&gaussians, i, &f, splats, v_splats, &view);
         let v_colour = clamped_colour_vjp(splats, v_splats, at);
         let v_direction = colour_vjp(
             &gaussians.means,

@@ -3,12 +3,14 @@
 use crate::splats::{self, N_COLUMNS};
 
 use super::super::RasterizeOptions;
+use super::super::needle::Needle;
 use super::super::tiles::{Footprint, TILE};
 
 /// Pixels in a tile.
 pub const TILE_PIXELS: usize = TILE * TILE;
 
-const LOG2_E: f32 = std::f32::consts::LOG2_E;
+/// Exponents are kept in base 2.
+pub const LOG2_E: f32 = std::f32::consts::LOG2_E;
 
 /// A splat as blending reads it.
 ///
@@ -33,6 +35,39 @@ pub struct Record {
     pub rows: [u8; 2],
     /// First tile column, and one past the last.
     pub tiles: [u16; 2],
+    /// Place among the band's needles, `NO_NEEDLE` for other splats.
+    needle: u32,
+}
+
+/// See [`Record`].
+const NO_NEEDLE: u32 = u32::MAX;
+
+/// A needle in a tile, in pixels from the tile's corner.
+#[derive(Debug, Clone, Copy)]
+pub struct NeedleInTile {
+    /// The axis' point next to the tile's middle.
+    pub foot: [f32; 2],
+    /// Unit vector across.
+    pub normal: [f32; 2],
+    /// The centre's distance along the axis from the foot.
+    pub far: f32,
+    /// What the squares of the distances across and along are multiplied with: the exponent in base 2.
+    pub factors: [f32; 2],
+}
+
+impl NeedleInTile {
+    #[inline(always)]
+    fn new(needle: &Needle<f32>, [left, top]: [f32; 2]) -> Self {
+        let half = 0.5 * TILE as f32;
+        let [across, along] = needle.parts([left + half, top + half]);
+        let ([nx, ny], distance) = (needle.normal, needle.offset - across);
+        Self {
+            foot: [half + distance * nx, half + distance * ny],
+            normal: needle.normal,
+            far: needle.centre - along,
+            factors: [-0.5 * LOG2_E * needle.across, -0.5 * LOG2_E * needle.along],
+        }
+    }
 }
 
 impl Record {
@@ -54,6 +89,7 @@ impl Record {
             depth: row[splats::DEPTH],
             rows: [within(footprint.y0), within(footprint.y1)],
             tiles: [tiles.start as u16, tiles.end as u16],
+            needle: NO_NEEDLE,
         }
     }
 
@@ -80,6 +116,7 @@ pub struct Band {
     pub top: usize,
     /// The band's splats in drawing order.
     pub records: Vec<Record>,
+    needles: Vec<Needle<f32>>,
     /// Where each tile's part of `entries` starts; one more entry than tiles.
     pub starts: Vec<u32>,
     /// Indices into `records`, in drawing order within each tile.
@@ -100,12 +137,18 @@ impl Band {
         options: &RasterizeOptions,
     ) -> Self {
         let n_tiles = options.width.div_ceil(TILE);
+        let mut needles = Vec::new();
         let records: Vec<Record> = ids
             .iter()
             .map(|&id| {
                 let id = id as usize;
                 let row = &splats[id * N_COLUMNS..(id + 1) * N_COLUMNS];
-                Record::new(row, &footprints[id], index)
+                let mut record = Record::new(row, &footprints[id], index);
+                if let Some(needle) = Needle::of(row) {
+                    record.needle = needles.len() as u32;
+                    needles.push(needle);
+                }
+                record
             })
             .collect();
         let mut starts = vec![0u32; n_tiles + 1];
@@ -129,11 +172,25 @@ impl Band {
         Self {
             top: index * TILE,
             records,
+            needles,
             starts,
             entries,
             transmittance: Vec::new(),
             last: Vec::new(),
         }
+    }
+
+    /// The needle of a record; `None` for other splats.
+    #[inline(always)]
+    pub fn needle(&self, record: &Record) -> Option<&Needle<f32>> {
+        self.needles.get(record.needle as usize)
+    }
+
+    /// The same as a tile with this left edge sees it.
+    #[inline(always)]
+    pub fn needle_in_tile(&self, record: &Record, left: f32) -> Option<NeedleInTile> {
+        let needle = self.needle(record)?;
+        Some(NeedleInTile::new(needle, [left, self.top as f32]))
     }
 
     /// The splats of a tile, front to back, as indices into `records`.

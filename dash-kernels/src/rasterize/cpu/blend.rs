@@ -7,7 +7,7 @@ use crate::splats::{ALPHA_MAX, TRANSMITTANCE_STOP};
 use super::super::tiles::TILE;
 use super::super::{CHANNEL_ALPHA, CHANNEL_DEPTH, N_CHANNELS, RasterizeOptions};
 use super::band::{Band, Record, TILE_PIXELS};
-use super::lanes::{ColumnLanes, SplatLanes, TilePixels, any, exp2};
+use super::lanes::{Conic, ConicLanes, Exponents, NeedleLanes, SplatLanes, TilePixels, any, exp2};
 
 /// Draws a band's splats into its rows of the image.
 pub struct BlendBand<'a> {
@@ -94,37 +94,63 @@ impl Tile {
         alive[..per_row].fill((1 << n_rows) - 1);
         for (place, &index) in (1i32..).zip(band.tile(tile)) {
             let record = &band.records[index as usize];
-            let rows = record.row_bits();
-            let mut any_alive = 0;
-            for (group, alive) in alive[..per_row].iter_mut().enumerate() {
-                if *alive & rows != 0 {
-                    let finished = self.draw_splat(
+            let any_alive = match band.needle_in_tile(record, left) {
+                None => {
+                    let shape = Conic::new(record, [left, band.top as f32]);
+                    self.draw_splat::<S, ConicLanes<S>>(
                         simd,
                         record,
+                        &shape,
                         place,
-                        [left, band.top as f32],
-                        group,
-                        *alive & rows,
-                    );
-                    *alive &= !finished;
+                        &mut alive[..per_row],
+                    )
                 }
-                any_alive |= *alive;
-            }
+                Some(shape) => self.draw_splat::<S, NeedleLanes<S>>(
+                    simd,
+                    record,
+                    &shape,
+                    place,
+                    &mut alive[..per_row],
+                ),
+            };
             if any_alive == 0 {
                 break;
             }
         }
     }
 
-    /// Draws one splat into the rows given as bits, in one group of columns; returns the rows that
-    /// it finished.
+    /// Draws one splat; takes the rows that it finishes from those `alive` in each group of columns, and returns what
+    /// is left in any of them.
     #[inline(always)]
-    fn draw_splat<S: Simd>(
+    fn draw_splat<S: Simd, E: Exponents<S>>(
         &mut self,
         simd: S,
         record: &Record,
+        shape: &E::Shape,
         place: i32,
-        [left, top]: [f32; 2],
+        alive: &mut [u32],
+    ) -> u32 {
+        let rows = record.row_bits();
+        let mut any_alive = 0;
+        for (group, alive) in alive.iter_mut().enumerate() {
+            if *alive & rows != 0 {
+                *alive &=
+                    !self.draw_group::<S, E>(simd, record, shape, place, group, *alive & rows);
+            }
+            any_alive |= *alive;
+        }
+        any_alive
+    }
+
+    /// Draws one splat into the rows given as bits, in one group of columns; returns the rows that
+    /// it finished.
+    #[inline(always)]
+    fn draw_group<S: Simd, E: Exponents<S>>(
+        &mut self,
+        simd: S,
+        record: &Record,
+        shape: &E::Shape,
+        place: i32,
         group: usize,
         mut rows: u32,
     ) -> u32 {
@@ -133,7 +159,7 @@ impl Tile {
         let alpha_max = simd.splat_f32s(ALPHA_MAX as f32);
         let stop = simd.splat_f32s(TRANSMITTANCE_STOP as f32);
         let splat = SplatLanes::new(simd, record);
-        let columns = ColumnLanes::new(simd, record, left, group);
+        let columns = E::new(simd, shape, group);
         let place = simd.splat_i32s(place);
 
         let transmittances = S::as_mut_simd_f32s(&mut self.transmittance.0).0;
@@ -146,8 +172,7 @@ impl Tile {
         while rows != 0 {
             let row = rows.trailing_zeros() as usize;
             rows &= rows - 1;
-            let dy = record.y - top - (row as f32 + 0.5);
-            let exponent = columns.exponent(simd, record, dy);
+            let exponent = columns.exponent(simd, shape, E::dy(shape, row));
             let drawn = splat.is_drawn(simd, exponent);
             if !any::<S>(drawn) {
                 continue;

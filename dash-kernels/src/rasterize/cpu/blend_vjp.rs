@@ -6,8 +6,10 @@ use crate::splats::{self, ALPHA_MAX, N_DIFFERENTIABLE};
 
 use super::super::tiles::TILE;
 use super::super::{CHANNEL_ALPHA, CHANNEL_DEPTH, N_CHANNELS, RasterizeOptions};
-use super::band::{Band, Record, TILE_PIXELS};
-use super::lanes::{ColumnLanes, SplatLanes, TilePixels, any, exp2};
+use super::band::{Band, LOG2_E, NeedleInTile, Record, TILE_PIXELS};
+use super::lanes::{
+    Conic, ConicLanes, Exponents, Moments, NeedleLanes, SplatLanes, TilePixels, any, exp2,
+};
 
 /// Gradient of the columns that have one.
 pub type SplatGradient = [f32; N_DIFFERENTIABLE];
@@ -49,13 +51,24 @@ impl WithSimd for BlendBandVjp<'_> {
                 let index = entries[place as usize] as usize;
                 let record = &self.band.records[index];
                 let v_splat = &mut v_splats[index];
-                state.replay(
-                    simd,
-                    record,
-                    place,
-                    [(tile * TILE) as f32, self.band.top as f32],
-                    v_splat,
-                );
+                let corner = [(tile * TILE) as f32, self.band.top as f32];
+                match self.band.needle_in_tile(record, corner[0]) {
+                    None => {
+                        let shape = Conic::new(record, corner);
+                        if let Some(sums) =
+                            state.replay::<S, ConicLanes<S>>(simd, record, &shape, place)
+                        {
+                            sums.add_to(simd, record, v_splat);
+                        }
+                    }
+                    Some(shape) => {
+                        if let Some(sums) =
+                            state.replay::<S, NeedleLanes<S>>(simd, record, &shape, place)
+                        {
+                            sums.add_needle_to(simd, record, &shape, v_splat);
+                        }
+                    }
+                }
             }
         }
         v_splats
@@ -108,16 +121,15 @@ impl TileVjp {
         state
     }
 
-    /// Takes one splat off the tile and adds its gradient to `v_splat`.
+    /// Takes one splat off the tile; `None` where it was not drawn.
     #[inline(always)]
-    fn replay<S: Simd>(
+    fn replay<S: Simd, E: Exponents<S>>(
         &mut self,
         simd: S,
         record: &Record,
+        shape: &E::Shape,
         place: i32,
-        [left, top]: [f32; 2],
-        v_splat: &mut SplatGradient,
-    ) {
+    ) -> Option<Sums<S>> {
         let per_row = TILE / S::F32_LANES;
         let zero = simd.splat_f32s(0.0);
         let splat = SplatLanes::new(simd, record);
@@ -125,9 +137,8 @@ impl TileVjp {
         let mut sums = Sums::<S>::zero(simd);
         let mut any_drawn = false;
         for group in 0..per_row {
-            let columns = ColumnLanes::new(simd, record, left, group);
-            // Sums of v times 1, dy and dy^2.
-            let mut by_dy = [zero; 3];
+            let columns = E::new(simd, shape, group);
+            let mut by_row = [zero; 3];
             let mut rows = record.row_bits();
             while rows != 0 {
                 let row = rows.trailing_zeros() as usize;
@@ -136,8 +147,8 @@ impl TileVjp {
                     continue;
                 }
                 let i = row * per_row + group;
-                let dy = record.y - top - (row as f32 + 0.5);
-                let exponent = columns.exponent(simd, record, dy);
+                let dy = E::dy(shape, row);
+                let exponent = columns.exponent(simd, shape, dy);
                 let drawn = simd.and_m32s(
                     splat.is_drawn(simd, exponent),
                     simd.greater_than_i32s(S::as_simd_i32s(&self.last.0).0[i], place_lanes),
@@ -147,17 +158,11 @@ impl TileVjp {
                 }
                 any_drawn = true;
                 let v = self.replay_pixels(simd, &splat, i, exponent, drawn, &mut sums);
-                let dy_lanes = simd.splat_f32s(dy);
-                let v_dy = simd.mul_f32s(v, dy_lanes);
-                by_dy[0] = simd.add_f32s(by_dy[0], v);
-                by_dy[1] = simd.add_f32s(by_dy[1], v_dy);
-                by_dy[2] = simd.mul_add_e_f32s(v_dy, dy_lanes, by_dy[2]);
+                columns.add_row(simd, shape, v, dy, &mut by_row, &mut sums.moments);
             }
-            sums.add_columns(simd, by_dy, columns.dx);
+            columns.add_group(simd, by_row, &mut sums.moments);
         }
-        if any_drawn {
-            sums.add_to(simd, record, v_splat);
-        }
+        any_drawn.then_some(sums)
     }
 
     /// Takes one splat off the pixels at `i` where it is `drawn`: `alpha v_alpha`.
@@ -212,8 +217,8 @@ impl TileVjp {
 struct Sums<S: Simd> {
     /// Gradients of red, green, blue and depth.
     v_colour: [S::f32s; 4],
-    /// Sums of v = alpha v_alpha = -v_sigma times 1, dx, dx^2, dy, dx dy, dy^2.
-    moments: [S::f32s; 6],
+    /// Of v = alpha v_alpha = -v_sigma.
+    moments: Moments<S>,
 }
 
 impl<S: Simd> Sums<S> {
@@ -226,39 +231,52 @@ impl<S: Simd> Sums<S> {
         }
     }
 
-    /// Adds the sums of v times 1, dy and dy^2 over a group of columns.
+    /// The moments summed over the lanes.
     #[inline(always)]
-    fn add_columns(&mut self, simd: S, by_dy: [S::f32s; 3], dx: S::f32s) {
-        let moments = &mut self.moments;
-        let by_dx = simd.mul_f32s(by_dy[0], dx);
-        moments[0] = simd.add_f32s(moments[0], by_dy[0]);
-        moments[1] = simd.add_f32s(moments[1], by_dx);
-        moments[2] = simd.mul_add_e_f32s(by_dx, dx, moments[2]);
-        moments[3] = simd.add_f32s(moments[3], by_dy[1]);
-        moments[4] = simd.mul_add_e_f32s(by_dy[1], dx, moments[4]);
-        moments[5] = simd.add_f32s(moments[5], by_dy[2]);
+    fn reduced(&self, simd: S) -> [f32; 6] {
+        let mut reduced = [0.0; 6];
+        for (sum, &moment) in reduced.iter_mut().zip(&self.moments) {
+            *sum = simd.reduce_sum_f32s(moment);
+        }
+        reduced
     }
 
-    /// Adds the gradient that the sums make to `v_splat`.
+    /// Adds the gradient that the sums make of an ordinary splat to `v_splat`.
     #[inline(always)]
     fn add_to(&self, simd: S, record: &Record, v_splat: &mut SplatGradient) {
-        let moments = &self.moments;
-        let (m, m_x, m_xx) = (
-            simd.reduce_sum_f32s(moments[0]),
-            simd.reduce_sum_f32s(moments[1]),
-            simd.reduce_sum_f32s(moments[2]),
-        );
-        let (m_y, m_xy, m_yy) = (
-            simd.reduce_sum_f32s(moments[3]),
-            simd.reduce_sum_f32s(moments[4]),
-            simd.reduce_sum_f32s(moments[5]),
-        );
+        let [m, m_x, m_xx, m_y, m_xy, m_yy] = self.reduced(simd);
         let [a, b, c] = record.conic();
         v_splat[splats::MEAN_X] -= a * m_x + b * m_y;
         v_splat[splats::MEAN_Y] -= b * m_x + c * m_y;
         v_splat[splats::CONIC_A] -= 0.5 * m_xx;
         v_splat[splats::CONIC_B] -= m_xy;
         v_splat[splats::CONIC_C] -= 0.5 * m_yy;
+        self.add_colour(simd, record, m, v_splat);
+    }
+
+    /// The same of a needle; its shape's in the frame of its axes stands in place of the conic's.
+    #[inline(always)]
+    fn add_needle_to(
+        &self,
+        simd: S,
+        record: &Record,
+        shape: &NeedleInTile,
+        v_splat: &mut SplatGradient,
+    ) {
+        let [m, m_w, m_ww, m_z, m_wz, m_zz] = self.reduced(simd);
+        let [nx, ny] = shape.normal;
+        let [across, along] = shape.factors.map(|factor| factor * (-2.0 / LOG2_E));
+        let (v_w, v_z) = (across * m_w, along * m_z);
+        v_splat[splats::MEAN_X] -= nx * v_w - ny * v_z;
+        v_splat[splats::MEAN_Y] -= ny * v_w + nx * v_z;
+        v_splat[splats::CONIC_A] -= 0.5 * m_ww;
+        v_splat[splats::CONIC_B] -= m_wz;
+        v_splat[splats::CONIC_C] -= 0.5 * m_zz;
+        self.add_colour(simd, record, m, v_splat);
+    }
+
+    #[inline(always)]
+    fn add_colour(&self, simd: S, record: &Record, m: f32, v_splat: &mut SplatGradient) {
         v_splat[splats::OPACITY] += m / record.opacity;
         v_splat[splats::RED] += simd.reduce_sum_f32s(self.v_colour[0]);
         v_splat[splats::GREEN] += simd.reduce_sum_f32s(self.v_colour[1]);

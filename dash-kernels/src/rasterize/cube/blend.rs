@@ -15,7 +15,7 @@ use super::super::tiles::TILE;
 use super::super::{CHANNEL_ALPHA, CHANNEL_DEPTH, N_CHANNELS, RasterizeOptions};
 use super::intersect::Intersections;
 use super::tile::{
-    Frame, Lists, Splat, alpha_at, first_pixel, frame, lists_arg, read_splat, tile_list,
+    Frame, Lists, Splat, alpha_at, first_pixel, frame, lists_arg, middle, read_splat, tile_list,
 };
 
 /// Units of a cube: a wide subgroup owns a tile alone, so that its barriers cost nothing; narrow
@@ -122,13 +122,17 @@ fn blend_splat(
     x: f32,
     y: f32,
     #[comptime] per_unit: usize,
+    #[comptime] is_needle: bool,
 ) -> bool {
     let dx = splat.x - x;
     let mut any_live = false;
     #[unroll]
     for k in 0..per_unit {
         let dy = splat.y - (y + comptime!(k as f32));
-        let alpha = f32::min(alpha_at(splat, dx, dy), comptime!(ALPHA_MAX as f32));
+        let alpha = f32::min(
+            alpha_at(splat, dx, dy, is_needle),
+            comptime!(ALPHA_MAX as f32),
+        );
         let next = pixels.transmittance[k] * (1.0f32 - alpha);
         if alpha > 0.0f32 && pixels.live[k] {
             if next < comptime!(TRANSMITTANCE_STOP as f32) {
@@ -180,14 +184,20 @@ fn blend_tiles(
     let x = f32::cast_from(column) + 0.5f32;
     let y = f32::cast_from(first_row) + 0.5f32;
     let mut pixels = empty_pixels(column, first_row, &frame, per_unit);
+    let middle = middle(tile, &frame);
     let mut place = list.start;
     let mut any_live = pixels.live[0];
     while place < list.end && any_live {
         #[unroll]
         for step in 0..PER_ROUND {
             if place + step < list.end {
-                let splat = read_splat(splats, place + step, &list, &lists);
-                any_live = blend_splat(&mut pixels, &splat, place + step, x, y, per_unit);
+                let at = place + step;
+                let splat = read_splat(splats, at, &list, &lists, middle);
+                if splat.along > 0.0f32 {
+                    any_live = blend_splat(&mut pixels, &splat, at, x, y, per_unit, true);
+                } else {
+                    any_live = blend_splat(&mut pixels, &splat, at, x, y, per_unit, false);
+                }
             }
         }
         place += PER_ROUND;

@@ -18,9 +18,11 @@ use super::super::tiles::TILE;
 use super::super::{CHANNEL_ALPHA, CHANNEL_DEPTH, N_CHANNELS};
 use super::Saved;
 use super::blend::ForwardPixels;
+use super::moments::Moments;
 use super::slots::{Window, WindowLaunch, clear_slots, sum_window};
 use super::tile::{
-    Frame, Lists, Splat, TileList, alpha_at, first_pixel, frame, lists_arg, read_splat, tile_list,
+    Frame, Lists, Splat, TileList, alpha_at, first_pixel, frame, gradient_column, lists_arg,
+    middle, read_splat, tile_list,
 };
 
 /// Splats whose gradients are added up together; a round of the loop over a tile's list, whose
@@ -162,17 +164,15 @@ fn replay(
     x: f32,
     y: f32,
     #[comptime] per_unit: usize,
+    #[comptime] is_needle: bool,
 ) -> Array<f32> {
     let mut v = no_gradient();
     let dx = splat.x - x;
-    // Sums over the pixels of v_sigma times 1, dy and dy^2.
-    let mut v_sigma = 0.0f32;
-    let mut v_sigma_y = 0.0f32;
-    let mut v_sigma_yy = 0.0f32;
+    let mut sums = Moments::zero();
     #[unroll]
     for k in 0..per_unit {
         let dy = splat.y - (y + comptime!(k as f32));
-        let raw = alpha_at(splat, dx, dy);
+        let raw = alpha_at(splat, dx, dy, is_needle);
         if raw > 0.0f32 && (place as u32) < pixels.last[k] {
             let alpha = f32::min(raw, comptime!(ALPHA_MAX as f32));
             let remains = 1.0f32 - alpha;
@@ -191,18 +191,20 @@ fn replay(
             pixels.transmittance[k] = before;
             if raw <= comptime!(ALPHA_MAX as f32) {
                 let v_own = -(alpha * v_alpha);
-                v_sigma += v_own;
-                v_sigma_y += v_own * dy;
-                v_sigma_yy += v_own * dy * dy;
+                if comptime!(is_needle) {
+                    sums.add_needle(v_own, splat, dx, dy);
+                } else {
+                    sums.add_conic(v_own, dy);
+                }
             }
         }
     }
-    let v_sigma_x = v_sigma * dx;
-    v[splats::MEAN_X] = splat.a * v_sigma_x + splat.b * v_sigma_y;
-    v[splats::MEAN_Y] = splat.b * v_sigma_x + splat.c * v_sigma_y;
-    v[splats::CONIC_A] = 0.5f32 * v_sigma_x * dx;
-    v[splats::CONIC_B] = v_sigma_y * dx;
-    v[splats::CONIC_C] = 0.5f32 * v_sigma_yy;
+    if comptime!(is_needle) {
+        sums.write_needle(&mut v, splat);
+    } else {
+        sums.write_conic(&mut v, splat, dx);
+    }
+    let v_sigma = sums.v;
     // Opacity is positive wherever anything was drawn.
     v[splats::OPACITY] = select(v_sigma != 0.0f32, -v_sigma / splat.opacity, 0.0f32);
     v
@@ -218,9 +220,24 @@ fn no_gradient() -> Array<f32> {
     v
 }
 
+/// Writes a unit's sums for a splat, which start at `at`.
+#[cube]
+fn store(
+    sums: &mut Shared<[f32]>, // [BATCH_VALUES, units + 1]
+    v: &Array<f32>,           // [N_DIFFERENTIABLE]
+    at: usize,
+    #[comptime] stride: usize,
+) {
+    #[unroll]
+    for value in 0..N_DIFFERENTIABLE {
+        sums[at + comptime!(value * stride)] = v[value];
+    }
+}
+
 /// Adds up the units' sums of a batch of splats that ends before `batch_end`; a unit owns a value.
 #[cube]
 fn add_up_batch<A: FloatAdd>(
+    splats: &[f32],               // [N, C]
     sums: &Shared<[f32]>,         // [BATCH_VALUES, units + 1]
     v_slots: &mut [f32],          // [slots per window, N_DIFFERENTIABLE]
     v_splats: &[Atomic<A::Word>], // [N, C]
@@ -245,8 +262,9 @@ fn add_up_batch<A: FloatAdd>(
             if list.overflowed {
                 // Of all splats few reach the tile, and all tiles wait for each other here.
                 if sum != 0.0f32 {
-                    let row = lists.order[place] as usize;
-                    A::add(&v_splats[row * N_COLUMNS + value], sum);
+                    let at = lists.order[place] as usize * N_COLUMNS;
+                    let column = gradient_column(value, splats[at + splats::ALONG] > 0.0f32);
+                    A::add(&v_splats[at + column], sum);
                 }
             } else {
                 let slot = lists.slots[place] - window.first;
@@ -293,6 +311,7 @@ fn blend_tiles_vjp<A: FloatAdd>(
         own_last = u32::max(own_last, pixels.last[k]);
     }
     let end = cube_max(own_last, units) as usize;
+    let middle = middle(tile, &frame);
     clear_slots(v_slots, &list, &lists, end, &window);
 
     let mut sums = Shared::<[f32]>::new_slice(comptime!(BATCH_VALUES * stride));
@@ -302,19 +321,21 @@ fn blend_tiles_vjp<A: FloatAdd>(
         for step in 0..BATCH {
             if batch_end > list.start + step {
                 let place = batch_end - step - 1;
-                let splat = read_splat(splats, place, &list, &lists);
-                let v = replay(&mut pixels, &splat, place, x, y, per_unit);
-                #[unroll]
-                for value in 0..N_DIFFERENTIABLE {
-                    let at = (step * N_DIFFERENTIABLE + value) * stride;
-                    sums[at + UNIT_POS as usize] = v[value];
+                let splat = read_splat(splats, place, &list, &lists, middle);
+                let at = step * N_DIFFERENTIABLE * stride + UNIT_POS as usize;
+                if splat.along > 0.0f32 {
+                    let v = replay(&mut pixels, &splat, place, x, y, per_unit, true);
+                    store(&mut sums, &v, at, stride);
+                } else {
+                    let v = replay(&mut pixels, &splat, place, x, y, per_unit, false);
+                    store(&mut sums, &v, at, stride);
                 }
             }
         }
         // A value is added up by one unit after all units have summed theirs.
         sync_cube();
         add_up_batch::<A>(
-            &sums, v_slots, v_splats, &list, &lists, batch_end, &window, units,
+            splats, &sums, v_slots, v_splats, &list, &lists, batch_end, &window, units,
         );
         // All are added up before the next batch overwrites them.
         sync_cube();

@@ -9,6 +9,8 @@ use super::super::tiles::TILE;
 
 /// Rounding of sigma, as a part of its terms' magnitudes: a tile is kept when rounding might.
 const SIGMA_ROUNDING: f32 = 1e-6;
+/// The same of a needle, whose distances are off by thousandths of a pixel.
+const NEEDLE_ROUNDING: f32 = 1e-2;
 /// The same for the logarithm of the opacity.
 const CUT_ROUNDING: f32 = 1e-4;
 
@@ -30,11 +32,25 @@ pub(super) struct Footprint {
     c: f32,
     /// Sigma beyond which alpha is under its minimum.
     cut: f32,
+    /// Of a needle, see [`ALONG`](splats::ALONG); zeros of other splats.
+    across_x: f32,
+    across_y: f32,
+    offset: f32,
+    along: f32,
     /// Tiles touched by the box: first and one past the last.
     pub tile_x0: u32,
     pub tile_x1: u32,
     pub tile_y0: u32,
     pub tile_y1: u32,
+}
+
+/// The pixels' centres of a tile, from the first to the last.
+#[derive(CubeType, Clone, Copy)]
+struct Area {
+    left: f32,
+    top: f32,
+    right: f32,
+    bottom: f32,
 }
 
 /// Pixels of `0..size` whose centres (at +0.5) lie within `radius` of `centre`.
@@ -69,6 +85,10 @@ pub(super) fn footprint(
         b: splats[at + splats::CONIC_B],
         c: splats[at + splats::CONIC_C],
         cut: 0.0f32,
+        across_x: splats[at + splats::ACROSS_X],
+        across_y: splats[at + splats::ACROSS_Y],
+        offset: splats[at + splats::ACROSS_OFFSET],
+        along: splats[at + splats::ALONG],
         tile_x0: 0u32,
         tile_x1: 0u32,
         tile_y0: 0u32,
@@ -107,6 +127,12 @@ pub(super) fn overlaps(splat: &Footprint, tile_x: u32, tile_y: u32, image: &Imag
     let top = f32::cast_from(tile_y) * size + 0.5f32;
     let right = f32::min(left + (size - 1.0f32), f32::cast_from(image.width) - 0.5f32);
     let bottom = f32::min(top + (size - 1.0f32), f32::cast_from(image.height) - 0.5f32);
+    let area = Area {
+        left,
+        top,
+        right,
+        bottom,
+    };
     let x = f32::clamp(splat.x, left, right);
     let y = f32::clamp(splat.y, top, bottom);
     let mut reached = x == splat.x && y == splat.y;
@@ -114,15 +140,47 @@ pub(super) fn overlaps(splat: &Footprint, tile_x: u32, tile_y: u32, image: &Imag
     if !(splat.a > 0.0f32 && splat.c > 0.0f32 && splat.a * splat.c > splat.b * splat.b) {
         reached = true;
     }
+    if splat.along > 0.0f32 {
+        reached = needle_reaches(splat, &area);
+    } else {
+        reached = reached || conic_reaches(splat, &area);
+    }
+    reached
+}
+
+/// The same of a needle: no more than where the smallest distances across and along reach.
+#[cube]
+fn needle_reaches(splat: &Footprint, area: &Area) -> bool {
+    let (half_x, half_y) = (
+        0.5f32 * (area.right - area.left),
+        0.5f32 * (area.bottom - area.top),
+    );
+    let (x, y) = (area.left + half_x, area.top + half_y);
+    let (nx, ny) = (splat.across_x, splat.across_y);
+    let w = (nx * x + ny * y - splat.offset).abs() - (nx.abs() * half_x + ny.abs() * half_y);
+    let z =
+        (nx * (splat.y - y) - ny * (splat.x - x)).abs() - (ny.abs() * half_x + nx.abs() * half_y);
+    let (w, z) = (f32::max(w, 0.0f32), f32::max(z, 0.0f32));
+    let across = splat.a + splat.c - splat.along;
+    let sigma = 0.5f32 * (across * w * w + splat.along * z * z);
+    sigma * (1.0f32 - NEEDLE_ROUNDING) <= splat.cut
+}
+
+/// The same of an ordinary splat, whose smallest sigma lies on an edge.
+#[cube]
+fn conic_reaches(splat: &Footprint, area: &Area) -> bool {
+    let x = f32::clamp(splat.x, area.left, area.right);
+    let y = f32::clamp(splat.y, area.top, area.bottom);
+    let mut reached = false;
     if x != splat.x {
         let dx = splat.x - x;
-        let best = f32::clamp(splat.y + splat.b / splat.c * dx, top, bottom);
+        let best = f32::clamp(splat.y + splat.b / splat.c * dx, area.top, area.bottom);
         let (value, rounding) = sigma(splat, dx, splat.y - best);
         reached = reached || value - rounding <= splat.cut;
     }
     if y != splat.y {
         let dy = splat.y - y;
-        let best = f32::clamp(splat.x + splat.b / splat.a * dy, left, right);
+        let best = f32::clamp(splat.x + splat.b / splat.a * dy, area.left, area.right);
         let (value, rounding) = sigma(splat, splat.x - best, dy);
         reached = reached || value - rounding <= splat.cut;
     }

@@ -4,10 +4,10 @@ use burn_cubecl::tensor::CubeTensor;
 use cubecl::prelude::*;
 
 use crate::cube::{Buffer, arg, is_finite, units};
-use crate::splats::{N_COLUMNS, N_DIFFERENTIABLE};
+use crate::splats::{self, N_COLUMNS, N_DIFFERENTIABLE};
 
 use super::Saved;
-use super::tile::{Lists, TileList};
+use super::tile::{Lists, TileList, gradient_column};
 
 /// The slots whose gradients are held at a time.
 #[derive(CubeType, CubeLaunch, Clone, Copy)]
@@ -32,6 +32,7 @@ pub(super) fn sum_window(
         client,
         count,
         dim,
+        arg(&saved.splats),
         v_slots.arg(),
         lists.firsts.arg(),
         lists.tile_counts.arg(),
@@ -68,6 +69,7 @@ pub(super) fn clear_slots(
 /// largest number there is, counts as zero.
 #[cube(launch)]
 fn sum_slots(
+    splats: &[f32],       // [N, C]
     v_slots: &[f32],      // [slots per window, N_DIFFERENTIABLE]
     firsts: &[u32],       // [N]
     tile_counts: &[u32],  // [N]
@@ -80,11 +82,12 @@ fn sum_slots(
     let row = ABSOLUTE_POS;
     if row < n as usize {
         let at = row * N_COLUMNS;
+        let is_needle = splats[at + splats::ALONG] > 0.0f32;
         let mut sums = Array::<f32>::new(N_DIFFERENTIABLE);
         #[unroll]
         for value in 0..N_DIFFERENTIABLE {
             // What earlier windows, or the cubes of overflowed lists, have added up.
-            sums[value] = v_splats[at + value];
+            sums[value] = v_splats[at + gradient_column(value, is_needle)];
         }
         if starts[n as usize] <= capacity {
             let window_end = window.first + window.length;
@@ -105,7 +108,8 @@ fn sum_slots(
         #[unroll]
         for value in 0..N_DIFFERENTIABLE {
             let kept = finite || window.is_last == 0u32;
-            v_splats[at + value] = select(kept, sums[value], 0.0f32);
+            let column = gradient_column(value, is_needle);
+            v_splats[at + column] = select(kept, sums[value], 0.0f32);
         }
     }
 }

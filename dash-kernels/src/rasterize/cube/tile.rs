@@ -3,7 +3,7 @@
 use burn_cubecl::tensor::CubeTensor;
 use cubecl::prelude::*;
 
-use crate::splats::{self, ALPHA_MIN, N_COLUMNS};
+use crate::splats::{self, ALPHA_MIN, EXPONENT_ROUNDING, N_COLUMNS};
 
 use super::super::RasterizeOptions;
 use super::super::tiles::TILE;
@@ -93,6 +93,7 @@ pub(super) fn tile_list(tile: usize, lists: &Lists, frame: &Frame) -> TileList {
 pub(super) struct Splat {
     pub x: f32,
     pub y: f32,
+    /// The conic; `a` and `b` of a needle are the unit vector across.
     pub a: f32,
     pub b: f32,
     pub c: f32,
@@ -101,15 +102,22 @@ pub(super) struct Splat {
     pub green: f32,
     pub blue: f32,
     pub depth: f32,
+    /// Inverse variances across and along; zero along of other splats.
+    pub across: f32,
+    pub along: f32,
+    /// Distance of a needle's centre along its axis.
+    pub far: f32,
 }
 
-/// The splat at a place of a tile's list.
+/// The splat at a place of a tile's list. The place of a needle is the point of its axis next to the tile's middle: from
+/// there all distances are small.
 #[cube]
 pub(super) fn read_splat(
     splats: &[f32], // [N, C]
     place: usize,
     list: &TileList,
     lists: &Lists,
+    middle: (f32, f32),
 ) -> Splat {
     let row = if list.overflowed {
         lists.order[place] as usize
@@ -128,7 +136,21 @@ pub(super) fn read_splat(
         green: splats[at + splats::GREEN],
         blue: splats[at + splats::BLUE],
         depth: splats[at + splats::DEPTH],
+        across: 0.0f32,
+        along: splats[at + splats::ALONG],
+        far: 0.0f32,
     };
+    if splat.along > 0.0f32 {
+        let (nx, ny) = (splats[at + splats::ACROSS_X], splats[at + splats::ACROSS_Y]);
+        let (mid_x, mid_y) = middle;
+        let distance = splats[at + splats::ACROSS_OFFSET] - (nx * mid_x + ny * mid_y);
+        splat.far = nx * (splat.y - mid_y) - ny * (splat.x - mid_x);
+        splat.across = splat.a + splat.c - splat.along;
+        splat.x = mid_x + distance * nx;
+        splat.y = mid_y + distance * ny;
+        splat.a = nx;
+        splat.b = ny;
+    }
     // A row that draws nothing may hold anything.
     if list.overflowed && lists.tile_counts[row] == 0u32 {
         splat.opacity = 0.0f32;
@@ -136,13 +158,43 @@ pub(super) fn read_splat(
     splat
 }
 
+/// Distances of a needle's centre across and along from the pixel at this offset from its place.
+#[cube]
+pub(super) fn across_along(splat: &Splat, dx: f32, dy: f32) -> (f32, f32) {
+    let along = splat.a * dy - splat.b * dx;
+    (splat.a * dx + splat.b * dy, along + splat.far)
+}
+
 /// Alpha before it is clamped, zero where the splat is skipped.
 #[cube]
-pub(super) fn alpha_at(splat: &Splat, dx: f32, dy: f32) -> f32 {
-    let sigma = 0.5f32 * (splat.a * dx * dx + splat.c * dy * dy) + splat.b * dx * dy;
+pub(super) fn alpha_at(splat: &Splat, dx: f32, dy: f32, #[comptime] is_needle: bool) -> f32 {
+    let sigma = if comptime!(is_needle) {
+        let (w, z) = across_along(splat, dx, dy);
+        0.5f32 * (splat.across * w * w + splat.along * z * z)
+    } else {
+        0.5f32 * (splat.a * dx * dx + splat.c * dy * dy) + splat.b * dx * dy
+    };
     let alpha = splat.opacity * (-sigma).exp();
-    let drawn = sigma >= 0.0f32 && alpha >= comptime!(ALPHA_MIN as f32);
+    let drawn = sigma >= -EXPONENT_ROUNDING && alpha >= comptime!(ALPHA_MIN as f32);
     select(drawn, alpha, 0.0f32)
+}
+
+/// The column that the gradient of the column `value` is written to: a needle's shape has columns of its own.
+#[cube]
+pub(super) fn gradient_column(value: usize, is_needle: bool) -> usize {
+    let of_shape = value >= splats::CONIC_A && value <= splats::CONIC_C;
+    let moved = value + comptime!(splats::ACROSS_X - splats::CONIC_A);
+    select(of_shape && is_needle, moved, value)
+}
+
+/// The middle of a tile.
+#[cube]
+pub(super) fn middle(tile: usize, frame: &Frame) -> (f32, f32) {
+    let side = comptime!(TILE as f32);
+    let tile = tile as u32;
+    let column = f32::cast_from(tile % frame.tile_columns);
+    let row = f32::cast_from(tile / frame.tile_columns);
+    ((column + 0.5f32) * side, (row + 0.5f32) * side)
 }
 
 /// The first pixel of this unit: column and row.

@@ -36,7 +36,7 @@ fn edges_of_size_and_layout() {
 fn refuses_what_does_not_fit() {
     let device = devices().remove(0);
     let error = rasterize(Tensor::zeros([4, 9], &device), &options(8, 8)).expect_err("9 columns");
-    assert!(error.to_string().contains("expected [N, 12]"), "{error}");
+    assert!(error.to_string().contains("expected [N, 16]"), "{error}");
     let splats = Tensor::<2>::zeros([4, N_COLUMNS], &device);
     let error = rasterize(splats.clone(), &options(0, 8)).expect_err("no width");
     assert!(error.to_string().contains("0 x 8"), "{error}");
