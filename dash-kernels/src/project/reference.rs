@@ -9,7 +9,9 @@ use crate::splats::{self, N_COLUMNS};
 
 use super::sh::{self, sh_basis, sh_basis_vjp};
 use super::{Activation, GaussianGradients, Gaussians, View};
-use linear::{Mat3, dot, mat_mul, mat_vec, mat2_mul, rotation_from_quat, scale_columns, transpose};
+use linear::{
+    Mat3, Sym2, dot, inverse_vjp, mat_mul, mat_vec, rotation_from_quat, scale_columns, transpose,
+};
 
 /// Packed splats `[N, C]`.
 pub fn project<T: Float>(gaussians: &Gaussians<T>, view: &View<T>) -> Vec<T> {
@@ -231,7 +233,7 @@ impl<T: Float> Projection<T> {
         v_sh_coeffs: &mut [T],
     ) -> ([T; 3], [T; 4], [T; 3], T) {
         let two = T::one() + T::one();
-        let (v_jacobian, v_covariance) = self.covariance2d_vjp(v_row);
+        let (v_jacobian, v_covariance) = self.covariance2d_vjp(v_row, view.low_pass);
         let v_world = mat_mul(
             &mat_mul(&transpose(&view.rotation), &v_covariance),
             &view.rotation,
@@ -260,18 +262,16 @@ impl<T: Float> Projection<T> {
     }
 
     /// Gradients of the Jacobian and of the covariance in camera coordinates from that of the conic.
-    fn covariance2d_vjp(&self, v_row: &[T]) -> ([[T; 3]; 2], Mat3<T>) {
+    fn covariance2d_vjp(&self, v_row: &[T], low_pass: T) -> ([[T; 3]; 2], Mat3<T>) {
         let two = T::one() + T::one();
-        // The covariance is the conic's inverse, so v_cov = -conic v_conic conic.
-        let [a, b, c] = [2, 3, 4].map(|k| self.row[k]);
-        let conic = [[a, b], [b, c]];
-        let half_b = v_row[splats::CONIC_B] / two;
         let v_conic = [
-            [v_row[splats::CONIC_A], half_b],
-            [half_b, v_row[splats::CONIC_C]],
+            v_row[splats::CONIC_A],
+            v_row[splats::CONIC_B] / two,
+            v_row[splats::CONIC_C],
         ];
-        let product = mat2_mul(&mat2_mul(&conic, &v_conic), &conic);
-        let v_cov2d = product.map(|row| row.map(|value| -value));
+        let cov2d = covariance2d(&self.jacobian, &self.covariance, low_pass);
+        let [v_xx, v_xy, v_yy] = inverse_vjp(cov2d, v_conic);
+        let v_cov2d = [[v_xx, v_xy], [v_xy, v_yy]];
 
         // cov2d = J cov J^T: v_cov = J^T v_cov2d J and v_J = 2 v_cov2d J cov.
         let j = &self.jacobian;
@@ -326,6 +326,15 @@ impl<T: Float> Projection<T> {
     }
 }
 
+/// The covariance in the picture.
+fn covariance2d<T: Float>([jx, jy]: &[[T; 3]; 2], covariance: &Mat3<T>, low_pass: T) -> Sym2<T> {
+    [
+        dot(*jx, mat_vec(covariance, *jx)) + low_pass,
+        dot(*jx, mat_vec(covariance, *jy)),
+        dot(*jy, mat_vec(covariance, *jy)) + low_pass,
+    ]
+}
+
 /// The packed splat; `None` where it is culled.
 fn packed_row<T: Float>(
     mean2d: [T; 2],
@@ -337,10 +346,7 @@ fn packed_row<T: Float>(
     view: &View<T>,
 ) -> Option<[T; N_COLUMNS]> {
     let zero = T::zero();
-    let [jx, jy] = *jacobian;
-    let xx = dot(jx, mat_vec(covariance, jx)) + view.low_pass;
-    let xy = dot(jx, mat_vec(covariance, jy));
-    let yy = dot(jy, mat_vec(covariance, jy)) + view.low_pass;
+    let [xx, xy, yy] = covariance2d(jacobian, covariance, view.low_pass);
     let det = xx * yy - xy * xy;
     let regular = det > zero;
     if opacity < view.alpha_min || !regular {

@@ -57,7 +57,7 @@ fn reference_gradient_against_central_differences() {
         let v = &gradient[i * N_COLUMNS..(i + 1) * N_COLUMNS];
         let (nx, ny) = (row[splats::ACROSS_X], row[splats::ACROSS_Y]);
         let slope = |step: f64, motion: &[(usize, f64)]| {
-            let mut at = |by: f64| {
+            let at = |by: f64| {
                 let mut moved = splats.clone();
                 for &(column, speed) in motion {
                     moved[i * N_COLUMNS + column] += by * speed;
