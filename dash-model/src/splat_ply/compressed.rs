@@ -180,7 +180,7 @@ fn read_sh(
     let names = table::names(&element);
     let expected: Vec<String> = (0..names.len()).map(|k| format!("f_rest_{k}")).collect();
     let per_channel = names.len() / 3;
-    let is_complete = names.len() % 3 == 0 && REST_COUNTS[1..].contains(&per_channel);
+    let is_complete = names.len().is_multiple_of(3) && REST_COUNTS[1..].contains(&per_channel);
     if !is_complete || names != expected || element.count != rows.len() {
         return Err(ModelError::format(
             path,

@@ -143,7 +143,8 @@ fn dates(names: &[&str], parts: &[&str]) -> Option<&'static str> {
     if halves.is_some_and(|halves| differ(&halves) || !parts.iter().all(|part| is_number(part))) {
         return Some("times of half a day");
     }
-    if names.iter().all(|name| starts_with_year(name)) {
+    let is_in_order = |name: &&str| starts_with_year(name) && year_last(name).is_none();
+    if names.iter().all(is_in_order) {
         return None;
     }
     let month = |name: &&str| {
@@ -199,11 +200,15 @@ fn starts_with_year(name: &str) -> bool {
     let runs = runs(name);
     let is_year =
         |run: &str| run.len() == 4 && run.parse().is_ok_and(|year: u64| YEARS.contains(&year));
-    runs.iter().any(|run| {
-        matches!(run.len(), 8 | 12 | 14) && is_year(&run[..4]) && is_day_or_month(&run[4..6])
-    }) || runs
-        .windows(2)
-        .any(|pair| is_year(pair[0]) && is_day_or_month(pair[1]))
+    runs.iter()
+        .any(|run| matches!(run.len(), 8 | 12 | 14) && is_year(&run[..4]) && is_month(&run[4..6]))
+        || runs
+            .windows(2)
+            .any(|pair| is_year(pair[0]) && is_month(pair[1]))
+}
+
+fn is_month(run: &str) -> bool {
+    is_day_or_month(run) && run.parse().is_ok_and(|n: u64| n <= 12)
 }
 
 fn is_day_or_month(run: &str) -> bool {
@@ -292,6 +297,7 @@ mod tests {
             (&["31-01-2024", "01-02-2024"], "year"),
             (&["12.31.2023_1", "1.1.2024_2"], "year"),
             (&["cam_31122023", "cam_01012024"], "year"),
+            (&["1.2.2024 10-5", "2.1.2024 10-6"], "year"),
             (&["31012024_120000", "01022024_120000"], "year"),
             (&["30-Jan-2024", "02-Feb-2024"], "months"),
             (&["march_3", "april_2"], "months"),
