@@ -12,8 +12,11 @@ use super::blender::{dnerf, matrix, single, write_single};
 use super::{colmap, llff, nerfies, rig, technicolor};
 use crate::test_kit::{Fixture, H, W, assert_cameras_equal, camera, write_model};
 
-/// What tells datasets apart: names, cameras, pixels, points.
-fn seen(dataset: &Dataset) -> (Vec<(String, Vec<f64>, Vec<f32>)>, usize) {
+/// A view's name, its camera's translation and its pixels.
+type Seen = (String, Vec<f64>, Vec<f32>);
+
+/// What tells datasets apart: their views and how many points they have.
+fn seen(dataset: &Dataset) -> (Vec<Seen>, usize) {
     let views = dataset.views.iter().map(|view| {
         let pixels = view.rgb([0.0; 3]).expect("in memory").to_vec();
         (view.name.clone(), view.camera.translation.to_vec(), pixels)
