@@ -2,6 +2,7 @@
 
 mod blender;
 mod colmap;
+mod colmap_exports;
 mod damaged_videos;
 mod folders;
 mod frame_numbers;
