@@ -1,7 +1,7 @@
 //! PNG and EXR files, and the step from a scratch file to the file.
 
 use std::fs::{self, File};
-use std::io::{self, BufWriter, Write};
+use std::io::{self, Cursor, Write};
 use std::path::Path;
 
 use dash_model::unfinished::Unfinished;
@@ -87,31 +87,15 @@ pub(super) fn checked_size(
 
 fn write_image(
     path: &Path,
-    encode: impl FnOnce(&mut BufWriter<&mut File>) -> Result<(), ImageError>,
+    encode: impl FnOnce(&mut Cursor<Vec<u8>>) -> Result<(), ImageError>,
 ) -> Result<(), Error> {
-    let mut reason = None;
-    let written = write_whole(path, |file| {
-        let mut buffered = BufWriter::new(file);
-        match encode(&mut buffered) {
-            Ok(()) => buffered.flush(),
-            Err(ImageError::IoError(error)) => Err(error),
-            Err(error) => {
-                reason = Some(error.to_string());
-                Err(io::ErrorKind::InvalidInput.into())
-            }
-        }
-    });
-    match (written, reason) {
-        (Ok(()), _) => Ok(()),
-        (Err(_), Some(reason)) => Err(Error::ImageEncode {
-            path: path.to_path_buf(),
-            reason,
-        }),
-        (Err(source), None) => Err(Error::MediaWrite {
-            path: path.to_path_buf(),
-            source,
-        }),
-    }
+    // In memory first: encoders turn what the system says into words.
+    let mut encoded = Cursor::new(Vec::new());
+    encode(&mut encoded).map_err(|error| Error::ImageEncode {
+        path: path.to_path_buf(),
+        reason: error.to_string(),
+    })?;
+    write_whole(path, |file| file.write_all(encoded.get_ref())).map_err(Error::media_write(path))
 }
 
 /// Writes a file whole or not at all.
