@@ -45,7 +45,7 @@ impl FrameSize {
 /// A camera's pictures.
 pub(super) enum Pictures<'a> {
     /// Frames of a video.
-    Video(VideoIndex),
+    Video(Box<VideoIndex>),
     /// Image files.
     Images(&'a [PathBuf]),
 }
@@ -80,7 +80,7 @@ pub(super) fn recorded<'a>(
             ),
             Recording::Video(video) => {
                 let video = VideoIndex::read(video, false).map_err(Error::of_recording)?;
-                (of_video(&video, offset), Pictures::Video(video))
+                (of_video(&video, offset), Pictures::Video(Box::new(video)))
             }
         })
     });
