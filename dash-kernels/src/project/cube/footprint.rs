@@ -44,7 +44,7 @@ impl ViewConstants {
         }
     }
 
-    fn from_origin(&self, mean: &Vec3) -> Vec3 {
+    fn relative(&self, mean: &Vec3) -> Vec3 {
         Vec3 {
             x: mean.x - self.origin.x,
             y: mean.y - self.origin.y,
@@ -100,7 +100,7 @@ pub(super) fn footprint_of(
     #[comptime] exp: bool,
 ) -> Footprint {
     let mean = Vec3::read(&gaussians.means, i);
-    let from_origin = view.from_origin(&mean);
+    let from_origin = view.relative(&mean);
     let rotated = view.rotation.times_vector(&from_origin);
     let point = rotated.plus(&view.translation);
     let raw_scale = Vec3::read(&gaussians.scales, i);

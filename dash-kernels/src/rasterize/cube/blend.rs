@@ -112,8 +112,8 @@ fn empty_pixels(
     pixels
 }
 
-/// Blends a splat over the unit's pixels, the first of which is centred at `(x, y)`; whether any of
-/// them still goes on.
+/// Blends a splat over the unit's pixels, the first of which is centred at `(x, y)`, from the tile's
+/// middle where it is a needle; whether any of them still goes on.
 #[cube]
 fn blend_splat(
     pixels: &mut BlendedPixels,
@@ -185,6 +185,7 @@ fn blend_tiles(
     let y = f32::cast_from(first_row) + 0.5f32;
     let mut pixels = empty_pixels(column, first_row, &frame, per_unit);
     let middle = middle(tile, &frame);
+    let (near_x, near_y) = (x - middle.0, y - middle.1);
     let mut place = list.start;
     let mut any_live = pixels.live[0];
     while place < list.end && any_live {
@@ -194,7 +195,7 @@ fn blend_tiles(
                 let at = place + step;
                 let splat = read_splat(splats, at, &list, &lists, middle);
                 if splat.along > 0.0f32 {
-                    any_live = blend_splat(&mut pixels, &splat, at, x, y, per_unit, true);
+                    any_live = blend_splat(&mut pixels, &splat, at, near_x, near_y, per_unit, true);
                 } else {
                     any_live = blend_splat(&mut pixels, &splat, at, x, y, per_unit, false);
                 }

@@ -154,8 +154,8 @@ fn read_pixels(
     pixels
 }
 
-/// Takes a splat off the unit's pixels, the first of which is centred at `(x, y)`: its gradient,
-/// summed over them.
+/// Takes a splat off the unit's pixels, the first of which is centred at `(x, y)`, from the tile's
+/// middle where it is a needle: its gradient, summed over them.
 #[cube]
 fn replay(
     pixels: &mut ReplayedPixels,
@@ -312,6 +312,7 @@ fn blend_tiles_vjp<A: FloatAdd>(
     }
     let end = cube_max(own_last, units) as usize;
     let middle = middle(tile, &frame);
+    let (near_x, near_y) = (x - middle.0, y - middle.1);
     clear_slots(v_slots, &list, &lists, end, &window);
 
     let mut sums = Shared::<[f32]>::new_slice(comptime!(BATCH_VALUES * stride));
@@ -324,7 +325,7 @@ fn blend_tiles_vjp<A: FloatAdd>(
                 let splat = read_splat(splats, place, &list, &lists, middle);
                 let at = step * N_DIFFERENTIABLE * stride + UNIT_POS as usize;
                 if splat.along > 0.0f32 {
-                    let v = replay(&mut pixels, &splat, place, x, y, per_unit, true);
+                    let v = replay(&mut pixels, &splat, place, near_x, near_y, per_unit, true);
                     store(&mut sums, &v, at, stride);
                 } else {
                     let v = replay(&mut pixels, &splat, place, x, y, per_unit, false);

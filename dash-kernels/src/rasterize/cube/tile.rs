@@ -109,8 +109,8 @@ pub(super) struct Splat {
     pub far: f32,
 }
 
-/// The splat at a place of a tile's list. The place of a needle is the point of its axis next to the tile's middle: from
-/// there all distances are small.
+/// The splat at a place of a tile's list. The place of a needle is the point of its axis next to the tile's middle, from
+/// there: all distances are small.
 #[cube]
 pub(super) fn read_splat(
     splats: &[f32], // [N, C]
@@ -146,8 +146,8 @@ pub(super) fn read_splat(
         let distance = splats[at + splats::ACROSS_OFFSET] - (nx * mid_x + ny * mid_y);
         splat.far = nx * (splat.y - mid_y) - ny * (splat.x - mid_x);
         splat.across = splat.a + splat.c - splat.along;
-        splat.x = mid_x + distance * nx;
-        splat.y = mid_y + distance * ny;
+        splat.x = distance * nx;
+        splat.y = distance * ny;
         splat.a = nx;
         splat.b = ny;
     }
@@ -182,9 +182,9 @@ pub(super) fn alpha_at(splat: &Splat, dx: f32, dy: f32, #[comptime] is_needle: b
 /// The column that the gradient of the column `value` is written to: a needle's shape has columns of its own.
 #[cube]
 pub(super) fn gradient_column(value: usize, is_needle: bool) -> usize {
-    let of_shape = value >= splats::CONIC_A && value <= splats::CONIC_C;
+    let is_shape = value == splats::CONIC_A || value == splats::CONIC_B || value == splats::CONIC_C;
     let moved = value + comptime!(splats::ACROSS_X - splats::CONIC_A);
-    select(of_shape && is_needle, moved, value)
+    select(is_shape && is_needle, moved, value)
 }
 
 /// The middle of a tile.
