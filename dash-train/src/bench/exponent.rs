@@ -14,7 +14,9 @@ use rand_pcg::Pcg64;
 use super::{Bench, ErrorStats, Errors, HOST, Measurement, Pass, StiffnessPoint, generator, time};
 
 const OP: &str = "needle";
-const FORMS: [(&str, fn(&Pixel) -> f32); 3] = [
+/// Alpha at a pixel.
+type Form = fn(&Pixel) -> f32;
+const FORMS: [(&str, Form); 3] = [
     ("plain", plain),
     ("per tile", per_tile),
     ("two floats", two_floats),
@@ -134,7 +136,7 @@ fn pixels(rng: &mut Pcg64, n: usize, length_px: f64) -> Vec<Pixel> {
     (0..n).map(|_| Pixel::random(rng, length_px)).collect()
 }
 
-fn errors(pixels: &[Pixel], form: fn(&Pixel) -> f32) -> ErrorStats {
+fn errors(pixels: &[Pixel], form: Form) -> ErrorStats {
     let got: Vec<f32> = pixels.iter().map(form).collect();
     let expected: Vec<f64> = pixels.iter().map(|pixel| pixel.expected).collect();
     Errors::of(&got, &expected)
@@ -186,7 +188,7 @@ mod tests {
     use super::*;
 
     /// Largest difference of alpha.
-    fn worst(length_px: f64, form: fn(&Pixel) -> f32) -> f64 {
+    fn worst(length_px: f64, form: Form) -> f64 {
         let pixels = pixels(&mut generator(0), 2000, length_px);
         let off = pixels
             .iter()
