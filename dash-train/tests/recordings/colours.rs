@@ -14,6 +14,11 @@ const H264: &[&str] = &[
     "yuv444p",
 ];
 
+/// A container, the matrix and range of the conversion, the format, how it is encoded, and whether that is tagged.
+type Conversion<'a> = (&'a str, &'a str, &'a str, &'a str, &'a [&'a str], bool);
+/// A container, how it is encoded, tags, and words of the error.
+type Refused<'a> = (&'a str, &'a [&'a str], &'a [&'a str], &'a [&'a str]);
+
 /// Three columns in two rows, of one colour each.
 const PATCHES: [[u8; 3]; 6] = [
     [200, 40, 40],
@@ -30,8 +35,7 @@ const COLOUR_ERROR: f32 = 5.0;
 fn colours_come_out_as_they_went_in() {
     const X264: [&str; 4] = ["-c:v", "libx264", "-qp", "1"];
     const MOV: [&str; 6] = ["-c:v", "mpeg4", "-q:v", "1", "-movflags", "write_colr"];
-    // Matrix and range of the conversion, the format, how it is encoded and whether tagged.
-    let cases: [(&str, &str, &str, &str, &[&str], bool); 14] = [
+    let cases: [Conversion; 14] = [
         ("mp4", "bt709", "tv", "yuv444p", &X264, true),
         ("mp4", "bt709", "pc", "yuv444p", &X264, true),
         ("mp4", "smpte170m", "tv", "yuv420p", &X264, true),
@@ -123,7 +127,7 @@ fn colours_that_would_come_out_wrong_are_refused() {
     ];
     let vp9 = ["-c:v", "libvpx-vp9", "-pix_fmt", "yuv420p"];
     let pq = ["-color_primaries", "bt2020", "-color_trc", "smpte2084"];
-    let cases: [(&str, &[&str], &[&str], &[&str]); 8] = [
+    let cases: [Refused; 8] = [
         ("mp4", H264, &pq, &["PQ", "HDR"]),
         ("mov", &mpeg4, &pq, &["PQ"]),
         ("mkv", &["-c:v", "ffv1"], &pq, &["PQ", "tonemap"]),

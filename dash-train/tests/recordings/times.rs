@@ -212,10 +212,13 @@ fn check_table() {
     }
 }
 
+/// A rate, a codec, the containers of the recording and its copy, and how that is written.
+type Copied<'a> = (&'a str, &'a [&'a str], &'a str, &'a str, &'a [&'a str]);
+
 /// Units of time, beginnings and roundings that programs choose when they copy a recording.
 #[test]
 fn copies_keep_the_times() {
-    let cases: [(&str, &[&str], &str, &str, &[&str]); 12] = [
+    let cases: [Copied; 12] = [
         // Units of a frame, of a millisecond, and ones that are no multiple of a frame.
         ("30", H264, "mp4", "mp4", &["-video_track_timescale", "30"]),
         (
