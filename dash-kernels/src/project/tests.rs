@@ -264,6 +264,42 @@ fn kernels_against_the_reference() {
     }
 }
 
+/// Compares a needle's columns with what they are by the reference's mean and conic, which has no such columns.
+fn assert_needle(name: &str, got: &[f64], expected: &[f64]) {
+    let [a, b, c] = [splats::CONIC_A, splats::CONIC_B, splats::CONIC_C].map(|k| expected[k]);
+    let (half, middle) = (0.5 * (a - c), 0.5 * (a + c));
+    let distance = half.hypot(b);
+    let [across, along] = [middle + distance, (a * c - b * b) / (middle + distance)];
+    let ratio = across / along / splats::NEEDLE;
+    let is_needle = got[splats::ALONG] > 0.0;
+    assert!(
+        is_needle || ratio.is_nan() || ratio < 1.01,
+        "{name}: no needle at {ratio}"
+    );
+    if !is_needle {
+        assert_eq!(got[splats::ACROSS_X..], [0.0; 4], "{name}");
+        return;
+    }
+    assert!(ratio > 0.99, "{name}: a needle at {ratio}");
+    let angle = 0.5 * b.atan2(half);
+    let side = (angle.cos() * got[splats::ACROSS_X] + angle.sin() * got[splats::ACROSS_Y]).signum();
+    let [nx, ny] = [side * angle.cos(), side * angle.sin()];
+    let offset = nx * expected[splats::MEAN_X] + ny * expected[splats::MEAN_Y];
+    for (column, expected, tolerance) in [
+        (splats::ACROSS_X, nx, 1e-4),
+        (splats::ACROSS_Y, ny, 1e-4),
+        (splats::ACROSS_OFFSET, offset, 1e-2 + 1e-4 * offset.abs()),
+        (splats::ALONG, along, 1e-3 * along),
+    ] {
+        let off = (got[column] - expected).abs();
+        assert!(
+            off <= tolerance,
+            "{name}, column {column}: {} is not {expected}",
+            got[column]
+        );
+    }
+}
+
 /// Compares splats and gradients of every backend with the reference's.
 fn assert_kernels_agree(name: &str, set: &Set, options: &ProjectOptions, v_splats: &[f64]) {
     let view = view::<f64>(options, set.n_coeffs);
@@ -279,6 +315,8 @@ fn assert_kernels_agree(name: &str, set: &Set, options: &ProjectOptions, v_splat
                 v_row[channel] = 0.0;
             }
         }
+        // The reference has the whole gradient of the shape in the conic's columns.
+        v_row[splats::ACROSS_X..].fill(0.0);
     }
     let expected_gradients = reference::project_vjp(&set.gaussians(), &view, &v_splats);
     for device in devices() {
@@ -296,7 +334,7 @@ fn assert_kernels_agree(name: &str, set: &Set, options: &ProjectOptions, v_splat
             .project(&camera(), options)
             .expect("valid input");
         let got = values(out.clone().inner());
-        for column in 0..N_COLUMNS {
+        for column in 0..splats::ACROSS_X {
             let pick = |values: &[f64]| -> Vec<f64> {
                 values
                     .iter()
@@ -310,6 +348,12 @@ fn assert_kernels_agree(name: &str, set: &Set, options: &ProjectOptions, v_splat
                 &to_f32(&pick(&to_f64(&got))),
                 &pick(&expected),
             );
+        }
+        for (got, expected) in got
+            .chunks_exact(N_COLUMNS)
+            .zip(expected.chunks_exact(N_COLUMNS))
+        {
+            assert_needle(name, &to_f64(got), expected);
         }
         let v_out = tensor(&to_f32(&v_splats), [set.len(), N_COLUMNS], &device);
         let gradients = (out * v_out).sum().backward();

@@ -125,8 +125,18 @@ fn hex_value(part: &str) -> Option<u128> {
         .flatten()
 }
 
-/// Numbers with a decimal point whose order is not that of the names.
-fn fractions(_: &str, parts: &[&str]) -> bool {
+/// Numbers with a decimal point whose order is not that of the names. Where the part before the point is always the same,
+/// numbers after it that follow one another are counters (`take1.9`, `take1.10`).
+fn fractions(prefix: &str, parts: &[&str]) -> bool {
+    let whole = prefix.strip_suffix(['.', ',']);
+    if whole.is_some_and(|whole| whole.ends_with(|c: char| c.is_ascii_digit())) {
+        let counts: Option<Vec<u64>> = parts.iter().map(|part| part.parse().ok()).collect();
+        let follow = |counts: Vec<u64>| counts.windows(2).all(|pair| pair[0] + 1 == pair[1]);
+        let is_sorted = parts.is_sorted_by_key(|part| part.trim_end_matches('0'));
+        return !is_sorted
+            && parts.iter().all(|part| is_number(part))
+            && !counts.is_some_and(follow);
+    }
     let is_fraction = |part: &&&str| {
         let halves = part.split_once(['.', ',']);
         halves.is_some_and(|(whole, fraction)| is_number(whole) && is_number(fraction))
@@ -266,6 +276,9 @@ mod tests {
             &["take-1", "take-2", "take-10"],
             &["a1b2c3", "a1b2c4"],
             &["am_1", "am_2"],
+            &["take1.9", "take1.10", "take1.11"],
+            &["take1.0001", "take1.0005", "take1.0010"],
+            &["0.25", "0.50", "0.75"],
             &["only"],
             &["é1", "é2"],
             &["1700000000", "1700000040"],
@@ -294,6 +307,7 @@ mod tests {
             (&["+1", "2"], "sign"),
             (&["1.5", "1.25", "2.0"], "fraction"),
             (&["t0,5", "t0,25"], "fraction"),
+            (&["0.25", "0.5", "0.75", "0.125"], "fraction"),
             (&["31-01-2024", "01-02-2024"], "year"),
             (&["12.31.2023_1", "1.1.2024_2"], "year"),
             (&["cam_31122023", "cam_01012024"], "year"),

@@ -12,6 +12,9 @@ pub const TILE_PIXELS: usize = TILE * TILE;
 /// Exponents are kept in base 2.
 pub const LOG2_E: f32 = std::f32::consts::LOG2_E;
 
+/// Below it `exp2` is no number: what an opacity above 1 would make visible.
+const MIN_EXPONENT: f32 = -126.0;
+
 /// A splat as blending reads it.
 ///
 /// The exponent is kept in base 2: with `d` the offset from a pixel to the centre,
@@ -82,7 +85,7 @@ impl Record {
             qb: -LOG2_E * row[splats::CONIC_B],
             qc: -0.5 * LOG2_E * row[splats::CONIC_C],
             opacity: row[splats::OPACITY],
-            threshold: -(255.0 * row[splats::OPACITY]).log2(),
+            threshold: (-(255.0 * row[splats::OPACITY]).log2()).max(MIN_EXPONENT),
             red: row[splats::RED],
             green: row[splats::GREEN],
             blue: row[splats::BLUE],

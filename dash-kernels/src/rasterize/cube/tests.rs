@@ -198,7 +198,7 @@ fn covered(n: usize, size: [usize; 2]) -> [usize; 2] {
             let mut row = row.to_vec();
             row[splats::CONIC_A..=splats::CONIC_C].copy_from_slice(&[1e-9, 0.0, 1e-9]);
             row[splats::OPACITY] = 0.02;
-            row[splats::RADIUS_X..].fill(1e4);
+            row[splats::RADIUS_X..=splats::RADIUS_Y].fill(1e4);
             row
         })
         .collect();
@@ -285,10 +285,12 @@ fn long_lists_are_walked_to_their_end() {
         // A pixel wide, in the corner of the tile.
         let depth = 1.0 + i as f32 / n as f32;
         splats.extend([0.5, 0.5, 9.0, 0.0, 9.0, 0.5, 1.0, 0.0, 0.0, depth, 1.0, 1.0]);
+        splats.extend([0.0; 4]);
     }
     splats.extend([
         8.0, 8.0, 1e-6, 0.0, 1e-6, 0.5, 0.0, 0.0, 1.0, 3.0, 99.0, 99.0,
     ]);
+    splats.extend([0.0; 4]);
     let tensor = cube_tensor(&splats, [n + 1, N_COLUMNS]);
     let (image, saved) = rasterize_with(tensor, options(16, 16), tuning());
     let image = cube_values(&image);

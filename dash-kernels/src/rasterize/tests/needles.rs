@@ -1,6 +1,7 @@
 //! Needles, which say where they run relative to the picture.
 
 use super::*;
+use crate::testing::named_devices;
 
 const SIZE: [usize; 2] = [50, 34];
 
@@ -159,14 +160,17 @@ fn poison_in_a_needle_stays_finite() {
         }
     }
     let v_image = to_f32(&cotangents(3, SIZE[0] * SIZE[1]));
-    for device in devices() {
+    for (name, device) in named_devices() {
         let device = device.autodiff();
         let n = splats.len() / N_COLUMNS;
         let rows = tensor(&splats, [n, N_COLUMNS], &device).require_grad();
         let image = rasterize(rows.clone(), &options(SIZE[0], SIZE[1])).expect("valid");
-        assert_finite("image", &values(image.clone().inner()));
+        assert_finite(&format!("{name}: image"), &values(image.clone().inner()));
         let v_out = tensor(&v_image, [SIZE[1], SIZE[0], N_CHANNELS], &device);
         let gradients = (image * v_out).sum().backward();
-        assert_finite("gradient", &values(rows.grad(&gradients).expect("tracked")));
+        assert_finite(
+            &format!("{name}: gradient"),
+            &values(rows.grad(&gradients).expect("tracked")),
+        );
     }
 }

@@ -8,7 +8,7 @@ use crate::cube::tests::{cube_tensor, words};
 fn as_many_tiles_are_listed_as_were_counted() {
     let (n, tiles) = (4, 6);
     let row = [
-        48.0, 48.0, 0.05, -0.045, 0.05, 0.9, 1.0, 1.0, 1.0, 2.0, 36.0, 36.0,
+        48.0, 48.0, 0.05, -0.045, 0.05, 0.9, 1.0, 1.0, 1.0, 2.0, 36.0, 36.0, 0.0, 0.0, 0.0, 0.0,
     ];
     let splats = cube_tensor(&row.repeat(n), [n, N_COLUMNS]);
     let client = &splats.client;
