@@ -152,7 +152,7 @@ fn colours_that_would_come_out_wrong_are_refused() {
         .for_each(|(extension, codec, tags, words)| {
             let footage = Footage::new();
             footage.record("30", extension, &[*codec, tags].concat());
-            let name = format!("cam00.{extension}");
+            let name = format!(".{extension}: ");
             footage.is_refused(&[*words, &[name.as_str()]].concat());
         });
 }

@@ -136,7 +136,7 @@ fn videos_are_turned_and_mirrored_as_their_matrix_says() {
     for camera in CAMERAS {
         set_matrix(&askew.video(camera, "mp4"), [1, 1, -1, 1]);
     }
-    askew.is_refused(&["cam00.mp4", "turned by 45 degrees"]);
+    askew.is_refused(&[".mp4", "turned by 45 degrees"]);
 }
 
 /// One picture of the first camera is damaged: what is left must be as without damage.
@@ -194,10 +194,8 @@ fn damage_leaves_the_other_pictures_as_they_are_shown() {
         "setsar=3/2",
     ];
     let mpeg4 = ["-c:v", "mpeg4", "-q:v", "1", "-g", "4"];
-    let mov = [&mpeg4[..], &["-movflags", "write_colr"]].concat();
-    let cases: [(&str, &[&str], usize, [usize; 2]); 4] = [
+    let cases: [(&str, &[&str], usize, [usize; 2]); 3] = [
         ("mkv", &mpeg4, 5, [W, H]),
-        ("mov", &mov, 5, [W, H]),
         ("mov", H264, 6, [W * 3 / 2, H]),
         ("mkv", H264, 6, [W * 3 / 2, H]),
     ];
@@ -294,11 +292,4 @@ fn pixels_come_out_square() {
                 }
             }
         });
-    let footage = Footage::new();
-    footage.record(
-        "30",
-        "mp4",
-        &[H264, &["-vf", "setsar=sar=1000/1:max=1000"]].concat(),
-    );
-    footage.is_refused(&["cam00.mp4", "48000 with square pixels"]);
 }
