@@ -445,7 +445,7 @@ fn progress_is_a_few_plain_lines_and_quiet_says_none() {
     );
     assert!((8..=12).contains(&progress.lines().count()), "{progress}");
     assert!(
-        progress.contains("20/20 loss") && !progress.contains(['\r', '\u{1b}']),
+        progress.contains("20/20 4D: loss") && !progress.contains(['\r', '\u{1b}']),
         "{progress}"
     );
     assert!(progress.contains("held out: cam00\n"), "{progress}");
