@@ -8,12 +8,11 @@ use std::process::{ChildStdout, Command, Stdio};
 
 use super::error::reading;
 use super::ffmpeg::{ffmpeg, ffmpeg_program, file_argument, listen, start};
+use super::picture::MAX_IMAGE_SIDE;
 use super::probe::Track;
 use crate::Error;
 use crate::process::Child;
 
-/// Largest side of a picture that is read.
-pub(crate) const MAX_IMAGE_SIDE: u32 = 16_384;
 /// The option that forbids duplicating and dropping frames, and its name before ffmpeg 5.1.
 const PASSTHROUGH: [&str; 2] = ["-fps_mode", "-vsync"];
 

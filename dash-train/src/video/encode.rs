@@ -9,8 +9,10 @@ use std::thread::JoinHandle;
 
 use dash_model::unfinished::Unfinished;
 
-use super::error::{refusal, writing};
-use super::ffmpeg::{FFMPEG, Failure, ffmpeg, ffmpeg_program, file_argument, heard, listen, start};
+use super::error::writing;
+use super::ffmpeg::{
+    FFMPEG, Failure, ffmpeg, ffmpeg_program, file_argument, heard, listen, refusal, start,
+};
 use super::image_files::checked_size;
 use crate::Error;
 use crate::process::Child;

@@ -1,9 +1,8 @@
 //! The errors for how `ffmpeg` failed.
 
-use std::io;
 use std::path::Path;
 
-use super::ffmpeg::{Failure, ffmpeg_program};
+use super::ffmpeg::{Failure, ffmpeg_program, refusal};
 use crate::Error;
 
 /// The error for a video that `ffmpeg` or `ffprobe` was to read.
@@ -41,16 +40,4 @@ pub(super) fn writing(path: &Path, program: &str) -> impl FnOnce(Failure) -> Err
             },
         },
     }
-}
-
-/// What of a program's words says that the system did not take what it wrote.
-pub(super) fn refusal(words: &str) -> Option<io::Error> {
-    let known = [
-        ("No space left on device", io::ErrorKind::StorageFull),
-        ("Disk quota exceeded", io::ErrorKind::QuotaExceeded),
-        ("File too large", io::ErrorKind::FileTooLarge),
-        ("Read-only file system", io::ErrorKind::ReadOnlyFilesystem),
-    ];
-    let found = known.iter().find(|(said, _)| words.contains(said));
-    found.map(|(_, kind)| io::Error::from(*kind))
 }

@@ -6,7 +6,6 @@ use std::path::{Path, PathBuf};
 use std::process::{ChildStderr, Command, ExitStatus};
 use std::thread::{self, JoinHandle};
 
-use super::error::refusal;
 use crate::process::Child;
 
 /// The program that decodes and encodes videos.
@@ -117,6 +116,18 @@ pub(super) fn output(command: &mut Command) -> Result<String, Failure> {
         status: output.status,
         words: words.chars().take(MAX_QUOTED_CHARS).collect(),
     })
+}
+
+/// What of a program's words says that the system did not take what it wrote.
+pub(super) fn refusal(words: &str) -> Option<io::Error> {
+    let known = [
+        ("No space left on device", io::ErrorKind::StorageFull),
+        ("Disk quota exceeded", io::ErrorKind::QuotaExceeded),
+        ("File too large", io::ErrorKind::FileTooLarge),
+        ("Read-only file system", io::ErrorKind::ReadOnlyFilesystem),
+    ];
+    let found = known.iter().find(|(said, _)| words.contains(said));
+    found.map(|(_, kind)| io::Error::from(*kind))
 }
 
 /// Reads what a program complains about while it runs.

@@ -24,7 +24,7 @@ mod picture;
 mod probe;
 pub(crate) mod stamps;
 
-pub(crate) use decode::{MAX_IMAGE_SIDE, VideoFrame, frame_size};
+pub(crate) use decode::{VideoFrame, frame_size};
 pub(crate) use encode::Encoding;
 pub use encode::{VideoWriter, write_mp4};
 pub(crate) use extract::write_frames;
@@ -33,3 +33,4 @@ pub use ffmpeg::{FFMPEG, FFMPEG_VARIABLE, ffmpeg_available, ffmpeg_program, ffpr
 pub(crate) use image_files::write_whole;
 pub use image_files::{rgb8, write_exr_plane, write_exr_rgb, write_png};
 pub(crate) use index::VideoIndex;
+pub(crate) use picture::MAX_IMAGE_SIDE;

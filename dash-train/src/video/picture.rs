@@ -9,8 +9,10 @@ use std::path::Path;
 use serde::Deserialize;
 
 use super::clock::Ratio;
-use super::decode::MAX_IMAGE_SIDE;
 use crate::Error;
+
+/// Largest side of a picture that is read.
+pub(crate) const MAX_IMAGE_SIDE: u32 = 16_384;
 
 /// Averages over the area that a pixel covers, so that fine detail doesn't alias.
 const SMALLER: &str = "flags=area+accurate_rnd+full_chroma_int";
