@@ -10,11 +10,7 @@ const VARIABLE: &str = "DASH_TEST_DATA";
 /// # Panics
 /// When the variable is set and the capture is missing.
 pub(crate) fn real_capture(name: &str) -> Option<PathBuf> {
-    let Some(folder) = std::env::var_os(VARIABLE) else {
-        eprintln!("{VARIABLE} is not set: {name} is not tried");
-        return None;
-    };
-    let path = PathBuf::from(folder).join(name);
+    let path = PathBuf::from(std::env::var_os(VARIABLE)?).join(name);
     assert!(path.exists(), "{VARIABLE}: {} is missing", path.display());
     Some(path)
 }
