@@ -60,8 +60,8 @@ impl Default for ProjectOptions {
 ///
 /// Colour is `max(0, SH + 0.5)` seen from the camera's centre. The projected covariance is
 /// `J W R S S R^T W^T J^T + 0.3 I`; the Jacobian `J` is clamped some way beyond the image's border. The radii bound the
-/// box outside which alpha is under 1/255. Splats more than a hundred times as long as wide, of which single precision
-/// would lose the place, are projected in double precision, or in two floats on a GPU, and have
+/// box outside which alpha is under 1/255. Single precision would misplace splats more than a hundred times as long as
+/// wide. They are projected in double precision, or in two floats on a GPU, and have
 /// [columns of their own](crate::splats::ACROSS_X).
 ///
 /// A row is all zeros (culled: it draws nothing and has no gradient) when the Gaussian is nearer

@@ -97,7 +97,7 @@ pub(super) fn check(dataset: &Dataset, on: TimedOn) -> Finding {
     )
 }
 
-/// Times the steps of a short run from about so many Gaussians, of which some will be taken to move, for so long.
+/// Times the steps of a short run for at most `limit`. It starts from about `gaussians` Gaussians and takes some to move.
 fn time(
     dataset: &Arc<Dataset>,
     gaussians: usize,

@@ -1,5 +1,4 @@
 //! The error of this crate.
-
 //!
 //! Every message names the file or option, what was expected, what was found and what can be done.
 //! `make.rs` has the short ways to make one, `words.rs` parts of their messages.
@@ -90,7 +89,7 @@ pub enum Error {
         path: PathBuf,
         /// What `ffmpeg` said, or what was wrong with its output.
         reason: String,
-        /// Whether it belongs to a dataset, of which damaged videos can be left out.
+        /// Whether it belongs to a dataset: training can leave its damaged videos out.
         of_dataset: bool,
     },
     /// A video was to be read, and the `ffmpeg` program is not installed.
@@ -143,7 +142,7 @@ pub enum Error {
     /// Step after step the loss, a parameter or a gradient was NaN or infinite.
     #[error(
         "training cannot go on after skipped steps ({n} in a row): expected the loss and every \
-         parameter to be finite, found at last: {last}; lower learning_rates.* or report this"
+         parameter to be finite, found at last: {last}; lower optimizer.* or report this"
     )]
     NotFinite {
         /// How many steps.

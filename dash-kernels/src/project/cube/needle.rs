@@ -289,7 +289,7 @@ pub(super) fn is_needle(trace: f32, det: f32) -> bool {
     trace * trace > comptime!(NEEDLE as f32) * det
 }
 
-/// `y a - x b`, of which little is left.
+/// `y a - x b`: nearly all of it cancels.
 #[cube]
 fn cross(x: &TwoFloat, y: &TwoFloat, a: &TwoFloat, b: &TwoFloat, zero: u32) -> f32 {
     let difference = y.times(a, zero).minus(&x.times(b, zero), zero);

@@ -112,7 +112,7 @@ fn empty_pixels(
     pixels
 }
 
-/// Blends a splat over the unit's pixels, the first of which is centred at `(x, y)`, from the tile's
+/// Blends a splat over the unit's pixels, the first one centred at `(x, y)`, from the tile's
 /// middle where it is a needle; whether any of them still goes on.
 #[cube]
 fn blend_splat(

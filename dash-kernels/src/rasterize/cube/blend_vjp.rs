@@ -154,7 +154,7 @@ fn read_pixels(
     pixels
 }
 
-/// Takes a splat off the unit's pixels, the first of which is centred at `(x, y)`, from the tile's
+/// Takes a splat off the unit's pixels, the first one centred at `(x, y)`, from the tile's
 /// middle where it is a needle: its gradient, summed over them.
 #[cube]
 fn replay(

@@ -153,7 +153,7 @@ fn n_places(positions: &[DVec3]) -> usize {
     places.len()
 }
 
-/// Of points none of which is in a training picture.
+/// Where no training picture shows any of the points.
 fn points_in_sight(dataset: &Dataset, train: &[&View]) -> Option<Shortage> {
     let cloud = dataset.points.as_ref().filter(|cloud| !cloud.is_empty())?;
     let mut cameras: BTreeMap<usize, &Camera> = BTreeMap::new();

@@ -151,7 +151,7 @@ impl<'a> Fields<'a> {
         Ok(values)
     }
 
-    /// As [`Fields::rest`], of which there may be none.
+    /// As [`Fields::rest`]; there may be none.
     fn any<T: FromStr>(&mut self, what: &str) -> Result<Vec<T>, Error> {
         let mut values = Vec::new();
         while let Some(field) = self.field() {

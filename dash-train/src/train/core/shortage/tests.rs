@@ -21,7 +21,7 @@ fn camera((eye, target): Stand) -> Camera {
     )
 }
 
-/// The pose as six digits hold it, the rotation of which is not quite one.
+/// The pose rounded to six digits: its rotation is not quite orthonormal.
 fn rounded(mut camera: Camera) -> Camera {
     let round = |v: f64| (v * 1e6).round() / 1e6;
     let position = camera.position().map(round);
