@@ -335,14 +335,7 @@ fn assert_kernels_agree(name: &str, set: &Set, options: &ProjectOptions, v_splat
             .expect("valid input");
         let got = values(out.clone().inner());
         for column in 0..splats::ACROSS_X {
-            let pick = |values: &[f64]| -> Vec<f64> {
-                values
-                    .iter()
-                    .skip(column)
-                    .step_by(N_COLUMNS)
-                    .copied()
-                    .collect()
-            };
+            let pick = |values: &[f64]| crate::testing::column(values, column, N_COLUMNS);
             assert_agrees(
                 &format!("{name}, column {column}"),
                 &to_f32(&pick(&to_f64(&got))),

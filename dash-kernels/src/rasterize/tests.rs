@@ -242,14 +242,7 @@ fn kernels_against_the_reference() {
             let gradients = (image * v_out).sum().backward();
             let got = values(splats.grad(&gradients).expect("tracked"));
             for column in 0..N_COLUMNS {
-                let pick = |values: &[f64]| -> Vec<f64> {
-                    values
-                        .iter()
-                        .skip(column)
-                        .step_by(N_COLUMNS)
-                        .copied()
-                        .collect()
-                };
+                let pick = |values: &[f64]| crate::testing::column(values, column, N_COLUMNS);
                 let name = format!("seed {seed}, column {column}");
                 assert_agrees(
                     &name,

@@ -64,6 +64,16 @@ pub fn uniform(rng: &mut Pcg64, n: usize, low: f32, high: f32) -> Vec<f32> {
     (0..n).map(|_| rng.random_range(low..high)).collect()
 }
 
+/// One column of rows `[N, n_columns]`.
+pub fn column(values: &[f64], column: usize, n_columns: usize) -> Vec<f64> {
+    values
+        .iter()
+        .skip(column)
+        .step_by(n_columns)
+        .copied()
+        .collect()
+}
+
 /// The same values in the precision of the kernels.
 pub fn to_f32(values: &[f64]) -> Vec<f32> {
     values.iter().map(|&value| value as f32).collect()

@@ -9,14 +9,13 @@ use num_traits::Float;
 use rand::Rng;
 use rand_pcg::Pcg64;
 
-use super::{Bench, Errors, HOST, Measurement, Pass, generator, time};
-use super::{ErrorStats, StiffnessPoint};
+use super::host::{self, Form};
+use super::{Bench, ErrorStats, Errors, generator};
 use crate::numbers::standard_normal;
 
 const OP: &str = "determinant";
 /// Names of the two forms.
 const FORMS: [&str; 2] = ["cross product", "a c − b²"];
-const NOTE: &str = "a plain function on one thread of the host, not a kernel";
 
 type Rows<T> = [[T; 3]; 2];
 
@@ -76,25 +75,10 @@ fn errors(needles: &[Rows<f32>], form: fn(Rows<f32>, f32) -> f32) -> ErrorStats 
 /// Splats of a few pixels.
 pub(super) fn measure(bench: &mut Bench, n: usize) {
     let needles = needles(&mut generator(5), n, 8.0, 1.0);
-    for (name, form) in FORMS.into_iter().zip(forms()) {
-        let mut out = vec![0.0; n];
-        let timing = time(None, || {
-            for (out, &m) in out.iter_mut().zip(&needles) {
-                *out = form(m, LOW_PASS_PX2 as f32);
-            }
-            std::hint::black_box(&out);
-            Ok(())
-        });
-        bench.add(Measurement {
-            op: OP.into(),
-            backend: HOST.into(),
-            variant: name.into(),
-            pass: Pass::Forward,
-            size: n,
-            error: errors(&needles, form),
-            time: timing.ok(),
-            note: Some(NOTE.into()),
-        });
+    for (variant, form) in FORMS.into_iter().zip(forms()) {
+        let error = errors(&needles, form);
+        let compute = |&m: &Rows<f32>| form(m, LOW_PASS_PX2 as f32);
+        host::measure(bench, &Form { op: OP, variant }, &needles, compute, error);
     }
 }
 
@@ -102,16 +86,9 @@ pub(super) fn measure(bench: &mut Bench, n: usize) {
 pub(super) fn stiff(bench: &mut Bench, sweep: &str, length_px: f64, n: usize) {
     let across = (length_px * 1e-8) as f32;
     let needles = needles(&mut generator(6), n, length_px as f32, across);
-    for (name, form) in FORMS.into_iter().zip(forms()) {
-        bench.found.stiffness.push(StiffnessPoint {
-            sweep: sweep.into(),
-            value: length_px,
-            logarithmic: true,
-            op: OP.into(),
-            backend: HOST.into(),
-            variant: name.into(),
-            error: errors(&needles, form),
-        });
+    for (variant, form) in FORMS.into_iter().zip(forms()) {
+        let error = errors(&needles, form);
+        host::stiff(bench, &Form { op: OP, variant }, sweep, length_px, error);
     }
 }
 

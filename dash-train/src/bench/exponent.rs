@@ -11,7 +11,7 @@ use dash_kernels::splats::LOW_PASS_PX2;
 use rand::Rng;
 use rand_pcg::Pcg64;
 
-use super::{Bench, ErrorStats, Errors, HOST, Measurement, Pass, StiffnessPoint, generator, time};
+use super::{Bench, ErrorStats, Errors, generator, host};
 
 const OP: &str = "needle";
 /// Alpha at a pixel.
@@ -21,7 +21,6 @@ const FORMS: [(&str, Form); 3] = [
     ("per tile", per_tile),
     ("two floats", two_floats),
 ];
-const NOTE: &str = "a plain function on one thread of the host, not a kernel";
 /// The picture, pixels.
 const SIZE: [f64; 2] = [1352.0, 1014.0];
 /// The kernels' tiles.
@@ -145,41 +144,24 @@ fn errors(pixels: &[Pixel], form: Form) -> ErrorStats {
 /// Needles of a few hundred pixels.
 pub(super) fn measure(bench: &mut Bench, n: usize) {
     let pixels = pixels(&mut generator(17), n, LENGTH_PX);
-    for (name, form) in FORMS {
-        let mut out = vec![0.0; n];
-        let timing = time(None, || {
-            for (out, pixel) in out.iter_mut().zip(&pixels) {
-                *out = form(pixel);
-            }
-            std::hint::black_box(&out);
-            Ok(())
-        });
-        bench.add(Measurement {
-            op: OP.into(),
-            backend: HOST.into(),
-            variant: name.into(),
-            pass: Pass::Forward,
-            size: n,
-            error: errors(&pixels, form),
-            time: timing.ok(),
-            note: Some(NOTE.into()),
-        });
+    for (variant, form) in FORMS {
+        let error = errors(&pixels, form);
+        host::measure(bench, &host::Form { op: OP, variant }, &pixels, form, error);
     }
 }
 
 /// The forms for needles of one length.
 pub(super) fn stiff(bench: &mut Bench, sweep: &str, length_px: f64, n: usize) {
     let pixels = pixels(&mut generator(18), n, length_px);
-    for (name, form) in FORMS {
-        bench.found.stiffness.push(StiffnessPoint {
-            sweep: sweep.into(),
-            value: length_px,
-            logarithmic: true,
-            op: OP.into(),
-            backend: HOST.into(),
-            variant: name.into(),
-            error: errors(&pixels, form),
-        });
+    for (variant, form) in FORMS {
+        let error = errors(&pixels, form);
+        host::stiff(
+            bench,
+            &host::Form { op: OP, variant },
+            sweep,
+            length_px,
+            error,
+        );
     }
 }
 

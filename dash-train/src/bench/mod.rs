@@ -8,7 +8,7 @@
 //! - `error`: errors of many values; `timing`: medians and quartiles.
 //! - `hash_encode`, `mlp`, `project`, `rasterize`, `ssim`, `photometric`, `adam`: one operation each.
 //! - `trajectories`: `displacement`, `squared_extent`, `take_rows`, `join_rows`, `space_time`.
-//! - `scene`: a whole scene; `determinant`, `exponent`: forms of one formula, on the host; `stiffness`: ever harder
+//! - `scene`: a whole scene; `determinant`, `exponent`, `host`: forms of one formula, on the host; `stiffness`: ever harder
 //!   inputs.
 
 mod adam;
@@ -17,6 +17,7 @@ mod error;
 mod exponent;
 mod file;
 mod hash_encode;
+mod host;
 mod mlp;
 mod photometric;
 mod project;
@@ -44,8 +45,6 @@ pub use timing::Timing;
 use timing::time;
 
 const SEED: u64 = 7;
-/// Name of what runs without a backend.
-const HOST: &str = "host";
 
 /// An operation of `dash-kernels`, or a scene made of them.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]

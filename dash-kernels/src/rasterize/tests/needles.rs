@@ -133,14 +133,7 @@ fn kernels_against_the_reference() {
         let gradients = (image * v_out).sum().backward();
         let got = to_f64(&values(splats.grad(&gradients).expect("tracked")));
         for column in 0..N_COLUMNS {
-            let pick = |values: &[f64]| -> Vec<f64> {
-                values
-                    .iter()
-                    .skip(column)
-                    .step_by(N_COLUMNS)
-                    .copied()
-                    .collect()
-            };
+            let pick = |values: &[f64]| crate::testing::column(values, column, N_COLUMNS);
             let off = relative_l2(&pick(&got), &pick(&expected_gradient));
             assert!(off <= RELATIVE_L2, "column {column} is off by {off}");
         }

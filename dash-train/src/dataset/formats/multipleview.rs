@@ -73,14 +73,7 @@ impl Reader for MultipleviewReader {
             true => Some(read_points(&file)?).filter(|points| !points.is_empty()),
             false => read_model_points(&sparse)?,
         };
-        let (views, n_frames) = multi_view::load(loader, &cameras, &held_out)?;
-        Ok(Capture {
-            views,
-            points,
-            n_frames,
-            n_cameras,
-            stated_span: None,
-        })
+        multi_view::load(loader, &cameras, &held_out, points)
     }
 }
 

@@ -116,14 +116,7 @@ fn read_rig(
             posed_by: poses_file.clone(),
         })
         .collect();
-    let (views, n_frames) = multi_view::load(loader, &rig, &held_out)?;
-    Ok(Capture {
-        views,
-        points,
-        n_frames,
-        n_cameras,
-        stated_span: None,
-    })
+    multi_view::load(loader, &rig, &held_out, points)
 }
 
 fn check_count(path: &Path, n_rows: usize, names: &[&str], what: &str) -> Result<(), Error> {

@@ -124,14 +124,7 @@ impl Reader for RigReader {
         if let (None, Some(sparse)) = (&points, model_of_poses) {
             points = read_model_points(&sparse)?;
         }
-        let (views, n_frames) = multi_view::load(loader, &cameras, &held_out)?;
-        Ok(Capture {
-            views,
-            points,
-            n_frames,
-            n_cameras,
-            stated_span: None,
-        })
+        multi_view::load(loader, &cameras, &held_out, points)
     }
 }
 

@@ -108,14 +108,7 @@ impl Reader for TechnicolorReader {
         let suggested = (0..n_cameras).map(|index| index == test).collect();
         let held_out = loader.options.held_out(suggested)?;
         let points = find_points(loader.root, None, Models::Rig)?;
-        let (views, n_frames) = multi_view::load(loader, &cameras, &held_out)?;
-        Ok(Capture {
-            views,
-            points,
-            n_frames,
-            n_cameras,
-            stated_span: None,
-        })
+        multi_view::load(loader, &cameras, &held_out, points)
     }
 }
 

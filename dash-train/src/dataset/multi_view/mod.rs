@@ -14,11 +14,12 @@ mod videos;
 
 use camera::{FrameFile, RigCamera};
 
+use super::format::Capture;
 use super::loader::Loader;
-use super::view::View;
 use crate::Error;
+use crate::ply::PointCloud;
 
-/// The views of all cameras at all wanted frames, camera by camera, and the number of frames.
+/// All cameras at all wanted frames, camera by camera, with the points that first Gaussians are made of.
 ///
 /// # Errors
 /// When cameras differ in their frames, a frame in its shape from the poses, or one is damaged.
@@ -26,11 +27,18 @@ pub(crate) fn load(
     loader: &Loader,
     cameras: &[RigCamera],
     held_out: &[bool],
-) -> Result<(Vec<View>, usize), Error> {
+    points: Option<PointCloud>,
+) -> Result<Capture, Error> {
     let lists: Option<Vec<&[FrameFile]>> = cameras.iter().map(|c| c.source.images()).collect();
     let (planned, n_frames) = match lists {
         Some(lists) => images::plan(loader, cameras, &lists, held_out)?,
         None => videos::plan(loader, cameras, held_out)?,
     };
-    Ok((loader.load_views(planned)?, n_frames))
+    Ok(Capture {
+        views: loader.load_views(planned)?,
+        points,
+        n_frames,
+        n_cameras: cameras.len(),
+        stated_span: None,
+    })
 }
