@@ -96,9 +96,10 @@ impl CameraFile {
     /// is not finite, has a rotation that is none, or values out of range; the message names the entry.
     pub fn read(path: &Path) -> Result<Self, Error> {
         let text = std::fs::read(path).map_err(|source| Error::io(path, "read it", source))?;
-        let no_cameras = |found: String| Error::NoCameras {
-            path: path.to_path_buf(),
-            found,
+        let no_cameras = |found: String| {
+            let expected = "a JSON list of cameras (the `cameras.json` of 3DGS) or an object with `frames` (a \
+                 `transforms.json` of NeRF, D-NeRF, Blender or nerfstudio)";
+            Error::invalid(path, expected, found, "name another file")
         };
         let value: Value = parse_json(&text)
             .map_err(|error| no_cameras(format!("text that is not JSON: {error}")))?;

@@ -108,13 +108,13 @@ impl Error {
         Self::SynthVideo(Box::new(source))
     }
 
-    /// An [`Error::PrepareSetting`] from its three parts.
-    pub(crate) fn prepare_setting(
+    /// An [`Error::Setting`] from its three parts.
+    pub(crate) fn setting(
         option: &'static str,
         expected: impl Into<String>,
         found: impl ToString,
     ) -> Self {
-        Self::PrepareSetting {
+        Self::Setting {
             option,
             expected: expected.into(),
             found: found.to_string(),

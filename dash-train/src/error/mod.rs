@@ -169,17 +169,6 @@ pub enum Error {
         /// What is wrong and what to do.
         what: String,
     },
-    /// A file is neither a JSON list with at least one camera nor a `transforms*.json`.
-    #[error(
-        "{path}: expected a JSON list of cameras (the `cameras.json` of 3DGS) or an object with `frames` (a \
-         `transforms.json` of NeRF, D-NeRF, Blender or nerfstudio), found {found}"
-    )]
-    NoCameras {
-        /// The file.
-        path: PathBuf,
-        /// What is there.
-        found: String,
-    },
     /// A camera of a file can't be used.
     #[error("{path}: camera {index}{name}: {what}")]
     Camera {
@@ -288,22 +277,12 @@ pub enum Error {
         source: std::io::Error,
     },
     /// A picture could not be encoded.
-    #[error("{path}: the image cannot be encoded: {reason}")]
+    #[error("{path}: the image cannot be encoded: {reason}; choose another format")]
     ImageEncode {
         /// The file.
         path: PathBuf,
         /// The encoder's reason.
         reason: String,
-    },
-    /// A frame, an image size or a frame rate does not fit what is written.
-    #[error("{path}: expected {expected}, found {found}")]
-    InvalidFrames {
-        /// The file.
-        path: PathBuf,
-        /// What would fit.
-        expected: String,
-        /// What was given.
-        found: String,
     },
     /// A video was to be written, and the `ffmpeg` program is not installed.
     #[error(
@@ -330,9 +309,9 @@ pub enum Error {
         /// What it said.
         reason: String,
     },
-    /// An option of `prepare` is out of its range, or options contradict each other.
+    /// An option of `prepare` or `synth` is out of its range, or options contradict each other.
     #[error("{option}: expected {expected}, found {found}")]
-    PrepareSetting {
+    Setting {
         /// The option as it is written on the command line.
         option: &'static str,
         /// What would fit.
@@ -377,16 +356,6 @@ pub enum Error {
         /// Number of cameras.
         n_cameras: usize,
     },
-    /// A setting of a synthetic dataset is out of its range, or two of them contradict each other.
-    #[error("synth: {setting} is {found}, expected {expected}")]
-    SynthSetting {
-        /// The setting's name on the command line.
-        setting: &'static str,
-        /// What was given.
-        found: String,
-        /// The accepted range, and what to do instead.
-        expected: &'static str,
-    },
     /// The output exists and is not an empty folder.
     #[error(
         "{path}: expected no such path or an empty folder, found {found}; choose another name or remove it"
@@ -397,12 +366,6 @@ pub enum Error {
         /// What is there.
         found: &'static str,
     },
-    /// The output path does not end in a name.
-    #[error("{path}: expected a path that ends in a folder name, such as `out/room`")]
-    OutputName {
-        /// The output that was asked for.
-        path: PathBuf,
-    },
     /// A file or folder of a synthetic dataset could not be written.
     #[error("{path}: could not {action}: {source}; {}", write_remedy(source))]
     Write {
@@ -412,16 +375,6 @@ pub enum Error {
         action: &'static str,
         /// The system's answer.
         source: std::io::Error,
-    },
-    /// An image of a synthetic dataset could not be encoded.
-    #[error(
-        "{path}: could not write the image: {source}; check the permissions and the free space"
-    )]
-    ImageWrite {
-        /// The image file.
-        path: PathBuf,
-        /// The encoder's reason.
-        source: image::ImageError,
     },
     /// Videos of a synthetic dataset need ffmpeg, which could not be started.
     #[error(

@@ -10,6 +10,7 @@
 mod find_image;
 mod first_bytes;
 mod folder;
+mod free_output;
 mod inside;
 mod names;
 mod order;
@@ -18,6 +19,7 @@ mod unicode;
 pub(crate) use find_image::find_image;
 pub(crate) use first_bytes::{parse_json, refuse_pointer, refuse_pointer_file, without_mark};
 pub(crate) use folder::{is_occupied, list, list_images, require_folder, unread_images};
+pub(crate) use free_output::free_parent;
 pub(crate) use inside::confined;
 pub(crate) use names::{VIDEO_EXTENSIONS, frame_numbers, has_extension, natural_cmp, stem};
 pub(crate) use order::{Order, order};

@@ -115,27 +115,27 @@ impl PrepareConfig {
         for (option, rate) in rates {
             if let Some(rate) = rate.filter(|rate| !(*rate > 0.0 && *rate <= 1e4)) {
                 let expected = "a number of frames a second above 0, at most 10000";
-                return Err(Error::prepare_setting(option, expected, rate));
+                return Err(Error::setting(option, expected, rate));
             }
         }
         for (option, time) in [("--start", self.start), ("--end", self.end)] {
             if let Some(time) = time.filter(|time| !time.is_finite()) {
-                return Err(Error::prepare_setting(option, "a time in seconds", time));
+                return Err(Error::setting(option, "a time in seconds", time));
             }
         }
         if let (Some(start), Some(end)) = (self.start, self.end)
             && end < start
         {
             let expected = format!("a time not before --start {start}");
-            return Err(Error::prepare_setting("--end", expected, end));
+            return Err(Error::setting("--end", expected, end));
         }
         match self.size {
             FrameSize::Height(0) => {
-                return Err(Error::prepare_setting("--height", "at least 1 pixel", 0));
+                return Err(Error::setting("--height", "at least 1 pixel", 0));
             }
             FrameSize::Downscale(factor) if !(factor >= 1.0 && factor.is_finite()) => {
                 let expected = "a factor of at least 1";
-                return Err(Error::prepare_setting("--downscale", expected, factor));
+                return Err(Error::setting("--downscale", expected, factor));
             }
             _ => {}
         }
@@ -146,11 +146,11 @@ impl PrepareConfig {
         for (option, count) in counts {
             if let Some(count) = count.filter(|count| !(1..=MAX_POINTS).contains(count)) {
                 let expected = format!("from 1 to {MAX_POINTS} points");
-                return Err(Error::prepare_setting(option, expected, count));
+                return Err(Error::setting(option, expected, count));
             }
         }
         if self.random_points.is_some() && self.poses.is_none() {
-            return Err(Error::prepare_setting(
+            return Err(Error::setting(
                 "--random-points",
                 "known poses too (--poses), since random points have nothing to find poses by",
                 "none",
@@ -168,13 +168,13 @@ pub(super) fn held_out(indices: &[usize], n: usize) -> Result<Vec<bool>, Error> 
             Some(held_out) => *held_out = true,
             None => {
                 let expected = format!("camera indices from 0 to {}", n.saturating_sub(1));
-                return Err(Error::prepare_setting("--test-cameras", expected, index));
+                return Err(Error::setting("--test-cameras", expected, index));
             }
         }
     }
     if held_out.iter().all(|&held_out| held_out) {
         let expected = "at least one camera to train on";
-        return Err(Error::prepare_setting(
+        return Err(Error::setting(
             "--test-cameras",
             expected,
             format!("all {n} held out"),

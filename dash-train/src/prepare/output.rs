@@ -1,12 +1,12 @@
 //! The output folder: whole, or not at all.
 
 use std::fs;
-use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 
 use dash_model::unfinished::Unfinished;
 
 use crate::Error;
+use crate::files::free_parent;
 
 /// A scratch folder beside the output, which takes the output's name at the end. Dropped before,
 /// it leaves nothing behind.
@@ -53,37 +53,4 @@ impl Output {
             fs::rename(dataset, out).map_err(Error::access(out))
         })
     }
-}
-
-/// Refuses an output that is not free; returns the folder it is to be in.
-fn free_parent(out: &Path) -> Result<PathBuf, Error> {
-    let refuse = |found| {
-        Err(Error::OutputExists {
-            path: out.to_path_buf(),
-            found,
-        })
-    };
-    if out.file_name().is_none() {
-        return Err(Error::prepare_setting(
-            "OUT",
-            "a path that ends in a folder name, such as `data/room`",
-            out.display(),
-        ));
-    }
-    match fs::symlink_metadata(out) {
-        Err(error) if error.kind() == ErrorKind::NotFound => {}
-        Err(error) => return Err(Error::access(out)(error)),
-        Ok(found) if found.is_symlink() => return refuse("a link"),
-        Ok(found) if !found.is_dir() => return refuse("a file"),
-        Ok(_) => {
-            let mut entries = fs::read_dir(out).map_err(Error::access(out))?;
-            if entries.next().is_some() {
-                return refuse("a folder with files in it");
-            }
-        }
-    }
-    Ok(match out.parent() {
-        Some(parent) if parent != Path::new("") => parent.to_path_buf(),
-        _ => PathBuf::from("."),
-    })
 }

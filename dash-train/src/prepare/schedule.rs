@@ -121,7 +121,7 @@ pub(super) fn schedule(
         .map_or(common_start, |start| start.max(common_start));
     let end = wanted.end.map_or(common_end, |end| end.min(common_end));
     if end < start - SAME_SECS {
-        return Err(Error::prepare_setting(
+        return Err(Error::setting(
             "--start, --end, --offsets",
             "a range of time that every camera has recorded",
             format!(
@@ -134,7 +134,7 @@ pub(super) fn schedule(
     }
     let count = ((end - start).max(0.0) * fps + LAST_FRAME_SLACK).floor() + 1.0;
     if count > MAX_FRAMES {
-        return Err(Error::prepare_setting(
+        return Err(Error::setting(
             "--fps",
             format!("at most {MAX_FRAMES} frames"),
             format!("{count} between {start:.3} s and {end:.3} s"),

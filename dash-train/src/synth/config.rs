@@ -58,11 +58,7 @@ macro_rules! named {
             fn from_str(text: &str) -> Result<Self, Error> {
                 match text {
                     $($text => Ok(Self::$variant),)+
-                    _ => Err(Error::SynthSetting {
-                        setting: $setting,
-                        found: format!("`{text}`"),
-                        expected: $expected,
-                    }),
+                    _ => Err(Error::setting($setting, $expected, format!("`{text}`"))),
                 }
             }
         }
@@ -118,17 +114,13 @@ impl SynthConfig {
     /// Checks every setting against its range.
     ///
     /// # Errors
-    /// [`Error::SynthSetting`] for the first one outside.
+    /// [`Error::Setting`] for the first one outside.
     pub fn validate(&self) -> Result<(), Error> {
         let check = |good: bool, setting, found: String, expected| {
             if good {
                 Ok(())
             } else {
-                Err(Error::SynthSetting {
-                    setting,
-                    found,
-                    expected,
-                })
+                Err(Error::setting(setting, expected, found))
             }
         };
         check(

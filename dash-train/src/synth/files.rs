@@ -45,15 +45,19 @@ pub(super) fn write_png(
     [width, height]: [usize; 2],
     color: ExtendedColorType,
 ) -> Result<(), Error> {
-    let mut file = create(path)?;
+    let mut encoded = Vec::new();
     let encoder =
-        PngEncoder::new_with_quality(&mut file, CompressionType::Fast, FilterType::Adaptive);
+        PngEncoder::new_with_quality(&mut encoded, CompressionType::Fast, FilterType::Adaptive);
     encoder
         .write_image(pixels, width as u32, height as u32, color)
-        .map_err(|source| Error::ImageWrite {
+        .map_err(|error| Error::ImageEncode {
             path: path.to_path_buf(),
-            source,
+            reason: error.to_string(),
         })?;
+    // Apart, so that an error says what the system said.
+    let mut file = create(path)?;
+    let written = file.write_all(&encoded);
+    written.map_err(Error::write(path, "write the file"))?;
     finish(file, path)
 }
 

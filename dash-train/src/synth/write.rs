@@ -9,6 +9,7 @@ use super::rig::rig;
 use super::scene::Scene;
 use super::truth::{Truth, ViewStats};
 use crate::Error;
+use crate::files::free_parent;
 use crate::video::{VideoWriter, ffmpeg_program};
 use dash_kernels::Camera;
 use dash_model::unfinished::{Unfinished, create_dir_all};
@@ -66,7 +67,7 @@ pub(super) fn write_with(
 ) -> Result<SynthSummary, Error> {
     config.validate()?;
     let config = &config.as_written();
-    let parent = check_output(out)?;
+    let parent = free_parent(out)?;
     if config.video {
         files::check_ffmpeg(ffmpeg)?;
     }
@@ -101,37 +102,6 @@ pub(super) fn write_with(
         frames: config.frames,
         points: points.len(),
         moving_share: truth.moving_share,
-    })
-}
-
-/// Refuses an output that is not free; returns the folder it is to be in.
-fn check_output(out: &Path) -> Result<PathBuf, Error> {
-    let refuse = |found| {
-        Err(Error::OutputExists {
-            path: out.to_path_buf(),
-            found,
-        })
-    };
-    if out.file_name().is_none() {
-        return Err(Error::OutputName {
-            path: out.to_path_buf(),
-        });
-    }
-    match fs::symlink_metadata(out) {
-        Err(error) if error.kind() == std::io::ErrorKind::NotFound => {}
-        Err(error) => return Err(Error::write(out, "look at it")(error)),
-        Ok(found) if found.is_symlink() => return refuse("a link"),
-        Ok(found) if !found.is_dir() => return refuse("a file"),
-        Ok(_) => {
-            let mut entries = fs::read_dir(out).map_err(Error::write(out, "list the folder"))?;
-            if entries.next().is_some() {
-                return refuse("a folder with files in it");
-            }
-        }
-    }
-    Ok(match out.parent() {
-        Some(parent) if parent != Path::new("") => parent.to_path_buf(),
-        _ => PathBuf::from("."),
     })
 }
 

@@ -88,11 +88,12 @@ impl VideoWriter {
     ) -> Result<Self, Error> {
         checked_size(path, [width, height], width.saturating_mul(height), 1)?;
         if !(fps.is_finite() && fps > 0.0) {
-            return Err(Error::InvalidFrames {
-                path: path.to_path_buf(),
-                expected: "a positive number of frames per second".into(),
-                found: fps.to_string(),
-            });
+            return Err(Error::invalid(
+                path,
+                "a positive number of frames per second",
+                fps.to_string(),
+                "give another rate",
+            ));
         }
         let io_error = Error::media_write(path);
         let scratch = Unfinished::file(path).map_err(&io_error)?;
@@ -161,11 +162,12 @@ impl VideoWriter {
     /// When there are no frames, or `ffmpeg` or the renaming fails.
     pub fn finish(mut self) -> Result<(), Error> {
         if self.n_frames == 0 {
-            return Err(Error::InvalidFrames {
-                path: self.path.clone(),
-                expected: "at least one frame".into(),
-                found: "none".into(),
-            });
+            return Err(Error::invalid(
+                &self.path,
+                "at least one frame",
+                "none",
+                "push a frame first",
+            ));
         }
         if let Some(mut stdin) = self.stdin.take()
             && let Err(source) = stdin.flush()

@@ -77,11 +77,12 @@ pub(super) fn checked_size(
         .filter(|n| *n > 0);
     match (u32::try_from(width), u32::try_from(height)) {
         (Ok(width), Ok(height)) if expected == Some(n_values) => Ok([width, height]),
-        _ => Err(Error::InvalidFrames {
-            path: path.to_path_buf(),
-            expected: format!("{width} x {height} pixels of {channels} values, at least one"),
-            found: format!("{n_values} values"),
-        }),
+        _ => Err(Error::invalid(
+            path,
+            format!("{width} x {height} pixels of {channels} values, at least one"),
+            format!("{n_values} values"),
+            "give as many values as the size says",
+        )),
     }
 }
 

@@ -95,9 +95,7 @@ pub fn on_one_line(text: &str) -> String {
 impl From<Error> for Failure {
     fn from(error: Error) -> Self {
         match error {
-            Error::PrepareSetting { .. } | Error::SynthSetting { .. } => {
-                Self::usage(error.to_string())
-            }
+            Error::Setting { .. } => Self::usage(error.to_string()),
             other => Self::from_error(&other),
         }
     }

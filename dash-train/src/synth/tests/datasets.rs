@@ -276,9 +276,9 @@ fn an_output_that_is_not_free_is_refused_and_left_alone() {
         "{error}"
     );
     let error = write(&file.join("below"), &config).expect_err("a file is no parent");
-    assert!(matches!(error, Error::Write { .. }), "{error}");
+    assert!(matches!(error, Error::Access { .. }), "{error}");
     let error = write(Path::new("/"), &config).expect_err("no name");
-    assert!(matches!(error, Error::OutputName { .. }), "{error}");
+    assert!(matches!(error, Error::Setting { .. }), "{error}");
 
     let empty = folder.path().join("empty");
     fs::create_dir(&empty).expect("a folder");
