@@ -30,6 +30,7 @@ pub mod compare;
 pub mod dataset;
 pub mod device;
 pub mod doctor;
+mod draw;
 mod error;
 pub mod evaluate;
 mod files;

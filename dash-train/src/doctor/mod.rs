@@ -8,7 +8,7 @@
 //! - `cloud`: the points and the training box; `agreement`: points against the pictures' colours.
 //! - `poses`: poses by colours and by axes; `conventions`, `misplaced`: mistakes that would explain them.
 //! - `tracks`: one pass over all pictures, for `brightness`, `sync` and `motion`; `span`: what changes over the clip.
-//! - `picture`, `raster`: the cameras, points and box seen from above and from the side.
+//! - `picture`: the cameras, points and box seen from above and from the side.
 
 mod agreement;
 mod brightness;
@@ -22,7 +22,6 @@ mod misplaced;
 mod motion;
 mod picture;
 mod poses;
-mod raster;
 mod span;
 mod sync;
 #[cfg(test)]
@@ -63,19 +62,24 @@ pub struct Diagnosis {
 
 impl Diagnosis {
     /// Cameras, points and training box from above (left) and from the side (right): points in their
-    /// colours, the box green, cameras blue, held out orange, with doubtful poses red.
-    pub fn picture(&self) -> image::RgbImage {
-        self.sketch.draw()
+    /// colours, the box green, cameras blue, held out orange, with doubtful poses red. `None` where no camera and no point
+    /// could be read.
+    pub fn picture(&self) -> Option<image::RgbImage> {
+        let has_content = !self.sketch.cameras.is_empty() || !self.sketch.positions.is_empty();
+        has_content.then(|| self.sketch.draw())
     }
 
-    /// Writes [`picture`](Self::picture) as a PNG, whole or not at all.
+    /// Writes [`picture`](Self::picture) as a PNG, whole or not at all; says whether there is one.
     ///
     /// # Errors
     /// The system's, naming the file.
-    pub fn write_picture(&self, path: &Path) -> Result<(), Error> {
-        let picture = self.picture();
+    pub fn write_picture(&self, path: &Path) -> Result<bool, Error> {
+        let Some(picture) = self.picture() else {
+            return Ok(false);
+        };
         let (width, height) = (picture.width() as usize, picture.height() as usize);
-        write_png(path, width, height, picture.as_raw())
+        write_png(path, width, height, picture.as_raw())?;
+        Ok(true)
     }
 
     /// How many findings are this bad.
@@ -143,8 +147,10 @@ fn poses_only(root: &Path, layout: Layout, findings: &mut Vec<Finding>) -> Vec<D
         let names: Vec<String> = (0..cameras.len()).map(|i| format!("camera {i}")).collect();
         findings.push(poses::by_axes(&cameras, &names, None, false));
     }
-    let drawn = cameras.into_iter().map(|camera| DrawnCamera {
+    let drawn = cameras.into_iter().enumerate();
+    let drawn = drawn.map(|(index, camera)| DrawnCamera {
         camera,
+        name: index.to_string(),
         held_out: false,
         doubtful: false,
     });
@@ -245,6 +251,7 @@ fn check_geometry(dataset: &Dataset, findings: &mut Vec<Finding>) -> (Sketch, Ve
     };
     let drawn = cameras.iter().map(|(index, view)| DrawnCamera {
         camera: view.camera.clone(),
+        name: view.camera_name.clone(),
         held_out: view.partition == Partition::Test,
         doubtful: verdict.doubtful.contains(index),
     });

@@ -3,12 +3,14 @@
 use dash_kernels::Camera;
 use dash_model::SpaceBox;
 use glam::DVec3;
-use image::{Rgb, RgbImage};
+use image::RgbImage;
 
-use super::raster::Panel;
+use crate::draw::{Anchor, Drawing, Ink, Mark, Shape, text_width};
 
 /// Side of each of the two panels, pixels.
-const SIDE: i64 = 800;
+const SIDE: f64 = 800.0;
+/// Height of the titles above them and of the legend below, pixels.
+const STRIP: f64 = 40.0;
 /// Room around what is drawn, as a share of a panel.
 const MARGIN: f64 = 0.06;
 /// Points beyond this share on either side do not widen the view.
@@ -17,19 +19,24 @@ const TAIL: f64 = 0.02;
 const PYRAMID: f64 = 0.06;
 /// With more cameras than this, each is drawn smaller.
 const FEW_CAMERAS: f64 = 20.0;
-const PAPER: [u8; 3] = [250, 250, 248];
-const BOX_COLOR: [u8; 3] = [30, 140, 60];
-const TRAIN_COLOR: [u8; 3] = [30, 80, 200];
-const TEST_COLOR: [u8; 3] = [225, 130, 0];
-const DOUBTFUL_COLOR: [u8; 3] = [215, 20, 30];
-const FOCUS_COLOR: [u8; 3] = [120, 0, 140];
-/// Cameras that are numbered.
-const MAX_NUMBERED: usize = 64;
+const TITLES: [&str; 2] = ["from above", "from the side"];
+const BOX: (Ink, &str) = (Ink::Rgb([30, 140, 60]), "box of the 4D field");
+const TRAIN: (Ink, &str) = (Ink::Rgb([30, 80, 200]), "camera to train on");
+const HELD_OUT: (Ink, &str) = (Ink::Rgb([225, 130, 0]), "held out");
+const DOUBTFUL: (Ink, &str) = (Ink::Rgb([215, 20, 30]), "doubtful pose");
+const FOCUS: (Ink, &str) = (Ink::Rgb([120, 0, 140]), "where the cameras look");
+/// Heights of letters, pixels.
+const LABEL: f64 = 14.0;
+const TITLE: f64 = 18.0;
+/// Half the side of a point, pixels.
+const POINT: f64 = 1.3;
 
 /// A camera in the picture.
 #[derive(Debug, Clone)]
 pub(super) struct DrawnCamera {
     pub(super) camera: Camera,
+    /// What messages call it.
+    pub(super) name: String,
     pub(super) held_out: bool,
     pub(super) doubtful: bool,
 }
@@ -44,24 +51,58 @@ pub(super) struct Sketch {
     pub(super) focus: Option<DVec3>,
 }
 
+impl DrawnCamera {
+    fn ink(&self) -> (Ink, &'static str) {
+        match self {
+            camera if camera.doubtful => DOUBTFUL,
+            camera if camera.held_out => HELD_OUT,
+            _ => TRAIN,
+        }
+    }
+}
+
 impl Sketch {
-    /// Above on the left, from the side on the right: points in their colours, the box green, cameras to
-    /// train on blue, held out orange, with doubtful poses red, each with its index.
+    /// Above on the left, from the side on the right, with a legend below.
     pub(super) fn draw(&self) -> RgbImage {
-        let mut image = RgbImage::from_pixel(2 * SIDE as u32, SIDE as u32, Rgb(PAPER));
+        let mut shapes = Vec::new();
         let [right, ahead, up] = self.axes();
-        for (left, axes) in [(0, [right, ahead]), (SIDE, [ahead, up])] {
-            let mut panel = Panel {
-                image: &mut image,
-                left,
-                side: SIDE,
-            };
-            self.draw_panel(&mut panel, axes);
+        for (k, axes) in [[right, ahead], [ahead, up]].into_iter().enumerate() {
+            let left = k as f64 * SIDE;
+            self.draw_panel(&mut shapes, left, axes);
+            shapes.push(text([left + 16.0, 26.0], TITLES[k], Ink::Text, TITLE));
         }
-        for y in 0..SIDE as u32 {
-            image.put_pixel(SIDE as u32, y, Rgb([180; 3]));
+        for points in [
+            [[SIDE, 0.0], [SIDE, SIDE + STRIP]],
+            [[0.0, SIDE + STRIP], [2.0 * SIDE, SIDE + STRIP]],
+        ] {
+            shapes.push(line(points, Ink::Grid));
         }
-        image
+        self.draw_legend(&mut shapes);
+        let drawing = Drawing {
+            width: 2.0 * SIDE,
+            height: SIDE + 2.0 * STRIP,
+            shapes,
+        };
+        drawing.raster(1.0)
+    }
+
+    /// Only what is there.
+    fn draw_legend(&self, shapes: &mut Vec<Shape>) {
+        let cameras = [TRAIN, HELD_OUT, DOUBTFUL].into_iter();
+        let entries = cameras
+            .filter(|entry| self.cameras.iter().any(|camera| camera.ink() == *entry))
+            .chain(self.space.is_some().then_some(BOX))
+            .chain(self.focus.is_some().then_some(FOCUS));
+        let (mut x, y) = (20.0, SIDE + 1.5 * STRIP);
+        for (ink, words) in entries {
+            shapes.push(point([x, y], ink, 6.0));
+            shapes.push(text([x + 14.0, y + 5.0], words, Ink::Text, LABEL));
+            x += 44.0 + text_width(words, LABEL);
+        }
+        if !self.positions.is_empty() {
+            let words = "points in their colours";
+            shapes.push(text([x, y + 5.0], words, Ink::Muted, LABEL));
+        }
     }
 
     /// Right, ahead and up in the world: up is what the cameras agree on, ahead where most look.
@@ -80,51 +121,59 @@ impl Sketch {
         [ahead.cross(up), ahead, up]
     }
 
-    fn draw_panel(&self, panel: &mut Panel, axes: [DVec3; 2]) {
+    fn draw_panel(&self, shapes: &mut Vec<Shape>, left: f64, axes: [DVec3; 2]) {
         let flat = |p: DVec3| axes.map(|axis| axis.dot(p));
         let (centre, extent) = self.window(flat);
-        let scale = SIDE as f64 * (1.0 - 2.0 * MARGIN) / extent;
+        let scale = SIDE * (1.0 - 2.0 * MARGIN) / extent;
         let place = |p: DVec3| {
             let [x, y] = flat(p);
-            let middle = SIDE as f64 / 2.0;
+            let middle = SIDE / 2.0;
             [
                 middle + (x - centre[0]) * scale,
                 middle - (y - centre[1]) * scale,
             ]
         };
+        let shown = |[x, y]: [f64; 2]| [x + left, y + STRIP];
         for (position, color) in self.positions.iter().zip(&self.colors) {
-            // White points would not show on paper.
-            let shade = color.map(|c| (c * 215.0) as u8);
-            panel.dot(place((*position).into()), 1, shade);
-        }
-        if let Some(space) = &self.space {
-            for (from, to) in edges(space) {
-                panel.line(place(from), place(to), BOX_COLOR);
+            let at = place((*position).into());
+            if at.iter().all(|v| (POINT..SIDE - POINT).contains(v)) {
+                // White points would not show on paper.
+                let shade = color.map(|c| (c * 215.0) as u8);
+                shapes.push(point(shown(at), Ink::Rgb(shade), POINT));
             }
         }
-        if let Some(focus) = self.focus {
-            let [x, y] = place(focus);
+        let mut draw = |from, to, ink| {
+            shapes.extend(clipped(from, to).map(|ends| line(ends.map(shown), ink)));
+        };
+        for (from, to) in self.space.iter().flat_map(edges) {
+            draw(place(from), place(to), BOX.0);
+        }
+        if let Some([x, y]) = self.focus.map(place) {
             for (dx, dy) in [(6.0, 6.0), (6.0, -6.0)] {
-                panel.line([x - dx, y - dy], [x + dx, y + dy], FOCUS_COLOR);
+                draw([x - dx, y - dy], [x + dx, y + dy], FOCUS.0);
             }
         }
         let crowd = (self.cameras.len() as f64 / FEW_CAMERAS).max(1.0);
         let length = PYRAMID / crowd.sqrt();
-        for (index, drawn) in self.cameras.iter().enumerate() {
-            let color = match drawn {
-                d if d.doubtful => DOUBTFUL_COLOR,
-                d if d.held_out => TEST_COLOR,
-                _ => TRAIN_COLOR,
-            };
+        for drawn in &self.cameras {
             let (apex, corners) = pyramid(&drawn.camera, length * extent);
             for k in 0..4 {
-                panel.line(place(apex), place(corners[k]), color);
-                panel.line(place(corners[k]), place(corners[(k + 1) % 4]), color);
+                draw(place(apex), place(corners[k]), drawn.ink().0);
+                draw(
+                    place(corners[k]),
+                    place(corners[(k + 1) % 4]),
+                    drawn.ink().0,
+                );
             }
-            panel.dot(place(apex), 1, color);
-            if self.cameras.len() <= MAX_NUMBERED {
-                let [x, y] = place(apex);
-                panel.number([x + 4.0, y + 4.0], index, color);
+        }
+        let mut labels = Labels::default();
+        // Those that a message is about first.
+        for doubtful in [true, false] {
+            for drawn in self.cameras.iter().filter(|c| c.doubtful == doubtful) {
+                let apex = place(drawn.camera.position().into());
+                if let Some(at) = labels.room(apex, &drawn.name) {
+                    shapes.push(text(shown(at), &drawn.name, drawn.ink().0, LABEL));
+                }
             }
         }
     }
@@ -164,6 +213,85 @@ impl Sketch {
         let centre = ranges.map(|[low, high]| if low <= high { (low + high) / 2.0 } else { 0.0 });
         (centre, if extent > 0.0 { extent } else { 1.0 })
     }
+}
+
+/// Where names of cameras stand in a panel.
+#[derive(Default)]
+struct Labels {
+    /// Left, top, right, bottom.
+    taken: Vec<[f64; 4]>,
+}
+
+impl Labels {
+    /// The left end of a base line next to `at`; `None` where another name would be written over.
+    fn room(&mut self, [x, y]: [f64; 2], name: &str) -> Option<[f64; 2]> {
+        let width = text_width(name, LABEL);
+        let left = [x + 5.0, x - 5.0 - width];
+        let base = [y + 5.0 + LABEL, y - 5.0];
+        let places = left.into_iter().flat_map(|x| base.map(|y| [x, y]));
+        let boxes = places.map(|[x, y]| [x, y - LABEL, x + width, y + 0.3 * LABEL]);
+        let apart =
+            |a: &[f64; 4], b: &[f64; 4]| a[2] < b[0] || b[2] < a[0] || a[3] < b[1] || b[3] < a[1];
+        let found = boxes.into_iter().find(|place| {
+            let inside = place.iter().all(|v| (0.0..=SIDE).contains(v));
+            inside && self.taken.iter().all(|other| apart(place, other))
+        })?;
+        self.taken.push(found);
+        Some([found[0], found[1] + LABEL])
+    }
+}
+
+fn line(points: [[f64; 2]; 2], ink: Ink) -> Shape {
+    Shape::Line {
+        points: points.into(),
+        ink,
+        width: 1.5,
+        dashed: false,
+    }
+}
+
+fn point(at: [f64; 2], ink: Ink, radius: f64) -> Shape {
+    Shape::Point {
+        at,
+        mark: Mark::Square,
+        ink,
+        radius,
+        tip: String::new(),
+    }
+}
+
+fn text(at: [f64; 2], words: &str, ink: Ink, size: f64) -> Shape {
+    Shape::Text {
+        at,
+        text: words.into(),
+        ink,
+        size,
+        anchor: Anchor::Start,
+        bold: size == TITLE,
+    }
+}
+
+/// The part of a line inside a panel.
+fn clipped(from: [f64; 2], to: [f64; 2]) -> Option<[[f64; 2]; 2]> {
+    let (mut start, mut end) = (0.0_f64, 1.0_f64);
+    for axis in 0..2 {
+        let (a, d) = (from[axis], to[axis] - from[axis]);
+        if !(a.is_finite() && d.is_finite()) {
+            return None;
+        }
+        let bounds = [-a, SIDE - a];
+        if d == 0.0 {
+            if bounds[0] > 0.0 || bounds[1] < 0.0 {
+                return None;
+            }
+        } else {
+            let (low, high) = (bounds[0] / d, bounds[1] / d);
+            start = start.max(low.min(high));
+            end = end.min(low.max(high));
+        }
+    }
+    let at = |share: f64| [0, 1].map(|axis| from[axis] + share * (to[axis] - from[axis]));
+    (start <= end).then(|| [at(start), at(end)])
 }
 
 /// The camera's centre, and the corners of its picture so far in front of it.
@@ -224,6 +352,7 @@ mod tests {
         };
         let drawn = |x, doubtful| DrawnCamera {
             camera: camera(x),
+            name: "cam".into(),
             held_out: false,
             doubtful,
         };
@@ -239,11 +368,18 @@ mod tests {
             focus: None,
         };
         let image = sketch.draw();
-        assert_eq!(image.dimensions(), (1600, 800));
-        let centre = |color: [u8; 3], left: u32| {
+        assert_eq!(image.dimensions(), (1600, 880));
+        // What is mostly of this colour.
+        let is_near = |p: [u8; 3], (ink, _): (Ink, &str)| {
+            let Ink::Rgb(color) = ink else { return false };
+            p.iter().zip(color).all(|(&a, b)| a.abs_diff(b) < 60)
+        };
+        let centre = |color: (Ink, &str), left: u32| {
             let of: Vec<(f64, f64)> = image
                 .enumerate_pixels()
-                .filter(|(x, _, p)| p.0 == color && (left..left + 800).contains(x))
+                .filter(|(x, y, p)| {
+                    is_near(p.0, color) && *y < 840 && (left..left + 800).contains(x)
+                })
                 .map(|(x, y, _)| (f64::from(x - left), f64::from(y)))
                 .collect();
             assert!(!of.is_empty(), "{color:?}");
@@ -254,16 +390,42 @@ mod tests {
             )
         };
         // From above, the cameras are below the box, and the doubtful one at x = 1 beside the other.
-        let (box_, sound, doubtful) = (
-            centre(BOX_COLOR, 0),
-            centre(TRAIN_COLOR, 0),
-            centre(DOUBTFUL_COLOR, 0),
-        );
+        let (box_, sound, doubtful) = (centre(BOX, 0), centre(TRAIN, 0), centre(DOUBTFUL, 0));
         assert!(sound.1 > box_.1 + 100.0 && doubtful.1 > box_.1 + 100.0);
         assert!(
             (sound.0 - doubtful.0).abs() > 50.0,
             "{sound:?} {doubtful:?}"
         );
-        assert_eq!(Sketch::default().draw().dimensions(), (1600, 800));
+        assert_eq!(Sketch::default().draw().dimensions(), (1600, 880));
+    }
+
+    #[test]
+    fn lines_stay_on_their_panel() {
+        let inside = clipped([-1e12, 3.5], [1e12, 3.5]).expect("crosses it");
+        assert!(
+            inside
+                .iter()
+                .all(|[x, _]| (-1e-3..=SIDE + 1e-3).contains(x))
+        );
+        for (from, to) in [
+            ([-5.0, -1.0], [900.0, -1.0]),
+            ([f64::NAN, 0.0], [1.0, 1.0]),
+            ([f64::INFINITY, 0.0], [1.0, 1.0]),
+            ([810.0, 0.0], [830.0, 4.0]),
+        ] {
+            assert!(clipped(from, to).is_none(), "{from:?} {to:?}");
+        }
+    }
+
+    #[test]
+    fn names_are_not_written_over_one_another() {
+        let mut labels = Labels::default();
+        let places: Vec<_> = (0..6)
+            .map(|_| labels.room([400.0, 400.0], "cam00"))
+            .collect();
+        assert_eq!(places.iter().flatten().count(), 4, "one on each side");
+        assert!(labels.room([600.0, 400.0], "cam01").is_some());
+        assert!(labels.room([f64::NAN, 0.0], "cam02").is_none());
+        assert!(labels.room([-500.0, 0.0], "cam03").is_none());
     }
 }

@@ -6,15 +6,13 @@
 //! [`kernel_blocks`] makes them from what `dash bench` measured.
 //!
 //! # Map
-//! - this file: the report and its files; `page`: the page; `escape`: its text; `table`: tables and CSV.
-//! - `plot`: figures; `draw`: shapes as SVG and as pixels.
+//! - this file: the report and its files; `page`: the page; `table`: tables and CSV.
+//! - `plot`: figures.
 //! - `inputs`: from paths to a report; `runs`: what a run's folder holds; `groups`: runs of several seeds;
 //!   `statistics`: medians and times to a quality; `measures`: what is measured of them;
 //!   `training`, `log`, `tables`, `settings`: their figures, tables and captions.
 //! - `kernels`: figures of kernels' errors and times.
 
-mod draw;
-mod escape;
 mod groups;
 mod inputs;
 mod kernel_tables;

@@ -1,8 +1,7 @@
 //! The page: one file that needs no other.
 
-use super::draw::dark_style;
-use super::escape::escaped;
 use super::{Block, Report, Shown};
+use crate::draw::{dark_style, escaped};
 
 const STYLE: &str = "\
 :root{color-scheme:light dark}

@@ -1,6 +1,6 @@
 //! Tables: on the page for people, as CSV for programs.
 
-use super::escape::escaped;
+use crate::draw::escaped;
 
 /// Rows of text under named columns.
 #[derive(Debug, Clone, PartialEq, Default)]

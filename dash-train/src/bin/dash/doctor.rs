@@ -66,7 +66,11 @@ pub fn run(args: &DoctorArgs, shared: &Shared) -> Result<String, Failure> {
     let on = on.map(|(device, name)| TimedOn { device, name });
     let diagnosis = examine_timed(&args.dataset, &options, args.memory, on);
     if let Some(path) = &args.picture {
-        diagnosis.write_picture(path)?;
+        let is_drawn = diagnosis.write_picture(path)?;
+        if !is_drawn {
+            let path = path.display();
+            tracing::warn!("{path} is not written: no camera and no point could be read");
+        }
     }
     let text = if args.json {
         serde_json::to_string_pretty(&diagnosis)

@@ -180,7 +180,10 @@ fn clean_scenes_have_no_warnings() {
         diagnosis.findings,
         "deterministic"
     );
-    assert_eq!(diagnosis.picture().dimensions(), (1600, 800));
+    let picture = diagnosis.picture().expect("cameras");
+    assert_eq!(picture.dimensions(), (1600, 880));
+    let nothing = examine(Path::new("/nowhere"), &LoadOptions::default(), None);
+    assert_eq!(nothing.picture(), None);
     else_clean(
         &Scene::new(SceneKind::Flow, SynthLayout::Blender).examine(),
         &[],

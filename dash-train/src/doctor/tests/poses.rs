@@ -190,7 +190,7 @@ fn duplicates_and_points_far_away_are_counted() {
 #[test]
 fn doubtful_cameras_are_drawn_in_red() {
     let red = |scene: &Scene| {
-        let image = scene.examine().picture();
+        let image = scene.examine().picture().expect("cameras");
         image.pixels().filter(|p| p.0 == [215, 20, 30]).count()
     };
     let scene = Scene::bounce();

@@ -2,7 +2,7 @@
 
 use super::panel::{Frame, form};
 use super::{Figure, LegendEntry};
-use crate::report::draw::{Anchor, Drawing, Ink, Shape, text_width};
+use crate::draw::{Anchor, Drawing, Ink, Shape, text_width};
 
 const WIDTH: f64 = 900.0;
 const PANEL_HEIGHT: f64 = 262.0;

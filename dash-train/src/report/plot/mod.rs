@@ -14,7 +14,7 @@ pub(super) use axis::with_separators;
 pub use axis::{Axis, Scale};
 
 /// Series of a colour's number and a form's: whole cycles of colours take the next form.
-pub(super) const N_COLORS: usize = super::draw::N_SERIES_COLORS;
+pub(super) const N_COLORS: usize = crate::draw::N_SERIES_COLORS;
 
 /// A measured point.
 #[derive(Debug, Clone, PartialEq, Default)]

@@ -3,7 +3,7 @@
 use super::axis::{Range, Tick, with_separators};
 use super::labels::{Rectangle, place_beside, spread_heights};
 use super::{Panel, Point, Series};
-use crate::report::draw::{Anchor, Ink, Mark, Shape, text_width};
+use crate::draw::{Anchor, Ink, Mark, Shape, text_width};
 
 pub(super) const TITLE_SIZE: f64 = 13.0;
 const LABEL_SIZE: f64 = 11.5;

@@ -49,7 +49,7 @@ pub(super) fn glyph(character: char) -> Glyph {
 }
 
 /// Room that a text needs, in pixels, whatever font shows it.
-pub(in super::super) fn text_width(text: &str, size: f64) -> f64 {
+pub(crate) fn text_width(text: &str, size: f64) -> f64 {
     advance(text, size) * OTHER_FONTS
 }
 

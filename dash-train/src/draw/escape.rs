@@ -1,7 +1,7 @@
 //! Text in HTML and SVG.
 
 /// Text that stands for itself in HTML and SVG.
-pub(super) fn escaped(text: &str) -> String {
+pub(crate) fn escaped(text: &str) -> String {
     let mut out = String::with_capacity(text.len());
     for character in text.chars() {
         match character {

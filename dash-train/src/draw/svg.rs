@@ -2,9 +2,9 @@
 
 use std::fmt::Write;
 
+use super::escape::escaped;
 use super::ink::hex;
 use super::{Anchor, Drawing, Ink, Mark, Shape};
-use crate::report::escape::escaped;
 
 /// The element. Colours stand in attributes and in classes, which a page's style may override.
 pub(super) fn element(drawing: &Drawing, description: &str) -> String {

@@ -3,7 +3,7 @@
 use super::Ink;
 
 /// Colours that series have; further ones begin anew.
-pub(in super::super) const N_SERIES_COLORS: usize = 7;
+pub(crate) const N_SERIES_COLORS: usize = 7;
 
 /// Okabe and Ito's colours, told apart with any colour vision, without the yellow that white paper
 /// swallows; on light paper.
@@ -47,7 +47,7 @@ impl Ink {
             Self::Muted => Some(1),
             Self::Grid => Some(2),
             Self::Paper => Some(3),
-            Self::Series(_) => None,
+            Self::Series(_) | Self::Rgb(_) => None,
         }
     }
 
@@ -56,6 +56,7 @@ impl Ink {
         match (self.role(), self) {
             (Some(role), _) => LIGHT_ROLES[role],
             (None, Self::Series(n)) => LIGHT[n % N_SERIES_COLORS],
+            (None, Self::Rgb(color)) => color,
             (None, _) => LIGHT_ROLES[0],
         }
     }
@@ -64,6 +65,7 @@ impl Ink {
     pub(super) fn class(self) -> String {
         match self {
             Self::Series(n) => format!("c{}", n % N_SERIES_COLORS),
+            Self::Rgb(_) => "own".into(),
             role => ROLE_CLASSES[role.role().unwrap_or(0)].into(),
         }
     }
@@ -77,7 +79,7 @@ pub(super) fn hex([r, g, b]: [u8; 3]) -> String {
 /// Rules of a style sheet with the colours on dark paper.
 ///
 /// A class that begins with `f` fills, one that begins with `s` strokes.
-pub(in super::super) fn dark_style() -> String {
+pub(crate) fn dark_style() -> String {
     let roles = ROLE_CLASSES.iter().map(ToString::to_string).zip(DARK_ROLES);
     let series = (0..N_SERIES_COLORS).map(|n| (format!("c{n}"), DARK[n]));
     roles

@@ -3,17 +3,19 @@
 //! Both writers take the same [`Drawing`], so that a picture has one layout. Coordinates are in
 //! pixels of the SVG, y down.
 
+mod escape;
 mod font;
 mod ink;
 mod raster;
 mod svg;
 
-pub(super) use font::text_width;
-pub(super) use ink::{N_SERIES_COLORS, dark_style};
+pub(crate) use escape::escaped;
+pub(crate) use font::text_width;
+pub(crate) use ink::{N_SERIES_COLORS, dark_style};
 
 /// What a shape is for, which decides its colour on light and on dark paper.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) enum Ink {
+pub(crate) enum Ink {
     /// Titles and labels.
     Text,
     /// Tick labels, frames and what explains.
@@ -24,11 +26,13 @@ pub(super) enum Ink {
     Paper,
     /// A series, by its number.
     Series(usize),
+    /// This colour on any paper.
+    Rgb([u8; 3]),
 }
 
 /// Which side of a text stands at its place.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) enum Anchor {
+pub(crate) enum Anchor {
     Start,
     Middle,
     End,
@@ -36,7 +40,7 @@ pub(super) enum Anchor {
 
 /// The form of a measured point.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) enum Mark {
+pub(crate) enum Mark {
     Circle,
     Square,
     Diamond,
@@ -50,7 +54,7 @@ pub(super) enum Mark {
 
 impl Mark {
     /// All forms, in the order in which series take them.
-    pub(super) const ALL: [Self; 9] = [
+    pub(crate) const ALL: [Self; 9] = [
         Self::Circle,
         Self::Square,
         Self::Diamond,
@@ -111,7 +115,7 @@ impl Mark {
 
 /// One shape.
 #[derive(Debug, Clone, PartialEq)]
-pub(super) enum Shape {
+pub(crate) enum Shape {
     /// Joined line segments.
     Line {
         points: Vec<[f64; 2]>,
@@ -148,20 +152,20 @@ pub(super) enum Shape {
 
 /// A picture.
 #[derive(Debug, Clone, PartialEq)]
-pub(super) struct Drawing {
-    pub(super) width: f64,
-    pub(super) height: f64,
-    pub(super) shapes: Vec<Shape>,
+pub(crate) struct Drawing {
+    pub(crate) width: f64,
+    pub(crate) height: f64,
+    pub(crate) shapes: Vec<Shape>,
 }
 
 impl Drawing {
     /// An `svg` element for a page.
-    pub(super) fn svg(&self, description: &str) -> String {
+    pub(crate) fn svg(&self, description: &str) -> String {
         svg::element(self, description)
     }
 
     /// The picture on light paper, at `scale` pixels a unit.
-    pub(super) fn raster(&self, scale: f64) -> image::RgbImage {
+    pub(crate) fn raster(&self, scale: f64) -> image::RgbImage {
         raster::raster(self, scale)
     }
 }
