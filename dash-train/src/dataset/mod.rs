@@ -91,6 +91,14 @@ impl Dataset {
             .filter(move |view| view.partition == partition)
     }
 
+    /// Pixels of a picture; the median, where sizes differ.
+    pub fn pixels(&self) -> usize {
+        let pixels = |view: &View| view.camera.width * view.camera.height;
+        let mut all: Vec<usize> = self.views.iter().map(pixels).collect();
+        all.sort_unstable();
+        all.get(all.len() / 2).copied().unwrap_or(0)
+    }
+
     /// Whether the capture is static: it has one time only.
     pub fn is_static(&self) -> bool {
         self.n_frames == 1

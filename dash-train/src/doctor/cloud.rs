@@ -17,9 +17,9 @@ use crate::ply::{PointCloud, read_points_counting};
 use crate::train::core::capture::start_span;
 use crate::train::core::hold_out::hold_out;
 use crate::train::core::initial::{Region, views_at_start};
+use crate::train::core::initial_views::InitialViews;
 use crate::train::core::points::InitialPoints;
 use crate::train::core::shortage::nothing_to_start_from;
-use crate::train::core::sweep::Sweep;
 
 /// Points in a sample: enough for a camera that sees a hundredth of a large scene.
 const SAMPLES: usize = 50_000;
@@ -43,7 +43,7 @@ const FEW_INSIDE: f64 = 0.25;
 /// Share of points outside the box that is worth a warning.
 const MANY_OUTSIDE: f64 = 0.1;
 /// Points that are looked for where the dataset has none, to find the box.
-const SWEPT: usize = 1_000;
+const SOUGHT: usize = 1_000;
 
 /// Where points come from, as far as it shows.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -220,16 +220,16 @@ pub(super) fn inside(cloud: &Cloud, cameras: &[Camera]) -> Option<Finding> {
 pub(super) fn training_box(dataset: &Dataset) -> Result<(SpaceBox, bool), Error> {
     let (train_views, _) = hold_out(dataset);
     let views = views_at_start(dataset, &train_views, start_span(dataset, &train_views));
-    let sweep = Sweep::new(&views, dataset.background.unwrap_or([0.0; 3]))?;
+    let seen = InitialViews::new(&views, dataset.background.unwrap_or([0.0; 3]))?;
     let mut points = InitialPoints::default();
     if let Some(cloud) = &dataset.points {
         points.positions = cloud.positions.clone();
         points.colors = cloud.colors.iter().map(|&c| color(c)).collect();
         points.given = points.positions.len();
     }
-    let used = points.given > 0 && sweep.shows(&points);
+    let used = points.given > 0 && seen.shows(&points);
     if !used {
-        points = sweep.points(SWEPT, &mut Pcg64::seed_from_u64(0));
+        points = seen.points(SOUGHT, &mut Pcg64::seed_from_u64(0));
     }
     if points.positions.is_empty() {
         return Err(nothing_to_start_from(dataset));

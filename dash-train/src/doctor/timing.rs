@@ -81,7 +81,12 @@ pub(super) fn check(dataset: &Dataset, on: TimedOn) -> Finding {
     let n_given = dataset.points.as_ref().map_or(0, |p| p.positions.len());
     let told = PRESETS.map(|preset| {
         let config = TrainConfig::preset(preset);
-        let [low, high] = range(&runs, &config, n_given, dataset.is_static());
+        let [low, high] = range(
+            &runs,
+            &config.for_pictures(dataset.pixels()),
+            n_given,
+            dataset.is_static(),
+        );
         let name = format!("{preset:?}").to_lowercase();
         format!("{} with --preset {name}", in_words(low, high))
     });

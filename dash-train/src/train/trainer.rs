@@ -52,7 +52,7 @@ impl Trainer {
         additions: Additions,
     ) -> Result<Self, Error> {
         config.validate()?;
-        let schedule = config.schedule();
+        let schedule = config.for_pictures(dataset.pixels()).schedule();
         let mut run = Run::new(schedule, dataset, device, |facts| {
             Dash::new(config.method.clone(), facts)
         })?;

@@ -95,6 +95,19 @@ impl TrainConfig {
         };
     }
 
+    /// The same with as many Gaussians as pictures of so many pixels are given.
+    pub(crate) fn for_pictures(&self, pixels: usize) -> Self {
+        let mut config = self.clone();
+        if let Some(most) = self.densify.pixels {
+            let factor = (pixels as f64 / most as f64).sqrt().max(1.0);
+            let grow = |n: &mut usize| *n = (*n as f64 * factor).round() as usize;
+            config.initial_points.iter_mut().for_each(grow);
+            grow(&mut config.densify.static_set.max_gaussians);
+            grow(&mut config.densify.dynamic.max_gaussians);
+        }
+        config
+    }
+
     /// The part that every method shares.
     pub(crate) fn schedule(&self) -> ScheduleConfig {
         ScheduleConfig {

@@ -8,6 +8,7 @@ use crate::train::core::{DensifyConfig, DensifySets, OptimizerConfig};
 use crate::train::extensions::{
     AveragingConfig, CaptureRatesConfig, CrowdingConfig, DemotionConfig, ExtensionsConfig,
     FloatersConfig, FollowingConfig, GapsConfig, PruneConfig, RestCostConfig, ScaleLimitConfig,
+    StillnessConfig,
 };
 use crate::train::paper::{
     Decomposition, FieldConfig, Form, MethodConfig, MotionFieldConfig, MotionMeasure,
@@ -50,6 +51,7 @@ impl TrainConfig {
             },
             densify: DensifySets {
                 gradient_threshold: 2e-4,
+                pixels: None,
                 static_set: DensifyConfig {
                     during: [500.0 / 15_000.0, 0.6],
                     interval: 100,
@@ -81,10 +83,12 @@ impl TrainConfig {
         self.method.smoothness_interval = 8;
         self.optimizer.means_final = 1.6e-5;
         let DensifySets {
+            pixels,
             static_set,
             dynamic,
             ..
         } = &mut self.densify;
+        *pixels = Some(20_000);
         static_set.opacity_reset_interval = Some(2_000);
         static_set.max_gaussians = 10_000;
         dynamic.opacity_reset_interval = Some(800);
@@ -185,6 +189,7 @@ impl TrainConfig {
         };
         self.densify = DensifySets {
             gradient_threshold: 2e-4,
+            pixels: None,
             dynamic: DensifyConfig {
                 during: [7_050.0 / 50_000.0, 7_950.0 / 50_000.0],
                 ..static_set.clone()
@@ -241,6 +246,7 @@ fn our_extensions() -> ExtensionsConfig {
             coarsen: 1.0 / 16.0,
             steadiness: 0.1,
         }),
+        stillness: Some(StillnessConfig { changing: 0.5 }),
         rest_cost: Some(RestCostConfig {
             field: 0.1,
             gaussians: 2.5,

@@ -192,6 +192,7 @@ impl TrainConfig {
                     .map(|interval| (resets, interval)),
             );
         }
+        values.extend(self.densify.pixels.map(|pixels| ("densify.pixels", pixels)));
         if let Some(demotion) = &self.extensions.demotion {
             values.push(("extensions.demotion.interval", demotion.interval));
         }

@@ -38,6 +38,7 @@ fn all_keys() -> Table {
     let quick = TrainConfig::preset(Preset::Quick);
     config.extensions.crowding = quick.extensions.crowding;
     config.near_plane = Some(0.01);
+    config.densify.pixels = quick.densify.pixels;
     for set in [&mut config.densify.static_set, &mut config.densify.dynamic] {
         set.opacity_reset_interval.get_or_insert(3_000);
     }

@@ -7,8 +7,8 @@ use dash_model::{Camera, SpaceBox};
 use rand_pcg::Pcg64;
 
 use super::capture::TimeSpan;
+use super::initial_views::InitialViews;
 use super::points::InitialPoints;
-use super::sweep::Sweep;
 use crate::Error;
 use crate::cameras::focus_point;
 use crate::dataset::{Dataset, View};
@@ -55,9 +55,9 @@ pub(crate) fn initial_points(
         }
     }
     let views = views_at_start(dataset, train_views, start_span);
-    let sweep = Sweep::new(&views, background)?;
-    if kept > 0 && !sweep.shows(&points) {
-        let why = match sweep.has_in_sight(&points) {
+    let seen = InitialViews::new(&views, background)?;
+    if kept > 0 && !seen.shows(&points) {
+        let why = match seen.has_in_sight(&points) {
             true => "have other colours than the pictures where they are, as if drawn at random",
             false => "are in no picture that training starts from",
         };
@@ -67,18 +67,18 @@ pub(crate) fn initial_points(
     }
     let missing = limits[0].min(limits[1]).saturating_sub(points.given);
     // A depth that is made up does not go with points.
-    let finds_depth = points.given == 0 || !sweep.in_one_place();
+    let finds_depth = points.given == 0 || !seen.in_one_place();
     if missing > 0 && finds_depth {
-        let swept = sweep.points(missing, rng);
-        points.positions.extend(swept.positions);
-        points.colors.extend(swept.colors);
+        let found = seen.points(missing, rng);
+        points.positions.extend(found.positions);
+        points.colors.extend(found.colors);
     }
     if start_span.is_some() {
         let others = at_other_times(dataset, train_views, &views);
         let most = (CHANGING_SHARE * limits[0].min(limits[1]) as f32) as usize;
-        let swept = sweep.changing_points(most, &others, background, rng)?;
-        points.positions.extend(swept.positions);
-        points.colors.extend(swept.colors);
+        let found = seen.changing_points(most, &others, background, rng)?;
+        points.positions.extend(found.positions);
+        points.colors.extend(found.colors);
     }
     Ok(points)
 }

@@ -12,6 +12,7 @@ mod gaps;
 mod prune;
 mod rest_cost;
 mod scale_limit;
+mod stillness;
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -26,6 +27,7 @@ pub use gaps::{GapsConfig, TimeGaps};
 pub use prune::{Prune, PruneConfig};
 pub use rest_cost::{RestCost, RestCostConfig};
 pub use scale_limit::{ScaleLimit, ScaleLimitConfig};
+pub use stillness::{Stillness, StillnessConfig};
 
 use super::core::Extension;
 use super::paper::Dash;
@@ -46,6 +48,9 @@ pub struct ExtensionsConfig {
     /// Time gaps in the training views.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub gaps: Option<GapsConfig>,
+    /// What cameras that stand still see unchanged is static.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub stillness: Option<StillnessConfig>,
     /// A cost of visible motion.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub rest_cost: Option<RestCostConfig>,
@@ -81,6 +86,7 @@ impl ExtensionsConfig {
             boxed(&self.prune, Prune::new),
             boxed(&self.following, Following::new),
             boxed(&self.gaps, TimeGaps::new),
+            boxed(&self.stillness, Stillness::new),
             boxed(&self.rest_cost, RestCost::new),
             boxed(&self.floaters, Floaters::new),
             boxed(&self.scale_limit, ScaleLimit::new),

@@ -7,7 +7,7 @@ use rayon::prelude::*;
 use crate::Error;
 use crate::dataset::View;
 use crate::train::core::Run;
-use crate::train::core::sweep::{difference, smoothed};
+use crate::train::core::initial_views::{difference, smoothed};
 
 /// Cameras whose pictures are compared, at most.
 const CAMERAS: usize = 8;
