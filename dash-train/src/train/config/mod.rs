@@ -62,8 +62,8 @@ pub struct TrainConfig {
     /// training cameras see something. Source: the released code has 0.2.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub near_plane: Option<f64>,
-    /// Fewest and most points that the first Gaussians are made of. Where the dataset brings fewer, a plane sweep finds
-    /// points on which several views agree; more are thinned evenly. Source: ours.
+    /// Fewest and most points that the first Gaussians are made of. Where the dataset brings fewer, depth maps of
+    /// the views that training starts from give more; what is too many is thinned evenly. Source: ours.
     pub initial_points: [usize; 2],
     /// Steps between checkpoints.
     pub checkpoint_interval: usize,

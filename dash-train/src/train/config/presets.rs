@@ -6,9 +6,9 @@ use dash_model::Representation;
 use super::{Preset, TrainConfig};
 use crate::train::core::{DensifyConfig, DensifySets, OptimizerConfig};
 use crate::train::extensions::{
-    AveragingConfig, CaptureRatesConfig, CrowdingConfig, DemotionConfig, ExtensionsConfig,
-    FloatersConfig, FollowingConfig, GapsConfig, PruneConfig, RestCostConfig, ScaleLimitConfig,
-    StillnessConfig,
+    AveragingConfig, CaptureRatesConfig, CrowdingConfig, DemotionConfig, ExposureConfig,
+    ExtensionsConfig, FloatersConfig, FollowingConfig, GapsConfig, PruneConfig, RestCostConfig,
+    ScaleLimitConfig, StillnessConfig,
 };
 use crate::train::paper::{
     Decomposition, FieldConfig, Form, MethodConfig, MotionFieldConfig, MotionMeasure,
@@ -246,6 +246,7 @@ fn our_extensions() -> ExtensionsConfig {
             coarsen: 1.0 / 16.0,
             steadiness: 0.1,
         }),
+        exposure: Some(ExposureConfig { rate: 2e-3 }),
         stillness: Some(StillnessConfig { changing: 0.5 }),
         rest_cost: Some(RestCostConfig {
             field: 0.1,

@@ -142,6 +142,9 @@ impl TrainConfig {
         if let Some(gaps) = &self.extensions.gaps {
             values.push(("extensions.gaps.coarsen", gaps.coarsen));
         }
+        if let Some(stillness) = &self.extensions.stillness {
+            values.push(("extensions.stillness.changing", stillness.changing));
+        }
         numbers(values, |value| value <= 1.0)
     }
 
@@ -151,6 +154,12 @@ impl TrainConfig {
         let extensions = &self.extensions;
         if let Some(gaps) = &extensions.gaps {
             values.push(("extensions.gaps.coarsen", gaps.coarsen));
+        }
+        if let Some(stillness) = &extensions.stillness {
+            values.push(("extensions.stillness.changing", stillness.changing));
+        }
+        if let Some(exposure) = &extensions.exposure {
+            values.push(("extensions.exposure.rate", exposure.rate));
         }
         if let Some(rates) = &extensions.capture_rates {
             values.push(("extensions.capture_rates.monocular", rates.monocular));

@@ -124,11 +124,7 @@ impl InitialViews {
 
     fn depth(&self) -> &[Vec<Option<[f32; 3]>>] {
         self.depth.get_or_init(|| match self.in_one_place {
-            true => {
-                let all = self.pictures.iter();
-                all.map(|picture| stereo::at_distance(picture, self.focus))
-                    .collect()
-            }
+            true => stereo::points_at_distance(&self.pictures, self.focus),
             false => stereo::points(&self.pictures, self.focus),
         })
     }

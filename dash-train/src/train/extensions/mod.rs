@@ -6,6 +6,7 @@ mod blocks;
 mod capture_rates;
 mod crowding;
 mod demotion;
+mod exposure;
 mod floaters;
 mod following;
 mod gaps;
@@ -21,6 +22,7 @@ pub use averaging::{Averaging, AveragingConfig};
 pub use capture_rates::{CaptureRates, CaptureRatesConfig};
 pub use crowding::{Crowding, CrowdingConfig};
 pub use demotion::{Demotion, DemotionConfig};
+pub use exposure::{Exposure, ExposureConfig};
 pub use floaters::{Floaters, FloatersConfig};
 pub use following::{Following, FollowingConfig};
 pub use gaps::{GapsConfig, TimeGaps};
@@ -48,6 +50,9 @@ pub struct ExtensionsConfig {
     /// Time gaps in the training views.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub gaps: Option<GapsConfig>,
+    /// A gain and an offset per camera.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub exposure: Option<ExposureConfig>,
     /// What cameras that stand still see unchanged is static.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub stillness: Option<StillnessConfig>,
@@ -86,6 +91,7 @@ impl ExtensionsConfig {
             boxed(&self.prune, Prune::new),
             boxed(&self.following, Following::new),
             boxed(&self.gaps, TimeGaps::new),
+            boxed(&self.exposure, Exposure::new),
             boxed(&self.stillness, Stillness::new),
             boxed(&self.rest_cost, RestCost::new),
             boxed(&self.floaters, Floaters::new),

@@ -22,9 +22,9 @@ use crate::train::paper::Dash;
 const INTERVAL: usize = 50;
 /// Pictures of a camera that are compared.
 const LOOKS: usize = 48;
-/// Least difference of a block's mean colour that is a change, in any channel.
-const LEAST_CHANGE: f32 = 0.03;
-/// How many times the typical difference of a picture's blocks a change is: noise, and exposure that varies, are none.
+/// Least difference of a block's mean colour that is a change, in any channel: three steps of 255.
+const LEAST_CHANGE: f32 = 0.012;
+/// How many times the typical difference of a picture's blocks a change is: noise is none.
 const ABOVE_TYPICAL: f32 = 6.0;
 
 /// `[extensions.stillness]`
@@ -127,9 +127,13 @@ fn changes(pictures: &[Vec<f32>]) -> Vec<bool> {
         .collect();
     let mut changes = vec![false; values / 3];
     for picture in pictures {
-        let pairs = picture.chunks_exact(3).zip(usual.chunks_exact(3));
-        let differences: Vec<f32> = pairs
-            .map(|(a, b)| (0..3).map(|c| (a[c] - b[c]).abs()).fold(0.0, f32::max))
+        let pairs = || picture.chunks_exact(3).zip(usual.chunks_exact(3));
+        // What the whole picture does is exposure that varies.
+        let common: [f32; 3] =
+            std::array::from_fn(|c| median(pairs().map(|(a, b)| a[c] - b[c])).unwrap_or(0.0));
+        let off = |a: &[f32], b: &[f32], c: usize| (a[c] - b[c] - common[c]).abs();
+        let differences: Vec<f32> = pairs()
+            .map(|(a, b)| (0..3).map(|c| off(a, b, c)).fold(0.0, f32::max))
             .collect();
         let typical = median(differences.iter().copied()).unwrap_or(0.0);
         let change = LEAST_CHANGE.max(ABOVE_TYPICAL * typical);

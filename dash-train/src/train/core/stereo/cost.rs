@@ -18,6 +18,10 @@ pub(super) const MOST_DIFFERENCE: f32 = 0.12;
 /// Cost where no view has a plane in sight: what windows cost that have nothing in common.
 pub(super) const UNSEEN: f32 = 0.5;
 
+/// What the nearest plane costs more than the farthest, of 255: where nothing tells planes apart, the farthest hides
+/// nothing. Without it, what is dark takes the depth of what stands before it.
+pub(super) const NEARNESS: f32 = 30.0;
+
 /// For each pixel the cost of each plane `[H, W, PLANES]`, of 255: the mean over the half of the views that agree best,
 /// of at most six, since the others may have something in front.
 pub(super) fn volume(picture: &Picture, others: &[&Picture], planes: Planes) -> Vec<u8> {
@@ -38,9 +42,10 @@ pub(super) fn volume(picture: &Picture, others: &[&Picture], planes: Planes) -> 
             // Compiled for every instruction set; what it calls is inlined.
             Arch::new().dispatch(|| correlator.add(picture, other, (*matrix, shift), &mut best));
         }
+        let nearer = NEARNESS * plane as f32 / PLANES as f32;
         let of_plane = volume.iter_mut().skip(plane).step_by(PLANES);
         for (out, best) in of_plane.zip(&best) {
-            *out = (best.mean().clamp(0.0, 1.0) * 255.0) as u8;
+            *out = (best.mean().clamp(0.0, 1.0) * 255.0 + nearer).min(255.0) as u8;
         }
     }
     volume

@@ -8,6 +8,9 @@ use super::{DepthMap, Picture};
 /// How far the depths of two views at a point may be apart, in planes.
 const TOLERANCE: f64 = 1.5;
 
+/// Mean colour difference from which on two pictures do not show the same, whatever their exposures.
+const OTHER_COLOR: f32 = 0.3;
+
 /// For each pixel of a view its point, the mean of those of the views that agree on it; `None` where no other view
 /// does.
 pub(super) fn confirmed(
@@ -17,20 +20,24 @@ pub(super) fn confirmed(
     neighbours: &[usize],
 ) -> Vec<Option<[f32; 3]>> {
     let own = Rays::of(&pictures[index].camera);
-    let others: Vec<(Rays<'_>, &DepthMap)> = neighbours
+    let others: Vec<(&Picture, Rays<'_>, &DepthMap)> = neighbours
         .iter()
-        .map(|&other| (Rays::of(&pictures[other].camera), &maps[other]))
+        .map(|&other| {
+            let picture = &pictures[other];
+            (picture, Rays::of(&picture.camera), &maps[other])
+        })
         .collect();
     let points = (0..pictures[index].colors.len()).map(|pixel| {
         let point = own.point(pixel, maps[index].inverse[pixel]);
         let (mut sum, mut count) = (point, 1.0);
-        for (rays, map) in &others {
+        for (picture, rays, map) in &others {
             let Some(([u, v], depth)) = rays.camera.project_inside(point.to_array()) else {
                 continue;
             };
             let seen = v as usize * rays.camera.width + u as usize;
+            let colors = [&pictures[index].colors[pixel], &picture.colors[seen]];
             let off = (1.0 / depth - f64::from(map.inverse[seen])).abs();
-            if off <= TOLERANCE * map.planes.step {
+            if off <= TOLERANCE * map.planes.step && alike(colors) {
                 sum += rays.point(seen, map.inverse[seen]);
                 count += 1.0;
             }
@@ -38,6 +45,11 @@ pub(super) fn confirmed(
         (count > 1.0).then(|| (sum / count).as_vec3().to_array())
     });
     points.collect()
+}
+
+/// Whether two pixels may show the same.
+pub(super) fn alike([a, b]: [&[f32; 4]; 2]) -> bool {
+    (0..3).map(|c| (a[c] - b[c]).abs()).sum::<f32>() < 3.0 * OTHER_COLOR
 }
 
 /// The rays of a camera's pixels.

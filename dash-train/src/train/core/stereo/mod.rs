@@ -106,13 +106,31 @@ pub(crate) fn points(pictures: &[Picture], focus: DVec3) -> Vec<Vec<Option<[f32;
         .collect()
 }
 
-/// The points of a picture's pixels, all as far away as what the cameras look at: a depth that is made up.
-pub(crate) fn at_distance(picture: &Picture, focus: DVec3) -> Vec<Option<[f32; 3]>> {
-    let distance = focus.distance(picture.camera.position().into()).max(1e-6);
-    let rays = fusion::Rays::of(&picture.camera);
-    let points = (0..picture.colors.len()).map(|pixel| rays.point(pixel, 1.0 / distance as f32));
-    points
-        .map(|point| Some(point.as_vec3().to_array()))
+/// The points of each picture's pixels where all pictures are taken from one place: as far away as what the cameras look
+/// at, a depth that is made up, where another picture shows the same.
+pub(crate) fn points_at_distance(pictures: &[Picture], focus: DVec3) -> Vec<Vec<Option<[f32; 3]>>> {
+    let of_picture = |index: usize| {
+        let picture = &pictures[index];
+        let distance = focus.distance(picture.camera.position().into()).max(1e-6);
+        let rays = fusion::Rays::of(&picture.camera);
+        let shows = |other: &Picture, point: DVec3, color: &[f32; 4]| {
+            let seen = other.camera.project_inside(point.to_array());
+            seen.is_some_and(|([u, v], _)| {
+                let seen = v as usize * other.camera.width + u as usize;
+                fusion::alike([color, &other.colors[seen]])
+            })
+        };
+        let points = picture.colors.iter().enumerate().map(|(pixel, color)| {
+            let point = rays.point(pixel, 1.0 / distance as f32);
+            let mut others = (0..pictures.len()).filter(|&other| other != index);
+            let is_shown = others.any(|other| shows(&pictures[other], point, color));
+            is_shown.then(|| point.as_vec3().to_array())
+        });
+        points.collect()
+    };
+    (0..pictures.len())
+        .into_par_iter()
+        .map(of_picture)
         .collect()
 }
 

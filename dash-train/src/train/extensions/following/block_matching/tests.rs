@@ -3,6 +3,7 @@ use std::sync::Arc;
 
 use burn::tensor::Device;
 use dash_kernels::Camera;
+use dash_model::SpaceBox;
 use dash_model::decomposition::MotionStatistics;
 
 use super::*;
@@ -126,6 +127,11 @@ fn trainer(dataset: Dataset, scale: f32) -> Trainer {
     let mut rows = GaussianRows::from_points(&points, &colors, 0, 0.05);
     rows.opacity_logits.fill(dash_model::logit(0.9));
     trainer.start_from(&rows);
+    trainer.run.region = SpaceBox {
+        min: [-1.5; 3],
+        max: [1.5; 3],
+        clamp: true,
+    };
     trainer.run.start_motion().expect("valid");
     trainer.run.method.statistics = MotionStatistics::new(N);
     trainer.run.method.statistics.add(&[scale; N], &[1.0; N]);

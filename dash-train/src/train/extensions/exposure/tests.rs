@@ -1,0 +1,153 @@
+//! What cameras do to colours, and that it is found.
+
+use std::sync::Arc;
+
+use burn::tensor::Device;
+
+use super::*;
+use crate::dataset::Dataset;
+use crate::synth;
+use crate::train::{Keep, Preset, TrainConfig, Trainer};
+
+/// Gains of the cameras of [`dataset`], beside their mean.
+const GAINS: [f32; 4] = [0.8, 0.9, 1.0, 0.9];
+
+/// A clip of one frame whose cameras have exposures of their own.
+fn dataset() -> Dataset {
+    let mut dataset = synth::loaded(GAINS.len() + 1, 1, [48, 36]);
+    let cameras: Vec<usize> = training_cameras(&dataset);
+    for view in &mut dataset.views {
+        let Some(place) = cameras.iter().position(|&c| c == view.camera_index) else {
+            continue;
+        };
+        let rgb = view.rgb([0.0; 3]).expect("in memory");
+        let exposed = rgb.iter().map(|v| (v * GAINS[place] * 255.0).round() as u8);
+        let exposed = View::from_rgb8(
+            &view.name,
+            view.camera.clone(),
+            view.time,
+            exposed.collect(),
+        );
+        view.pixels = exposed.pixels;
+    }
+    dataset
+}
+
+fn training_cameras(dataset: &Dataset) -> Vec<usize> {
+    let views = dataset.views_of(crate::dataset::Partition::Train);
+    let mut cameras: Vec<usize> = views.map(|view| view.camera_index).collect();
+    cameras.sort_unstable();
+    cameras.dedup();
+    cameras
+}
+
+fn trainer(dataset: Dataset) -> Trainer {
+    let mut config = TrainConfig::preset(Preset::Quick);
+    config.keep(Keep::All);
+    config.iterations = 400;
+    config.initial_points = [500, 2_000];
+    Trainer::new(config, Arc::new(dataset), &Device::flex()).expect("valid")
+}
+
+#[test]
+fn colours_are_scaled_and_shifted_and_nothing_else() {
+    let mut trainer = trainer(dataset());
+    let run = &mut trainer.run;
+    let mut exposure = Exposure::new(ExposureConfig { rate: 0.1 });
+    Extension::<_>::init(&mut exposure, run);
+    let dataset = run.dataset.clone();
+    let index = run.train_views[0];
+    let view = &dataset.views[index];
+    let values = [0.1, -0.2, 0.3, 0.01, 0.02, -0.03];
+    exposure
+        .cameras
+        .entry(view.camera_index)
+        .or_default()
+        .values = values;
+    exposure.before_forward(run, view);
+
+    let device = run.device.clone();
+    let rows: Vec<f32> = (0..3 * N_COLUMNS)
+        .map(|k| (k * 37 % 101) as f32 / 101.0)
+        .collect();
+    let splats = Tensor::<2>::from_data(TensorData::new(rows.clone(), [3, N_COLUMNS]), &device);
+    let out = exposure.splats(run, splats);
+    let is_color = |column: usize| (RED..RED + CHANNELS).contains(&column);
+    for (k, (&before, after)) in rows.iter().zip(to_host(out.clone())).enumerate() {
+        let column = k % N_COLUMNS;
+        let expected = match is_color(column) {
+            true => before * (1.0 + values[column - RED]) + values[CHANNELS + column - RED],
+            false => before,
+        };
+        assert!((after - expected).abs() < 1e-6, "{k}: {after} {expected}");
+    }
+    // The gradient of a weighted sum: of gains the weighted colours, of offsets the weights.
+    let weights = Tensor::<2>::from_data(
+        TensorData::new(
+            (0..3 * N_COLUMNS).map(|k| k as f32).collect::<Vec<_>>(),
+            [3, N_COLUMNS],
+        ),
+        &device,
+    );
+    let gradients = (out * weights).sum().backward();
+    let (_, leaf) = exposure.present.as_ref().expect("a camera of several");
+    let gradient = to_host(leaf.grad(&gradients).expect("tracked"));
+    for channel in 0..CHANNELS {
+        let of = |row: usize| row * N_COLUMNS + RED + channel;
+        let gain: f32 = (0..3).map(|row| rows[of(row)] * of(row) as f32).sum();
+        let offset: f32 = (0..3).map(|row| of(row) as f32).sum();
+        assert!((gradient[channel] - gain).abs() < 1e-3 * gain);
+        assert!((gradient[CHANNELS + channel] - offset).abs() < 1e-3 * offset);
+    }
+}
+
+#[test]
+fn the_exposures_of_cameras_are_found_beside_their_mean() {
+    let mut trainer = trainer(dataset());
+    let mut exposure = Exposure::new(ExposureConfig { rate: 5e-3 });
+    Extension::<_>::init(&mut exposure, &mut trainer.run);
+    let at = trainer
+        .hooks
+        .extensions
+        .iter()
+        .position(|e| e.name() == "exposure");
+    trainer.hooks.extensions[at.expect("of the preset")] = Box::new(exposure);
+    while !trainer.is_finished() {
+        trainer.step().expect("trains");
+    }
+    let found = &trainer.hooks.extensions[at.expect("there")];
+    let found: &dyn std::any::Any = found.as_ref();
+    let found: &Exposure = found.downcast_ref().expect("an exposure");
+    // What becomes of a medium gray.
+    let (gains, offsets) = (0..CHANNELS, CHANNELS..2 * CHANNELS);
+    let sum = |r: &Response, of: &std::ops::Range<usize>| r.values[of.clone()].iter().sum::<f32>();
+    let gray: Vec<f32> = found
+        .cameras
+        .values()
+        .map(|r| (sum(r, &gains) + sum(r, &offsets) / 0.5) / 3.0)
+        .collect();
+    let mean = GAINS.iter().sum::<f32>() / GAINS.len() as f32;
+    assert!(gray.iter().sum::<f32>().abs() < 1e-5, "{gray:?}");
+    for (found, gain) in gray.iter().zip(GAINS) {
+        let expected = gain / mean - 1.0;
+        assert!(
+            (found - expected).abs() < 0.04,
+            "{gray:?}, expected {expected}"
+        );
+    }
+}
+
+#[test]
+fn one_camera_is_left_as_it_is() {
+    let mut dataset = synth::loaded(4, 2, [32, 24]);
+    let first = dataset.views_of(crate::dataset::Partition::Train).next();
+    let first = first.expect("a view").camera_index;
+    dataset.views.retain(|view| view.camera_index == first);
+    let mut trainer = trainer(dataset);
+    let run = &mut trainer.run;
+    let mut exposure = Exposure::new(ExposureConfig { rate: 0.1 });
+    Extension::<_>::init(&mut exposure, run);
+    let dataset = run.dataset.clone();
+    exposure.before_forward(run, &dataset.views[0]);
+    assert!(exposure.present.is_none());
+}
