@@ -8,7 +8,7 @@ use crate::train::core::{DensifyConfig, DensifySets, OptimizerConfig};
 use crate::train::extensions::{
     AveragingConfig, CaptureRatesConfig, CrowdingConfig, DemotionConfig, ExposureConfig,
     ExtensionsConfig, FloatersConfig, FollowingConfig, GapsConfig, PruneConfig, RestCostConfig,
-    ScaleLimitConfig, StillnessConfig,
+    ScaleLimitConfig,
 };
 use crate::train::paper::{
     Decomposition, FieldConfig, Form, MethodConfig, MotionFieldConfig, MotionMeasure,
@@ -247,7 +247,6 @@ fn our_extensions() -> ExtensionsConfig {
             steadiness: 0.1,
         }),
         exposure: Some(ExposureConfig { rate: 2e-3 }),
-        stillness: Some(StillnessConfig { changing: 0.5 }),
         rest_cost: Some(RestCostConfig {
             field: 0.1,
             gaussians: 2.5,

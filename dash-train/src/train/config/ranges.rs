@@ -142,9 +142,6 @@ impl TrainConfig {
         if let Some(gaps) = &self.extensions.gaps {
             values.push(("extensions.gaps.coarsen", gaps.coarsen));
         }
-        if let Some(stillness) = &self.extensions.stillness {
-            values.push(("extensions.stillness.changing", stillness.changing));
-        }
         numbers(values, |value| value <= 1.0)
     }
 
@@ -154,9 +151,6 @@ impl TrainConfig {
         let extensions = &self.extensions;
         if let Some(gaps) = &extensions.gaps {
             values.push(("extensions.gaps.coarsen", gaps.coarsen));
-        }
-        if let Some(stillness) = &extensions.stillness {
-            values.push(("extensions.stillness.changing", stillness.changing));
         }
         if let Some(exposure) = &extensions.exposure {
             values.push(("extensions.exposure.rate", exposure.rate));

@@ -90,8 +90,6 @@ fn set_changes_one_value_and_refuses_others() {
             "extensions.prune.max_loss_db=0",
             "extensions.prune.max_loss_db",
         ),
-        ("extensions.stillness.changing=0", "stillness.changing"),
-        ("extensions.stillness.changing=1.1", "stillness.changing"),
         ("densify.pixels=0", "densify.pixels"),
         ("densify.static.interval=0", "densify.static.interval"),
         (

@@ -13,7 +13,6 @@ mod gaps;
 mod prune;
 mod rest_cost;
 mod scale_limit;
-mod stillness;
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -29,7 +28,6 @@ pub use gaps::{GapsConfig, TimeGaps};
 pub use prune::{Prune, PruneConfig};
 pub use rest_cost::{RestCost, RestCostConfig};
 pub use scale_limit::{ScaleLimit, ScaleLimitConfig};
-pub use stillness::{Stillness, StillnessConfig};
 
 use super::core::Extension;
 use super::paper::Dash;
@@ -53,9 +51,6 @@ pub struct ExtensionsConfig {
     /// A gain and an offset per camera.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub exposure: Option<ExposureConfig>,
-    /// What cameras that stand still see unchanged is static.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub stillness: Option<StillnessConfig>,
     /// A cost of visible motion.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub rest_cost: Option<RestCostConfig>,
@@ -92,7 +87,6 @@ impl ExtensionsConfig {
             boxed(&self.following, Following::new),
             boxed(&self.gaps, TimeGaps::new),
             boxed(&self.exposure, Exposure::new),
-            boxed(&self.stillness, Stillness::new),
             boxed(&self.rest_cost, RestCost::new),
             boxed(&self.floaters, Floaters::new),
             boxed(&self.scale_limit, ScaleLimit::new),

@@ -30,7 +30,6 @@ impl Run<Dash> {
         self.method.motion_space = None;
         self.method.statistics = MotionStatistics::default();
         self.method.held_still = Vec::new();
-        self.method.at_rest = Vec::new();
         self.optimizer.forget("motion.");
         let mut rows = self.scene.static_set.to_rows();
         rows.trajectory_width = 0;

@@ -29,7 +29,6 @@ const MOTION: &str = "motion.";
 struct State {
     motion_space: Option<dash_model::SpaceBox>,
     held_still: Vec<bool>,
-    at_rest: Vec<bool>,
     nothing_moves: bool,
 }
 
@@ -157,11 +156,8 @@ impl Method for Dash {
     fn rows_changed(&mut self, set: Set, sources: &[usize]) {
         if set == Set::Static && self.motion_space.is_some() {
             self.statistics = self.statistics.gather(sources);
-            for marks in [&mut self.held_still, &mut self.at_rest] {
-                if !marks.is_empty() {
-                    *marks = sources.iter().map(|&row| marks[row]).collect();
-                }
-            }
+            let held_still = &self.held_still;
+            self.held_still = sources.iter().map(|&row| held_still[row]).collect();
         }
     }
 
@@ -197,7 +193,6 @@ impl Method for Dash {
         let mut saved = Saved::of_values(&State {
             motion_space: self.motion_space,
             held_still: self.held_still.clone(),
-            at_rest: self.at_rest.clone(),
             nothing_moves: self.nothing_moves,
         });
         let (weighted, weights) = self.statistics.parts();
@@ -221,7 +216,6 @@ impl Method for Dash {
             ("motions of static", weighted.len(), n_static),
             ("weights of static", weights.len(), weighted.len()),
             ("marks of static", state.held_still.len(), n_static),
-            ("resting of static", state.at_rest.len(), n_static),
         ] {
             if found != expected && found != 0 {
                 return Err(format!(
@@ -256,7 +250,6 @@ impl Method for Dash {
         }
         method.motion_space = state.motion_space;
         method.held_still = state.held_still;
-        method.at_rest = state.at_rest;
         method.nothing_moves = state.nothing_moves;
         method.statistics = statistics;
         Ok(())

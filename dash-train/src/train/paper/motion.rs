@@ -2,7 +2,7 @@
 
 use std::ops::RangeInclusive;
 
-use burn::tensor::{Gradients, Tensor, TensorData};
+use burn::tensor::{Gradients, Tensor};
 use dash_kernels::splats::{DEPTH, N_COLUMNS, RADIUS_X};
 use dash_model::decomposition::{MotionStatistics, select_dynamic};
 use dash_model::{HashEncoder, MotionField, SpaceBox};
@@ -43,26 +43,14 @@ impl Run<Dash> {
         Ok(())
     }
 
-    /// Trajectory coefficients `[N, B * 3]` of all Gaussians, zero of those that are known to rest; `None` while nothing
-    /// moves and after the decomposition.
+    /// Trajectory coefficients `[N, B * 3]` of all Gaussians; `None` while nothing moves and after the decomposition.
     pub(crate) fn coefficients(&self) -> Result<Option<Tensor<2>>, Error> {
         let set = &self.scene.static_set;
-        let coefficients = match (&self.method.motion, &set.trajectories) {
-            (Some(field), _) => field.coefficients(set.means.val())?,
-            (None, Some(own)) => own.val(),
-            (None, None) => return Ok(None),
-        };
-        let at_rest = &self.method.at_rest;
-        if at_rest.is_empty() {
-            return Ok(Some(coefficients));
-        }
-        let moves: Vec<f32> = at_rest
-            .iter()
-            .map(|&rests| f32::from(u8::from(!rests)))
-            .collect();
-        let moves = TensorData::new(moves, [at_rest.len(), 1]);
-        let moves = Tensor::<2>::from_data(moves, &coefficients.device());
-        Ok(Some(coefficients * moves))
+        Ok(match (&self.method.motion, &set.trajectories) {
+            (Some(field), _) => Some(field.coefficients(set.means.val())?),
+            (None, Some(own)) => Some(own.val()),
+            (None, None) => None,
+        })
     }
 
     /// How far the trajectories of `coefficients [N, B * 3]` go, `[N]`, world units. The smallest length that this tells

@@ -38,8 +38,6 @@ pub struct Dash {
     pub statistics: MotionStatistics,
     /// Which Gaussians Eq. 5 holds still.
     pub held_still: Vec<bool>,
-    /// Which Gaussians an extension found to rest; empty where none did.
-    pub at_rest: Vec<bool>,
     /// Whether an extension asks for dynamic Gaussians at times around the present view's.
     pub(crate) asks_around: bool,
     /// These times, where there are any around the present view's.
@@ -68,7 +66,6 @@ impl Dash {
             motion_space: None,
             statistics: MotionStatistics::default(),
             held_still: Vec::new(),
-            at_rest: Vec::new(),
             asks_around: false,
             around: None,
             unsteadiness: None,
