@@ -127,9 +127,10 @@ fn trainer(dataset: Dataset, scale: f32) -> Trainer {
     let mut rows = GaussianRows::from_points(&points, &colors, 0, 0.05);
     rows.opacity_logits.fill(dash_model::logit(0.9));
     trainer.start_from(&rows);
+    // As far as the cameras are away.
     trainer.run.region = SpaceBox {
-        min: [-1.5; 3],
-        max: [1.5; 3],
+        min: [-4.0; 3],
+        max: [4.0; 3],
         clamp: true,
     };
     trainer.run.start_motion().expect("valid");
