@@ -23,7 +23,7 @@ fn a_clean_dataset_is_one_line_per_finding_and_exit_0() {
     assert!(!untimed.contains("--preset"), "{untimed}");
     assert_eq!(
         image::image_dimensions(scratch.path("doctor.png")).expect("a picture"),
-        (1600, 800)
+        (1600, 880)
     );
     scratch.ok(&["doctor", "room", "--picture", "room.png"]);
     assert_eq!(scratch.read("doctor.png"), scratch.read("room.png"));
