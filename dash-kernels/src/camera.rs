@@ -236,6 +236,33 @@ impl Camera {
         })
     }
 
+    /// The world point at a place in the picture, at a depth: the inverse of [`project`](Self::project).
+    ///
+    /// # Units
+    /// `pixel` in pixels, centres at +0.5; `depth` along the viewing direction, world units.
+    ///
+    /// ```
+    /// use dash_kernels::Camera;
+    ///
+    /// let camera = Camera::new(500.0, 500.0, 320.0, 240.0, 640, 480);
+    /// let point = camera.unproject([100.0, 200.0], 4.0);
+    /// let (pixel, depth) = camera.project(point).expect("in front");
+    /// assert!((pixel[0] - 100.0).abs() < 1e-9 && (pixel[1] - 200.0).abs() < 1e-9);
+    /// assert_eq!(depth, 4.0);
+    /// ```
+    pub fn unproject(&self, pixel: [f64; 2], depth: f64) -> [f64; 3] {
+        let local = [
+            (pixel[0] - self.cx) / self.fx * depth - self.translation[0],
+            (pixel[1] - self.cy) / self.fy * depth - self.translation[1],
+            depth - self.translation[2],
+        ];
+        std::array::from_fn(|axis| {
+            (0..3)
+                .map(|row| self.rotation[row][axis] * local[row])
+                .sum()
+        })
+    }
+
     /// The same view at another image size, intrinsics scaled with it.
     ///
     /// ```

@@ -53,6 +53,7 @@ pub use view::View;
 
 use crate::Error;
 use crate::files;
+use crate::numbers::median;
 use crate::ply::PointCloud;
 use broken::Broken;
 use pixels::frames::{FrameStore, Pixels};
@@ -93,10 +94,8 @@ impl Dataset {
 
     /// Pixels of a picture; the median, where sizes differ.
     pub fn pixels(&self) -> usize {
-        let pixels = |view: &View| view.camera.width * view.camera.height;
-        let mut all: Vec<usize> = self.views.iter().map(pixels).collect();
-        all.sort_unstable();
-        all.get(all.len() / 2).copied().unwrap_or(0)
+        let pixels = |view: &View| (view.camera.width * view.camera.height) as f64;
+        median(self.views.iter().map(pixels)).unwrap_or(0.0) as usize
     }
 
     /// Whether the capture is static: it has one time only.

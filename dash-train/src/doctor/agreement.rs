@@ -6,6 +6,7 @@ use super::cloud::Cloud;
 use crate::Error;
 use crate::dataset::{Dataset, View};
 use crate::numbers::median;
+use crate::train::core::initial_views::difference;
 
 /// Largest mean difference of the channels between a pixel and a point of the same colour.
 ///
@@ -160,7 +161,7 @@ impl Agreement {
         let exposure = gain.unwrap_or(1.0).clamp(GAINS[0], GAINS[1]) as f32;
         let hit = |color: [f32; 3], pixel: [f32; 3]| {
             let exposed = color.map(|c| (c * exposure).min(1.0));
-            super::cloud::difference(exposed, pixel) <= TOLERANCE
+            difference(exposed, pixel) <= TOLERANCE
         };
         let (mut own, mut chance) = (0, 0);
         for &(row, pixel) in &seen {

@@ -17,7 +17,7 @@ use crate::ply::{PointCloud, read_points_counting};
 use crate::train::core::capture::start_span;
 use crate::train::core::hold_out::hold_out;
 use crate::train::core::initial::{Region, views_at_start};
-use crate::train::core::initial_views::InitialViews;
+use crate::train::core::initial_views::{InitialViews, difference};
 use crate::train::core::points::InitialPoints;
 use crate::train::core::shortage::nothing_to_start_from;
 
@@ -79,11 +79,6 @@ impl Cloud {
 
 fn color(rgb: [u8; 3]) -> [f32; 3] {
     rgb.map(|c| f32::from(c) / 255.0)
-}
-
-/// Mean difference of the channels.
-pub(super) fn difference(a: [f32; 3], b: [f32; 3]) -> f32 {
-    (0..3).map(|c| (a[c] - b[c]).abs()).sum::<f32>() / 3.0
 }
 
 fn kind(points: &PointCloud) -> Kind {

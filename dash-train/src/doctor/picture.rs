@@ -1,11 +1,16 @@
 //! The cameras, the points and the training box, seen from above and from the side.
 
+mod geometry;
+mod labels;
+
 use dash_kernels::Camera;
 use dash_model::SpaceBox;
 use glam::DVec3;
 use image::RgbImage;
 
 use crate::draw::{Anchor, Drawing, Ink, Mark, Shape, text_width};
+use geometry::{clipped, edges, pyramid};
+use labels::{Labels, bounds};
 
 /// Side of each of the two panels, pixels.
 const SIDE: f64 = 800.0;
@@ -155,23 +160,24 @@ impl Sketch {
         }
         let crowd = (self.cameras.len() as f64 / FEW_CAMERAS).max(1.0);
         let length = PYRAMID / crowd.sqrt();
-        for drawn in &self.cameras {
-            let (apex, corners) = pyramid(&drawn.camera, length * extent);
+        let pyramids: Vec<[[f64; 2]; 5]> = self
+            .cameras
+            .iter()
+            .map(|drawn| pyramid(&drawn.camera, length * extent).map(place))
+            .collect();
+        for (drawn, [apex, corners @ ..]) in self.cameras.iter().zip(&pyramids) {
             for k in 0..4 {
-                draw(place(apex), place(corners[k]), drawn.ink().0);
-                draw(
-                    place(corners[k]),
-                    place(corners[(k + 1) % 4]),
-                    drawn.ink().0,
-                );
+                draw(*apex, corners[k], drawn.ink().0);
+                draw(corners[k], corners[(k + 1) % 4], drawn.ink().0);
             }
         }
-        let mut labels = Labels::default();
+        let shown_at: Vec<_> = pyramids.iter().map(|corners| bounds(corners)).collect();
+        let mut labels = Labels::around(&shown_at);
         // Those that a message is about first.
         for doubtful in [true, false] {
-            for drawn in self.cameras.iter().filter(|c| c.doubtful == doubtful) {
-                let apex = place(drawn.camera.position().into());
-                if let Some(at) = labels.room(apex, &drawn.name) {
+            let named = self.cameras.iter().zip(&shown_at);
+            for (drawn, beside) in named.filter(|(drawn, _)| drawn.doubtful == doubtful) {
+                if let Some(at) = labels.room(*beside, &drawn.name) {
                     shapes.push(text(shown(at), &drawn.name, drawn.ink().0, LABEL));
                 }
             }
@@ -215,32 +221,6 @@ impl Sketch {
     }
 }
 
-/// Where names of cameras stand in a panel.
-#[derive(Default)]
-struct Labels {
-    /// Left, top, right, bottom.
-    taken: Vec<[f64; 4]>,
-}
-
-impl Labels {
-    /// The left end of a base line next to `at`; `None` where another name would be written over.
-    fn room(&mut self, [x, y]: [f64; 2], name: &str) -> Option<[f64; 2]> {
-        let width = text_width(name, LABEL);
-        let left = [x + 5.0, x - 5.0 - width];
-        let base = [y + 5.0 + LABEL, y - 5.0];
-        let places = left.into_iter().flat_map(|x| base.map(|y| [x, y]));
-        let boxes = places.map(|[x, y]| [x, y - LABEL, x + width, y + 0.3 * LABEL]);
-        let apart =
-            |a: &[f64; 4], b: &[f64; 4]| a[2] < b[0] || b[2] < a[0] || a[3] < b[1] || b[3] < a[1];
-        let found = boxes.into_iter().find(|place| {
-            let inside = place.iter().all(|v| (0.0..=SIDE).contains(v));
-            inside && self.taken.iter().all(|other| apart(place, other))
-        })?;
-        self.taken.push(found);
-        Some([found[0], found[1] + LABEL])
-    }
-}
-
 fn line(points: [[f64; 2]; 2], ink: Ink) -> Shape {
     Shape::Line {
         points: points.into(),
@@ -269,72 +249,6 @@ fn text(at: [f64; 2], words: &str, ink: Ink, size: f64) -> Shape {
         anchor: Anchor::Start,
         bold: size == TITLE,
     }
-}
-
-/// The part of a line inside a panel.
-fn clipped(from: [f64; 2], to: [f64; 2]) -> Option<[[f64; 2]; 2]> {
-    let (mut start, mut end) = (0.0_f64, 1.0_f64);
-    for axis in 0..2 {
-        let (a, d) = (from[axis], to[axis] - from[axis]);
-        if !(a.is_finite() && d.is_finite()) {
-            return None;
-        }
-        let bounds = [-a, SIDE - a];
-        if d == 0.0 {
-            if bounds[0] > 0.0 || bounds[1] < 0.0 {
-                return None;
-            }
-        } else {
-            let (low, high) = (bounds[0] / d, bounds[1] / d);
-            start = start.max(low.min(high));
-            end = end.min(low.max(high));
-        }
-    }
-    let at = |share: f64| [0, 1].map(|axis| from[axis] + share * (to[axis] - from[axis]));
-    (start <= end).then(|| [at(start), at(end)])
-}
-
-/// The camera's centre, and the corners of its picture so far in front of it.
-fn pyramid(camera: &Camera, depth: f64) -> (DVec3, [DVec3; 4]) {
-    let apex = DVec3::from(camera.position());
-    let rows = camera.rotation.map(DVec3::from);
-    let corner = |u: f64, v: f64| {
-        let (x, y) = ((u - camera.cx) / camera.fx, (v - camera.cy) / camera.fy);
-        let ray = rows[0] * x + rows[1] * y + rows[2];
-        apex + ray * (depth / ray.length())
-    };
-    let (w, h) = (camera.width as f64, camera.height as f64);
-    (
-        apex,
-        [
-            corner(0.0, 0.0),
-            corner(w, 0.0),
-            corner(w, h),
-            corner(0.0, h),
-        ],
-    )
-}
-
-/// The twelve edges of a box.
-fn edges(space: &SpaceBox) -> Vec<(DVec3, DVec3)> {
-    let corner = |k: usize| {
-        let at = |axis: usize| {
-            f64::from(if k >> axis & 1 == 1 {
-                space.max[axis]
-            } else {
-                space.min[axis]
-            })
-        };
-        DVec3::new(at(0), at(1), at(2))
-    };
-    (0..8)
-        .flat_map(|k| {
-            (0..3)
-                .filter(move |axis| k >> axis & 1 == 0)
-                .map(move |axis| (k, k | 1 << axis))
-        })
-        .map(|(a, b)| (corner(a), corner(b)))
-        .collect()
 }
 
 #[cfg(test)]
@@ -397,35 +311,5 @@ mod tests {
             "{sound:?} {doubtful:?}"
         );
         assert_eq!(Sketch::default().draw().dimensions(), (1600, 880));
-    }
-
-    #[test]
-    fn lines_stay_on_their_panel() {
-        let inside = clipped([-1e12, 3.5], [1e12, 3.5]).expect("crosses it");
-        assert!(
-            inside
-                .iter()
-                .all(|[x, _]| (-1e-3..=SIDE + 1e-3).contains(x))
-        );
-        for (from, to) in [
-            ([-5.0, -1.0], [900.0, -1.0]),
-            ([f64::NAN, 0.0], [1.0, 1.0]),
-            ([f64::INFINITY, 0.0], [1.0, 1.0]),
-            ([810.0, 0.0], [830.0, 4.0]),
-        ] {
-            assert!(clipped(from, to).is_none(), "{from:?} {to:?}");
-        }
-    }
-
-    #[test]
-    fn names_are_not_written_over_one_another() {
-        let mut labels = Labels::default();
-        let places: Vec<_> = (0..6)
-            .map(|_| labels.room([400.0, 400.0], "cam00"))
-            .collect();
-        assert_eq!(places.iter().flatten().count(), 4, "one on each side");
-        assert!(labels.room([600.0, 400.0], "cam01").is_some());
-        assert!(labels.room([f64::NAN, 0.0], "cam02").is_none());
-        assert!(labels.room([-500.0, 0.0], "cam03").is_none());
     }
 }

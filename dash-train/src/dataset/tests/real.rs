@@ -160,13 +160,7 @@ fn red_sphere(view: &View) -> Option<[f64; 2]> {
 fn distance_of_rays(a: (&View, [f64; 2]), b: (&View, [f64; 2])) -> f64 {
     let direction = |(view, [u, v]): (&View, [f64; 2])| {
         let camera = &view.camera;
-        let seen = [
-            (u - camera.cx) / camera.fx,
-            (v - camera.cy) / camera.fy,
-            1.0,
-        ];
-        let rotation = camera.rotation.map(glam::DVec3::from);
-        rotation[0] * seen[0] + rotation[1] * seen[1] + rotation[2] * seen[2]
+        glam::DVec3::from(camera.unproject([u, v], 1.0)) - glam::DVec3::from(camera.position())
     };
     let between =
         glam::DVec3::from(b.0.camera.position()) - glam::DVec3::from(a.0.camera.position());

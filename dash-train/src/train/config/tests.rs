@@ -146,3 +146,24 @@ fn time_resolutions_follow_from_the_frames() {
         assert_eq!(cells(Fixed([8, 25]), 24, is_synchronized), [8, 25]);
     }
 }
+
+#[test]
+fn larger_pictures_have_more_gaussians_where_the_preset_says_for_which_it_is() {
+    let most = |preset: Preset, pixels: usize| {
+        let config = TrainConfig::preset(preset).for_pictures(pixels);
+        let densify = config.densify;
+        let [fewest, _] = config.initial_points;
+        [
+            fewest,
+            densify.static_set.max_gaussians,
+            densify.dynamic.max_gaussians,
+        ]
+    };
+    for pixels in [0, 5_000, 20_000] {
+        assert_eq!(most(Preset::Quick, pixels), [6_000, 10_000, 4_000]);
+    }
+    assert_eq!(most(Preset::Quick, 80_000), [12_000, 20_000, 8_000]);
+    for preset in [Preset::Default, Preset::Paper, Preset::Reference] {
+        assert_eq!(most(preset, 80_000), most(preset, 20_000));
+    }
+}

@@ -176,6 +176,7 @@ impl InitialViews {
     }
 }
 
+/// Mean difference of the channels.
 pub(crate) fn difference(a: [f32; 3], b: [f32; 3]) -> f32 {
     (0..3).map(|c| (a[c] - b[c]).abs()).sum::<f32>() / 3.0
 }

@@ -34,13 +34,54 @@ impl Rate {
 }
 
 /// First and second moments of one parameter, flattened.
-struct Moments {
-    first: Tensor<1>,
-    second: Tensor<1>,
-    steps: u64,
+pub(crate) struct Moments {
+    pub(crate) first: Tensor<1>,
+    pub(crate) second: Tensor<1>,
+    pub(crate) steps: u64,
 }
 
 impl Moments {
+    /// Of a parameter that has done no step.
+    pub(crate) fn of(value: &Tensor<1>) -> Self {
+        Self {
+            first: value.zeros_like(),
+            second: value.zeros_like(),
+            steps: 0,
+        }
+    }
+
+    /// One step of Adam on the parameter, flattened.
+    pub(crate) fn step(
+        self,
+        value: Tensor<1>,
+        gradient: Tensor<1>,
+        rate: Rate,
+    ) -> (Tensor<1>, Self) {
+        let typical = if rate.damping > 0.0 {
+            self.typical_gradient(&gradient)
+        } else {
+            0.0
+        };
+        let step = AdamStep {
+            learning_rate: f64::from(rate.rate),
+            beta1: BETA1,
+            beta2: BETA2,
+            epsilon: EPSILON + f64::from(rate.damping) * typical,
+            step: self.steps + 1,
+            skip_zero_grad: false,
+        };
+        let (value, first, second) = adam_step(value, gradient, self.first, self.second, &step)
+            .expect(
+                "a parameter, its gradient and its moments have one shape, and rates are validated",
+            );
+        let moments = Self {
+            first,
+            second,
+            steps: step.step,
+        };
+        (value, moments)
+    }
+
     /// Root mean square of the gradients so far, over the elements that had one; of the first
     /// `gradient` before any step.
     fn typical_gradient(&self, gradient: &Tensor<1>) -> f64 {
@@ -277,36 +318,9 @@ impl<F: Fn(&str) -> Rate> ModuleMapper for Stepper<'_, F> {
             .optimizer
             .moments
             .remove(&name)
-            .unwrap_or_else(|| Moments {
-                first: value.zeros_like(),
-                second: value.zeros_like(),
-                steps: 0,
-            });
-        let typical = if rate.damping > 0.0 {
-            moments.typical_gradient(&gradient)
-        } else {
-            0.0
-        };
-        let step = AdamStep {
-            learning_rate: f64::from(rate.rate),
-            beta1: BETA1,
-            beta2: BETA2,
-            epsilon: EPSILON + f64::from(rate.damping) * typical,
-            step: moments.steps + 1,
-            skip_zero_grad: false,
-        };
-        let (value, first, second) =
-            adam_step(value, gradient, moments.first, moments.second, &step).expect(
-                "a parameter, its gradient and its moments have one shape, and rates are validated",
-            );
-        self.optimizer.moments.insert(
-            name,
-            Moments {
-                first,
-                second,
-                steps: step.step,
-            },
-        );
+            .unwrap_or_else(|| Moments::of(&value));
+        let (value, moments) = moments.step(value, gradient, rate);
+        self.optimizer.moments.insert(name, moments);
         let updated = Tensor::from_inner(value.reshape(shape)).require_grad();
         Param::from_mapped_value(id, updated, mapper)
     }

@@ -6,19 +6,19 @@
 
 use std::collections::BTreeMap;
 
-use burn::tensor::{Gradients, Tensor, TensorData};
+use burn::tensor::{Device, Gradients, Tensor, TensorData};
 use dash_kernels::splats::{N_COLUMNS, RED};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use crate::dataset::View;
-use crate::train::core::{Extension, Run, Saved, to_host};
+use crate::train::core::optimizer::Moments;
+use crate::train::core::{Extension, Rate, Run, Saved, to_host};
 
 /// Channels of a colour.
 const CHANNELS: usize = 3;
-/// Adam, as in 3DGS.
-const BETAS: [f32; 2] = [0.9, 0.999];
-const EPSILON: f32 = 1e-15;
+/// Gains and offsets of a camera.
+const VALUES: usize = 2 * CHANNELS;
 
 /// `[extensions.exposure]`
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
@@ -29,12 +29,23 @@ pub struct ExposureConfig {
 }
 
 /// What a camera does to the colours of the scene: gains beyond 1, then offsets.
-#[derive(Debug, Clone, Copy, Default, PartialEq)]
 struct Response {
-    values: [f32; 2 * CHANNELS],
-    first: [f32; 2 * CHANNELS],
-    second: [f32; 2 * CHANNELS],
-    steps: i32,
+    values: Vec<f32>,
+    moments: Moments,
+}
+
+impl Response {
+    /// Of a camera that does nothing.
+    fn none(device: &Device) -> Self {
+        Self {
+            values: vec![0.0; VALUES],
+            moments: Moments::of(&tensor(vec![0.0; VALUES], device)),
+        }
+    }
+}
+
+fn tensor(values: Vec<f32>, device: &Device) -> Tensor<1> {
+    Tensor::from_data(TensorData::new(values, [VALUES]), device)
 }
 
 /// See [`ExposureConfig`].
@@ -55,21 +66,20 @@ impl Exposure {
         }
     }
 
-    /// One step of Adam on a camera, given its gradient; then all are moved so that their means are zero.
-    fn update(&mut self, camera: usize, gradient: &[f32]) {
-        let rate = self.config.rate;
-        let response = self.cameras.entry(camera).or_default();
-        response.steps += 1;
-        let corrections = BETAS.map(|beta| 1.0 - beta.powi(response.steps));
-        for (k, &g) in gradient.iter().enumerate() {
-            response.first[k] += (1.0 - BETAS[0]) * (g - response.first[k]);
-            response.second[k] += (1.0 - BETAS[1]) * (g * g - response.second[k]);
-            let [first, second] = [response.first[k], response.second[k]];
-            let scale = (second / corrections[1]).sqrt() + EPSILON;
-            response.values[k] -= rate * first / corrections[0] / scale;
-        }
+    /// One step of Adam on a camera, given its gradient `[2, C]`; then all are moved so that their means are zero.
+    fn update(&mut self, camera: usize, gradient: Tensor<2>) {
+        let Some(response) = self.cameras.remove(&camera) else {
+            return;
+        };
+        let value = tensor(response.values, &gradient.device());
+        let rate = Rate::plain(self.config.rate);
+        let (value, moments) = response
+            .moments
+            .step(value, gradient.reshape([VALUES]), rate);
+        let values = to_host(value);
+        self.cameras.insert(camera, Response { values, moments });
         let n = self.cameras.len() as f32;
-        for k in 0..2 * CHANNELS {
+        for k in 0..VALUES {
             let mean = self.cameras.values().map(|r| r.values[k]).sum::<f32>() / n;
             self.cameras.values_mut().for_each(|r| r.values[k] -= mean);
         }
@@ -82,12 +92,11 @@ impl<M> Extension<M> for Exposure {
     }
 
     fn init(&mut self, run: &mut Run<M>) {
-        let views = run
-            .train_views
-            .iter()
-            .map(|&index| &run.dataset.views[index]);
-        self.cameras = views
-            .map(|view| (view.camera_index, Response::default()))
+        let device = run.device.clone().inner();
+        let views = run.train_views.iter();
+        let cameras = views.map(|&index| run.dataset.views[index].camera_index);
+        self.cameras = cameras
+            .map(|camera| (camera, Response::none(&device)))
             .collect();
     }
 
@@ -100,7 +109,7 @@ impl<M> Extension<M> for Exposure {
         let Some(response) = self.cameras.get(&view.camera_index) else {
             return;
         };
-        let values = TensorData::new(response.values.to_vec(), [2, CHANNELS]);
+        let values = TensorData::new(response.values.clone(), [2, CHANNELS]);
         let leaf = Tensor::<2>::from_data(values, &run.device).require_grad();
         self.present = Some((view.camera_index, leaf));
     }
@@ -121,22 +130,26 @@ impl<M> Extension<M> for Exposure {
         if let Some((camera, leaf)) = self.present.take()
             && let Some(gradient) = leaf.grad_remove(gradients)
         {
-            self.update(camera, &to_host(gradient));
+            self.update(camera, gradient);
         }
     }
 
     fn save(&self) -> Saved {
         let mut saved = Saved::default();
-        let numbers = self.cameras.values().flat_map(|response| {
-            let all = [response.values, response.first, response.second].concat();
-            all.into_iter().chain([response.steps as f32])
-        });
+        let numbers = self
+            .cameras
+            .values()
+            .flat_map(|Response { values, moments }| {
+                let moments_of = |tensor: &Tensor<1>| to_host(tensor.clone());
+                let [first, second] = [&moments.first, &moments.second].map(moments_of);
+                [values.clone(), first, second, vec![moments.steps as f32]].concat()
+            });
         saved.insert("cameras", numbers.collect());
         saved
     }
 
-    fn restore(&mut self, _run: &Run<M>, mut saved: Saved) -> Result<(), String> {
-        const EACH: usize = 6 * CHANNELS + 1;
+    fn restore(&mut self, run: &Run<M>, mut saved: Saved) -> Result<(), String> {
+        const EACH: usize = 3 * VALUES + 1;
         let numbers = saved.take("cameras")?;
         if numbers.len() != EACH * self.cameras.len() {
             return Err(format!(
@@ -145,17 +158,15 @@ impl<M> Extension<M> for Exposure {
                 self.cameras.len()
             ));
         }
+        let device = run.device.clone().inner();
         for (response, numbers) in self.cameras.values_mut().zip(numbers.chunks_exact(EACH)) {
-            let (parts, steps) = numbers.split_at(6 * CHANNELS);
-            let parts = [
-                &mut response.values,
-                &mut response.first,
-                &mut response.second,
-            ]
-            .into_iter()
-            .zip(parts.chunks_exact(2 * CHANNELS));
-            parts.for_each(|(to, from)| to.copy_from_slice(from));
-            response.steps = steps[0] as i32;
+            let part = |k: usize| numbers[k * VALUES..(k + 1) * VALUES].to_vec();
+            response.values = part(0);
+            response.moments = Moments {
+                first: tensor(part(1), &device),
+                second: tensor(part(2), &device),
+                steps: numbers[3 * VALUES] as u64,
+            };
         }
         Ok(())
     }

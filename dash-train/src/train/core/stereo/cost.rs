@@ -1,7 +1,7 @@
 //! How well other views agree with a view on its planes.
 
 use glam::{DMat3, DVec3};
-use pulp::Arch;
+use pulp::{Arch, Simd, WithSimd};
 
 use super::{PLANES, Picture, Planes, transfer};
 
@@ -38,9 +38,13 @@ pub(super) fn volume(picture: &Picture, others: &[&Picture], planes: Planes) -> 
         best.clear();
         best.resize(n, Best::NONE);
         for (other, (matrix, shift)) in others.iter().zip(&transfers) {
-            let shift = *shift * inverse;
-            // Compiled for every instruction set; what it calls is inlined.
-            Arch::new().dispatch(|| correlator.add(picture, other, (*matrix, shift), &mut best));
+            Arch::new().dispatch(Comparison {
+                correlator: &mut correlator,
+                picture,
+                other,
+                transfer: (*matrix, *shift * inverse),
+                best: &mut best,
+            });
         }
         let nearer = NEARNESS * plane as f32 / PLANES as f32;
         let of_plane = volume.iter_mut().skip(plane).step_by(PLANES);
@@ -49,6 +53,26 @@ pub(super) fn volume(picture: &Picture, others: &[&Picture], planes: Planes) -> 
         }
     }
     volume
+}
+
+/// One view compared on one plane, compiled for every instruction set: a closure would not be inlined into their code.
+struct Comparison<'a> {
+    correlator: &'a mut Correlator,
+    picture: &'a Picture,
+    other: &'a Picture,
+    transfer: (DMat3, DVec3),
+    best: &'a mut [Best],
+}
+
+impl WithSimd for Comparison<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, _: S) {
+        let (picture, other) = (self.picture, self.other);
+        self.correlator
+            .add(picture, other, self.transfer, self.best);
+    }
 }
 
 /// The three lowest of some costs, and how many there are.

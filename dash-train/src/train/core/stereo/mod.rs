@@ -112,7 +112,6 @@ pub(crate) fn points_at_distance(pictures: &[Picture], focus: DVec3) -> Vec<Vec<
     let of_picture = |index: usize| {
         let picture = &pictures[index];
         let distance = focus.distance(picture.camera.position().into()).max(1e-6);
-        let rays = fusion::Rays::of(&picture.camera);
         let shows = |other: &Picture, point: DVec3, color: &[f32; 4]| {
             let seen = other.camera.project_inside(point.to_array());
             seen.is_some_and(|([u, v], _)| {
@@ -121,7 +120,7 @@ pub(crate) fn points_at_distance(pictures: &[Picture], focus: DVec3) -> Vec<Vec<
             })
         };
         let points = picture.colors.iter().enumerate().map(|(pixel, color)| {
-            let point = rays.point(pixel, 1.0 / distance as f32);
+            let point = fusion::point(&picture.camera, pixel, 1.0 / distance as f32);
             let mut others = (0..pictures.len()).filter(|&other| other != index);
             let is_shown = others.any(|other| shows(&pictures[other], point, color));
             is_shown.then(|| point.as_vec3().to_array())

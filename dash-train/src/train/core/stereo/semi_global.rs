@@ -1,6 +1,6 @@
 //! Semi-global matching (Hirschmüller 2008): neighbouring pixels agree on their planes, along eight directions.
 
-use pulp::Arch;
+use pulp::{Arch, Simd, WithSimd};
 
 use super::{PLANES, Picture};
 
@@ -60,10 +60,31 @@ impl Path {
 pub(super) fn planes(volume: &[u8], picture: &Picture) -> Vec<f32> {
     let mut sums = vec![0u16; volume.len()];
     for is_forward in [true, false] {
-        // Compiled for every instruction set; what it calls is inlined.
-        Arch::new().dispatch(|| add_paths(volume, picture, is_forward, &mut sums));
+        Arch::new().dispatch(Paths {
+            volume,
+            picture,
+            is_forward,
+            sums: &mut sums,
+        });
     }
     sums.chunks_exact(PLANES).map(cheapest).collect()
+}
+
+/// The paths of one way through the picture, compiled for every instruction set.
+struct Paths<'a> {
+    volume: &'a [u8],
+    picture: &'a Picture,
+    is_forward: bool,
+    sums: &'a mut [u16],
+}
+
+impl WithSimd for Paths<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, _: S) {
+        add_paths(self.volume, self.picture, self.is_forward, self.sums);
+    }
 }
 
 /// Adds the costs of the paths from the left and from the row above; or, backward, from the right and from below.

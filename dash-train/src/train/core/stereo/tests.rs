@@ -19,13 +19,8 @@ fn camera(eye: [f64; 2]) -> Camera {
 
 /// Where the ray of a place in the picture meets the plane.
 fn on_plane(camera: &Camera, u: f64, v: f64) -> DVec3 {
-    let ahead = DVec3::new(
-        (u - camera.cx) / camera.fx,
-        (v - camera.cy) / camera.fy,
-        1.0,
-    );
-    let pose = camera.camera_from_world().inverse();
-    let (origin, ray) = (pose.translation, pose.transform_vector3(ahead));
+    let origin = DVec3::from(camera.position());
+    let ray = DVec3::from(camera.unproject([u, v], 1.0)) - origin;
     let normal = DVec3::new(SLOPE, 0.0, -1.0);
     origin - ray * (normal.dot(origin) / normal.dot(ray))
 }
@@ -132,36 +127,25 @@ fn reference_cost(own: &Picture, others: &[&Picture], inverse: f64, [x, y]: [usi
         let pair = |x: isize, y: isize| -> ([f64; 4], Option<[f64; 4]>) {
             let x = x.clamp(0, WIDTH as isize - 1) as usize;
             let y = y.clamp(0, HEIGHT as isize - 1) as usize;
-            let camera = &own.camera;
-            let ahead = DVec3::new(
-                (x as f64 + 0.5 - camera.cx) / camera.fx,
-                (y as f64 + 0.5 - camera.cy) / camera.fy,
-                1.0,
-            );
-            let point = camera
-                .camera_from_world()
-                .inverse()
-                .transform_point3(ahead / inverse);
-            let shown = other
-                .camera
-                .project_inside(point.to_array())
-                .map(|([u, v], _)| {
-                    let (u, v) = (u - 0.5, v - 0.5);
-                    let at = |x: f64, y: f64| {
-                        let x = x.clamp(0.0, WIDTH as f64 - 1.0) as usize;
-                        let y = y.clamp(0.0, HEIGHT as f64 - 1.0) as usize;
-                        other.colors[y * WIDTH + x].map(f64::from)
-                    };
-                    let (left, top) = (u.floor(), v.floor());
-                    let mut color = [0.0; 4];
-                    for (dx, dy) in [(0.0, 0.0), (1.0, 0.0), (0.0, 1.0), (1.0, 1.0)] {
-                        let weight = (1.0 - (u - left - dx).abs()) * (1.0 - (v - top - dy).abs());
-                        for (sum, value) in color.iter_mut().zip(at(left + dx, top + dy)) {
-                            *sum += weight * value;
-                        }
+            let centre = [x as f64 + 0.5, y as f64 + 0.5];
+            let point = own.camera.unproject(centre, 1.0 / inverse);
+            let shown = other.camera.project_inside(point).map(|([u, v], _)| {
+                let (u, v) = (u - 0.5, v - 0.5);
+                let at = |x: f64, y: f64| {
+                    let x = x.clamp(0.0, WIDTH as f64 - 1.0) as usize;
+                    let y = y.clamp(0.0, HEIGHT as f64 - 1.0) as usize;
+                    other.colors[y * WIDTH + x].map(f64::from)
+                };
+                let (left, top) = (u.floor(), v.floor());
+                let mut color = [0.0; 4];
+                for (dx, dy) in [(0.0, 0.0), (1.0, 0.0), (0.0, 1.0), (1.0, 1.0)] {
+                    let weight = (1.0 - (u - left - dx).abs()) * (1.0 - (v - top - dy).abs());
+                    for (sum, value) in color.iter_mut().zip(at(left + dx, top + dy)) {
+                        *sum += weight * value;
                     }
-                    color
-                });
+                }
+                color
+            });
             (own.colors[y * WIDTH + x].map(f64::from), shown)
         };
         let (a, Some(b)) = pair(x as isize, y as isize) else {

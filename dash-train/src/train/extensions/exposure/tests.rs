@@ -2,8 +2,6 @@
 
 use std::sync::Arc;
 
-use burn::tensor::Device;
-
 use super::*;
 use crate::dataset::Dataset;
 use crate::synth;
@@ -59,11 +57,8 @@ fn colours_are_scaled_and_shifted_and_nothing_else() {
     let index = run.train_views[0];
     let view = &dataset.views[index];
     let values = [0.1, -0.2, 0.3, 0.01, 0.02, -0.03];
-    exposure
-        .cameras
-        .entry(view.camera_index)
-        .or_default()
-        .values = values;
+    let response = exposure.cameras.get_mut(&view.camera_index);
+    response.expect("of a training view").values = values.to_vec();
     exposure.before_forward(run, view);
 
     let device = run.device.clone();
