@@ -1,5 +1,6 @@
 //! Everything that decides a training run.
 
+mod deviations;
 mod presets;
 mod ranges;
 mod reference;
@@ -13,6 +14,7 @@ use serde::{Deserialize, Serialize};
 use super::core::{DensifySets, OptimizerConfig, ScheduleConfig};
 use super::extensions::ExtensionsConfig;
 use super::paper::MethodConfig;
+pub use deviations::deviations;
 pub use reference::reference;
 
 /// Named starting points for a [`TrainConfig`].
