@@ -522,3 +522,34 @@ fn help_shows_examples_and_wrong_usage_exits_with_two() {
         assert!(said.starts_with("error: "), "{said}");
     }
 }
+
+#[test]
+fn a_budget_becomes_a_number_of_steps_that_the_run_keeps() {
+    let scratch = Scratch::with_room("n3dv");
+    let train = |run: &str, more: &[&str]| {
+        let args = ["train", "room", "--out", run, "--preset", "quick"];
+        let args: Vec<&str> = args.iter().chain(&TINY).chain(more).copied().collect();
+        scratch.command(&args).output().expect("the binary starts")
+    };
+    let output = train("run", &["--budget", "1s"]);
+    assert!(output.status.success(), "{}", text(&output.stderr));
+    let told = text(&output.stderr);
+    assert!(told.contains("1.0 s are "), "{told}");
+    let steps = results(&scratch, "run")["iterations"].as_u64();
+    let steps = steps.expect("a number");
+    let config = String::from_utf8(scratch.read("run/config.toml")).expect("text");
+    assert!(
+        config.contains(&format!("iterations = {steps}\n")),
+        "{config}"
+    );
+    assert!(told.contains(&format!("are {steps} steps")), "{told}");
+
+    let again = train("run", &["--budget", "1s"]);
+    assert!(text(&again.stderr).contains("--resume"));
+    assert!(
+        !train("other", &["--budget", "1s", "--iterations", "5"])
+            .status
+            .success()
+    );
+    assert!(!scratch.path("other").exists());
+}

@@ -83,7 +83,7 @@ pub(super) fn check(dataset: &Dataset, on: TimedOn) -> Finding {
         let config = TrainConfig::preset(preset);
         let [low, high] = range(
             &runs,
-            &config.for_pictures(dataset.pixels()),
+            &config.for_capture(&dataset),
             n_given,
             dataset.is_static(),
         );

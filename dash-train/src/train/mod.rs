@@ -5,7 +5,7 @@
 //! - `paper`: DASH as a [`Method`]: stages, coarse motion, decomposition, smoothness.
 //! - `extensions`: ideas beyond the paper, one file or folder each.
 //! - `config`: the configuration and its presets.
-//! - `trainer`: a run in memory; `run`: a run on disk.
+//! - `trainer`: a run in memory; `budget`: how many steps of one fit into a time; `run`: a run on disk.
 //!
 //! Arrows go down this list, from its end to its start.
 //!
@@ -13,6 +13,7 @@
 //! A loss, a schedule or anything per step is an [`Extension`]; another densification strategy is a [`Densify`]; another
 //! method is a [`Method`]. [`Additions`] brings your own into a [`Trainer`].
 
+pub(crate) mod budget;
 pub mod config;
 pub mod core;
 pub mod extensions;
@@ -20,6 +21,7 @@ pub mod paper;
 mod run;
 mod trainer;
 
+pub use budget::{OnTrial, steps_within};
 pub use config::{Keep, Preset, TrainConfig};
 pub use core::{
     Decision, Densify, Extension, Finished, MAX_SKIPPED_IN_A_ROW, Method, NonFinite, Place,

@@ -52,7 +52,7 @@ impl Trainer {
         additions: Additions,
     ) -> Result<Self, Error> {
         config.validate()?;
-        let schedule = config.for_pictures(dataset.pixels()).schedule();
+        let schedule = config.for_capture(&dataset).schedule();
         let mut run = Run::new(schedule, dataset, device, |facts| {
             Dash::new(config.method.clone(), facts)
         })?;

@@ -39,8 +39,8 @@ pub struct CompareArgs {
     /// Runs of each method, from seeds 0, 1, ..
     #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u64).range(1..))]
     seeds: u64,
-    /// Training seconds of each run; how many steps that is, short runs tell
-    #[arg(long, value_name = "SECS", value_parser = values::seconds)]
+    /// Training time of each run, such as 60s or 5min; how many steps that is, short runs tell
+    #[arg(long, value_name = "TIME", value_parser = values::seconds)]
     budget: f64,
     /// Measurements along each run
     #[arg(long, value_name = "N", default_value_t = 12)]

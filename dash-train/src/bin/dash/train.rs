@@ -13,7 +13,8 @@ use dash_train::evaluate::{CurveProbe, PerceptualFiles};
 use dash_train::process::stop;
 use dash_train::results::{Process, evaluate_run};
 use dash_train::train::{
-    DataConfig, Keep, Preset, RunConfig, RunFolder, TrainConfig, TrainOptions, check_dataset, train,
+    DataConfig, Keep, Preset, RunConfig, RunFolder, StepReport, TrainConfig, TrainOptions,
+    check_dataset, steps_within, train,
 };
 
 use crate::Shared;
@@ -56,6 +57,10 @@ pub struct TrainArgs {
     /// Optimisation steps
     #[arg(long, value_name = "N")]
     iterations: Option<usize>,
+    /// How long training may take, such as 20min: as many steps as short trials find to fit, their time included.
+    /// Scores come after it
+    #[arg(long, value_name = "TIME", value_parser = values::seconds, conflicts_with_all = ["iterations", "resume"])]
+    budget: Option<f64>,
     #[command(flatten)]
     data: DataArgs,
     /// Whether parts that the scene does not need are left out; RUN/config.toml says which were, and why
@@ -100,7 +105,6 @@ pub fn run(args: &TrainArgs, shared: &Shared) -> Result<String, Failure> {
         .parse()
         .map_err(|e| Failure::new(format!("{}: data.device: {e}", args.out.display())))?;
     let device = choice.device()?;
-    let dataset = Arc::new(dataset);
     let mut progress = TrainProgress::new(config.train.iterations, shared);
     stop::set_way_on(Some(resume(args)));
     let asked = stop::Asked::default();
@@ -165,22 +169,57 @@ fn start(
     shared: &Shared,
     overrides: &Overrides<'_>,
     file: &ConfigFile,
-) -> Result<(RunFolder, RunConfig, Dataset), Failure> {
+) -> Result<(RunFolder, RunConfig, Arc<Dataset>), Failure> {
     let train = overrides.resolve(file)?;
     let train = args
         .method
         .map_or(train.clone(), |method| method.of(&train));
     let choice = shared.device.unwrap_or_default().resolved();
-    choice.device()?;
+    let device = choice.device()?;
     let (data, dataset) = args.data.load(&args.dataset, &file.data, choice)?;
     if args.curve > 0 {
         CurveProbe::check(&dataset)?;
     }
     check_dataset(&dataset)?;
-    let config = RunConfig::new(data, train);
-    let run = RunFolder::create(&args.out, &config)?;
+    let mut config = RunConfig::new(data, train);
+    let dataset = Arc::new(dataset);
     tell_held_out(&dataset);
+    if let Some(budget) = args.budget {
+        RunFolder::check_free(&args.out)?;
+        config.train.iterations = steps_of(budget, &config.train, &dataset, &device, shared)?;
+    }
+    let run = RunFolder::create(&args.out, &config)?;
     Ok((run, config, dataset))
+}
+
+/// Steps of a run that ends after a budget of seconds.
+fn steps_of(
+    budget: f64,
+    config: &TrainConfig,
+    dataset: &Arc<Dataset>,
+    device: &burn::tensor::Device,
+    shared: &Shared,
+) -> Result<usize, Failure> {
+    let mut progress: Option<TrainProgress> = None;
+    let mut tell = |n: usize, step: Option<(&StepReport, f64)>| match step {
+        None => {
+            if let Some(before) = progress.replace(TrainProgress::new(n, shared)) {
+                before.finish();
+            }
+            tracing::info!("trial of {n} steps");
+        }
+        Some((report, secs)) => {
+            if let Some(progress) = &mut progress {
+                progress.step(report, secs);
+            }
+        }
+    };
+    let steps = steps_within(budget, config, dataset, device, &mut tell)?;
+    if let Some(progress) = progress {
+        progress.finish();
+    }
+    tracing::info!("{} are {steps} steps", duration(budget));
+    Ok(steps)
 }
 
 /// Says which cameras are held out.
@@ -201,7 +240,7 @@ fn take_up(
     shared: &Shared,
     overrides: &Overrides<'_>,
     file: &ConfigFile,
-) -> Result<(RunFolder, RunConfig, Dataset), Failure> {
+) -> Result<(RunFolder, RunConfig, Arc<Dataset>), Failure> {
     let run = RunFolder::open(&args.out)?;
     let mut config = run.config()?;
     check_same(args, shared, overrides, file, &config)?;
@@ -212,7 +251,7 @@ fn take_up(
     if is_moved {
         run.follow_dataset(&dataset)?;
     }
-    Ok((run, config, dataset))
+    Ok((run, config, Arc::new(dataset)))
 }
 
 /// A resumed run is the one that was begun: options may repeat its values, not change them.

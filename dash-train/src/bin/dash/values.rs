@@ -77,12 +77,17 @@ pub fn time(text: &str) -> Result<f32, String> {
     }
 }
 
-/// A time span in seconds.
+/// A time span in seconds: a number with a unit, or of seconds alone.
 pub fn seconds(text: &str) -> Result<f64, String> {
-    match text.parse::<f64>() {
-        Ok(seconds) if seconds.is_finite() && seconds > 0.0 => Ok(seconds),
+    const UNITS: [(&str, f64); 3] = [("min", 60.0), ("h", 3600.0), ("s", 1.0)];
+    let with_unit = UNITS
+        .iter()
+        .find_map(|&(unit, secs)| Some((text.strip_suffix(unit)?, secs)));
+    let (number, unit) = with_unit.unwrap_or((text, 1.0));
+    match number.trim().parse::<f64>() {
+        Ok(number) if (number * unit).is_finite() && number > 0.0 => Ok(number * unit),
         _ => Err(format!(
-            "expected seconds above 0, such as 60, found `{text}`"
+            "expected a time above 0, such as 90s, 20min or 1.5h, found `{text}`"
         )),
     }
 }
@@ -149,6 +154,23 @@ mod tests {
         assert_eq!(bytes("12B"), Ok(12));
         for bad in ["", "GiB", "-1", "0", "2 gigs", "inf", "NaNMB"] {
             assert!(bytes(bad).is_err(), "{bad}");
+        }
+    }
+
+    #[test]
+    fn time_spans() {
+        for (text, secs) in [
+            ("90", 90.0),
+            ("90s", 90.0),
+            ("20min", 1_200.0),
+            ("1.5 h", 5_400.0),
+        ] {
+            assert_eq!(seconds(text), Ok(secs), "{text}");
+        }
+        for bad in [
+            "", "min", "0", "-1s", "soon", "NaN", "inf", "1e400h", "2 days",
+        ] {
+            assert!(seconds(bad).is_err(), "{bad}");
         }
     }
 

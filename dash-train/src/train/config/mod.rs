@@ -11,9 +11,10 @@ pub(crate) mod tests;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use super::core::{DensifySets, OptimizerConfig, ScheduleConfig};
+use super::core::{DensifySets, OptimizerConfig, ScheduleConfig, is_synchronized};
 use super::extensions::ExtensionsConfig;
 use super::paper::MethodConfig;
+use crate::dataset::Dataset;
 pub use deviations::deviations;
 pub use reference::reference;
 
@@ -97,8 +98,17 @@ impl TrainConfig {
         };
     }
 
+    /// The same with as many Gaussians as the pictures of a capture are given. Where few cameras show a time, larger
+    /// pictures hold no more of them in place.
+    pub(crate) fn for_capture(&self, dataset: &Dataset) -> Self {
+        match is_synchronized(dataset) {
+            true => self.for_pictures(dataset.pixels()),
+            false => self.clone(),
+        }
+    }
+
     /// The same with as many Gaussians as pictures of so many pixels are given.
-    pub(crate) fn for_pictures(&self, pixels: usize) -> Self {
+    fn for_pictures(&self, pixels: usize) -> Self {
         let mut config = self.clone();
         if let Some(most) = self.densify.pixels {
             let factor = (pixels as f64 / most as f64).sqrt().max(1.0);

@@ -1,4 +1,5 @@
 use super::*;
+use crate::synth;
 
 /// `quick` for a run of a second, in which both sets are there from 30 % on, with some values set.
 pub(crate) fn small(assignments: &[&str]) -> TrainConfig {
@@ -166,4 +167,18 @@ fn larger_pictures_have_more_gaussians_where_the_preset_says_for_which_it_is() {
     for preset in [Preset::Default, Preset::Paper, Preset::Reference] {
         assert_eq!(most(preset, 80_000), most(preset, 20_000));
     }
+}
+
+#[test]
+fn only_what_several_cameras_show_at_once_has_more_gaussians_for_larger_pictures() {
+    let mut preset = TrainConfig::preset(Preset::Quick);
+    preset.densify.pixels = Some(300);
+    let rig = synth::loaded(6, 3, [40, 30]);
+    let most = |dataset: &Dataset| preset.for_capture(dataset).densify.dynamic.max_gaussians;
+    assert_eq!(most(&rig), 8_000);
+    let mut in_turns = rig.clone();
+    in_turns
+        .views
+        .retain(|view| view.camera_index % 3 == view.frame);
+    assert_eq!(most(&in_turns), 4_000);
 }

@@ -1,5 +1,6 @@
 //! How a capture shows the scene's shape: at every time, within a few times, or only along the whole clip.
 
+use super::hold_out::hold_out;
 use crate::dataset::{Dataset, View};
 
 /// Cameras at one time that show the scene's shape.
@@ -37,6 +38,12 @@ impl TimeSpan {
     pub fn middle(self) -> f32 {
         0.5 * (self.from + self.to)
     }
+}
+
+/// Whether every time by itself shows the scene's shape, as the synchronised cameras of a rig do.
+pub(crate) fn is_synchronized(dataset: &Dataset) -> bool {
+    let (train_views, _) = hold_out(dataset);
+    start_span(dataset, &train_views).is_some_and(TimeSpan::is_one_time)
 }
 
 /// The shortest span around the clip's middle in which the training cameras see the scene from sides enough to make out

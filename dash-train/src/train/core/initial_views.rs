@@ -54,7 +54,11 @@ impl InitialViews {
             smoothed: small.iter().map(|s| smoothed(&s.rgb, &s.camera)).collect(),
             pictures: small
                 .iter()
-                .map(|s| Picture::new(s.camera.clone(), &s.rgb))
+                .map(|s| {
+                    let alpha = s.alpha.iter().flatten();
+                    let is_cut_out = alpha.into_iter().any(|&alpha| alpha < MIN_ALPHA);
+                    Picture::new(s.camera.clone(), &s.rgb, is_cut_out)
+                })
                 .collect(),
             alpha: small.into_iter().map(|s| s.alpha).collect(),
             focus: focus_point(&cameras).into(),

@@ -58,4 +58,5 @@ pub use skipped::{NonFinite, Place, SkippedStep};
 pub use step::{StepReport, step};
 pub use times::{Around, Times};
 
+pub(crate) use capture::is_synchronized;
 pub(crate) use optimizer::to_host;

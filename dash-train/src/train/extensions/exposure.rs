@@ -2,7 +2,8 @@
 //!
 //! Without it, the scene has to explain what the cameras do: with colours that depend on direction, and with veils before
 //! each camera. What the cameras have in common stays in the scene: gains are 1 and offsets 0 on average, and a
-//! held-out camera is drawn without any. Source: Dynamic 3D Gaussians (Luiten et al. 2024).
+//! held-out camera is drawn without any. A camera has none if its only picture is all there is of a time: nothing tells
+//! the two apart. Source: Dynamic 3D Gaussians (Luiten et al. 2024).
 
 use std::collections::BTreeMap;
 
@@ -93,10 +94,18 @@ impl<M> Extension<M> for Exposure {
 
     fn init(&mut self, run: &mut Run<M>) {
         let device = run.device.clone().inner();
-        let views = run.train_views.iter();
-        let cameras = views.map(|&index| run.dataset.views[index].camera_index);
-        self.cameras = cameras
-            .map(|camera| (camera, Response::none(&device)))
+        let (dataset, train_views) = (&run.dataset, &run.train_views);
+        let views = || train_views.iter().map(|&index| &dataset.views[index]);
+        let (mut of_camera, mut of_time) = (BTreeMap::new(), BTreeMap::new());
+        for view in views() {
+            *of_camera.entry(view.camera_index).or_insert(0) += 1;
+            *of_time.entry(view.frame).or_insert(0) += 1;
+        }
+        let told_apart =
+            |view: &&View| of_camera[&view.camera_index] > 1 || of_time[&view.frame] > 1;
+        self.cameras = views()
+            .filter(told_apart)
+            .map(|view| (view.camera_index, Response::none(&device)))
             .collect();
     }
 

@@ -51,16 +51,25 @@ impl RunFolder {
         let run = Self {
             root: root.to_path_buf(),
         };
-        if is_occupied(root).map_err(|e| Error::io(root, "list", e))? {
-            return Err(Error::run(
-                root,
-                "expected a new or empty folder for the run, found files in it; \
-                 continue that run with --resume or choose another --out",
-            ));
-        }
+        Self::check_free(root)?;
         fs::create_dir_all(root).map_err(|e| Error::io(root, "create", e))?;
         run.write_config(config)?;
         Ok(run)
+    }
+
+    /// Whether a run may be made in a folder.
+    ///
+    /// # Errors
+    /// When something is there already.
+    pub fn check_free(root: &Path) -> Result<(), Error> {
+        match is_occupied(root).map_err(|e| Error::io(root, "list", e))? {
+            false => Ok(()),
+            true => Err(Error::run(
+                root,
+                "expected a new or empty folder for the run, found files in it; \
+                 continue that run with --resume or choose another --out",
+            )),
+        }
     }
 
     fn write_config(&self, config: &RunConfig) -> Result<(), Error> {

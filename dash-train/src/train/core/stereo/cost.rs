@@ -19,7 +19,7 @@ pub(super) const MOST_DIFFERENCE: f32 = 0.12;
 pub(super) const UNSEEN: f32 = 0.5;
 
 /// What the nearest plane costs more than the farthest, of 255: where nothing tells planes apart, the farthest hides
-/// nothing. Without it, what is dark takes the depth of what stands before it.
+/// nothing. Without it, what is dark takes the depth of what stands before it. What is cut out has nothing behind it.
 pub(super) const NEARNESS: f32 = 30.0;
 
 /// For each pixel the cost of each plane `[H, W, PLANES]`, of 255: the mean over the half of the views that agree best,
@@ -31,6 +31,10 @@ pub(super) fn volume(picture: &Picture, others: &[&Picture], planes: Planes) -> 
         .iter()
         .map(|other| transfer(&picture.camera, &other.camera))
         .collect();
+    let nearness = match picture.is_cut_out {
+        true => 0.0,
+        false => NEARNESS,
+    };
     let mut correlator = Correlator::of(picture);
     let mut best = Vec::new();
     for plane in 0..PLANES {
@@ -46,7 +50,7 @@ pub(super) fn volume(picture: &Picture, others: &[&Picture], planes: Planes) -> 
                 best: &mut best,
             });
         }
-        let nearer = NEARNESS * plane as f32 / PLANES as f32;
+        let nearer = nearness * plane as f32 / PLANES as f32;
         let of_plane = volume.iter_mut().skip(plane).step_by(PLANES);
         for (out, best) in of_plane.zip(&best) {
             *out = (best.mean().clamp(0.0, 1.0) * 255.0 + nearer).min(255.0) as u8;

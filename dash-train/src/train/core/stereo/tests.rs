@@ -42,7 +42,7 @@ fn picture(camera: &Camera, is_flat: impl Fn(DVec3) -> bool, exposure: f64) -> P
         }
         rgb.extend((sum / 4.0 * exposure).to_array().map(|c| c as f32));
     }
-    Picture::new(camera.clone(), &rgb)
+    Picture::new(camera.clone(), &rgb, false)
 }
 
 fn cameras() -> Vec<Camera> {
@@ -180,8 +180,21 @@ fn reference_cost(own: &Picture, others: &[&Picture], inverse: f64, [x, y]: [usi
 
 #[test]
 fn costs_are_those_of_the_reference() {
-    let pictures = pictures();
-    for n_others in [0, 1, 2, 3, 5, 6] {
+    let mut pictures = pictures();
+    for (n_others, is_cut_out) in [
+        (0, false),
+        (1, false),
+        (2, true),
+        (3, false),
+        (5, false),
+        (6, true),
+    ] {
+        pictures[0].is_cut_out = is_cut_out;
+        let nearness = if is_cut_out {
+            0.0
+        } else {
+            f64::from(cost::NEARNESS)
+        };
         let others: Vec<&Picture> = pictures[1..=n_others].iter().collect();
         let planes = Planes::of(&pictures[0].camera, DVec3::ZERO);
         let volume = cost::volume(&pictures[0], &others, planes);
@@ -192,7 +205,7 @@ fn costs_are_those_of_the_reference() {
                 let inverse = planes.inverse(plane as f64);
                 let expected = reference_cost(&pictures[0], &others, inverse, at);
                 let found = f64::from(volume[pixel * PLANES + plane]);
-                let nearer = f64::from(cost::NEARNESS) * plane as f64 / PLANES as f64;
+                let nearer = nearness * plane as f64 / PLANES as f64;
                 let whole = expected.clamp(0.0, 1.0) * 255.0 + nearer;
                 worst = worst.max((found - whole.min(255.0)).abs());
                 seen += usize::from((expected - f64::from(cost::UNSEEN)).abs() > 1e-9);

@@ -146,3 +146,31 @@ fn one_camera_is_left_as_it_is() {
     exposure.before_forward(run, &dataset.views[0]);
     assert!(exposure.present.is_none());
 }
+
+#[test]
+fn a_camera_whose_only_picture_is_all_there_is_of_a_time_is_left_as_it_is() {
+    let of_views = |keep: fn(usize, usize) -> bool| {
+        let mut dataset = synth::loaded(4, 4, [32, 24]);
+        let cameras = training_cameras(&dataset);
+        dataset.views.retain(|view| {
+            let camera = cameras.iter().position(|&c| c == view.camera_index);
+            camera.is_some_and(|camera| keep(camera, view.frame))
+        });
+        let mut trainer = trainer(dataset);
+        let mut exposure = Exposure::new(ExposureConfig { rate: 0.1 });
+        Extension::<_>::init(&mut exposure, &mut trainer.run);
+        exposure.cameras.len()
+    };
+    assert_eq!(of_views(|_, _| true), 3);
+    assert_eq!(
+        of_views(|_, frame| frame == 0),
+        3,
+        "nothing but cameras differs"
+    );
+    assert_eq!(
+        of_views(|camera, frame| frame % 3 == camera),
+        1,
+        "the one with two"
+    );
+    assert_eq!(of_views(|camera, frame| frame == camera), 0);
+}
