@@ -1,5 +1,6 @@
 //! Everything that decides a training run.
 
+mod deviations;
 mod presets;
 mod ranges;
 mod reference;
@@ -14,6 +15,7 @@ use super::core::{DensifySets, OptimizerConfig, ScheduleConfig, is_synchronized}
 use super::extensions::ExtensionsConfig;
 use super::paper::MethodConfig;
 use crate::dataset::Dataset;
+pub use deviations::deviations;
 pub use reference::reference;
 
 /// Named starting points for a [`TrainConfig`].

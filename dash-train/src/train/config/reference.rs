@@ -101,7 +101,7 @@ impl<'a> Page<'a> {
 }
 
 /// A value as people write it: f32 without the digits that f64 adds.
-fn shown(value: &toml::Value) -> String {
+pub(super) fn shown(value: &toml::Value) -> String {
     match value {
         toml::Value::Float(float) => format!("{}", *float as f32),
         toml::Value::Array(values) => {
@@ -119,7 +119,7 @@ fn shown(value: &toml::Value) -> String {
     }
 }
 
-fn joined(path: &str, name: &str) -> String {
+pub(super) fn joined(path: &str, name: &str) -> String {
     match path {
         "" => name.to_string(),
         path => format!("{path}.{name}"),

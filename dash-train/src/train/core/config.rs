@@ -48,7 +48,8 @@ pub struct OptimizerConfig {
     pub grid: f32,
     /// Decoders at the start. Source: ours; the released code has 1.6e-4.
     pub network: f32,
-    /// Factor of the rates of tables and decoders at the end, reached exponentially. Source: ours; released code 0.01.
+    /// Factor of the rates of tables and decoders at the end, reached exponentially; also of the coarse field's where its
+    /// trajectories are lines. Source: ours; released code 0.01.
     pub field_final: f32,
 }
 
@@ -76,11 +77,11 @@ pub struct DensifySets {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct DensifyConfig {
-    /// Shares of the run at which it starts and ends. Source: 3DGS ends at half of the run.
+    /// Shares of the run at which it starts and ends. Source: 3DGS, rounds from step 600 to 14,900 of 30,000.
     pub during: [f32; 2],
     /// Steps between rounds. Source: 3DGS, 100.
     pub interval: usize,
-    /// Steps between opacity resets; absent: none. Source: 3DGS, 3,000.
+    /// Steps between opacity resets, of which none comes before density control starts; absent: none. Source: 3DGS, 3,000.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub opacity_reset_interval: Option<usize>,
     /// Most Gaussians of this set. Dynamic ones may also have what static ones leave of theirs; static ones, in a run

@@ -7,9 +7,9 @@ use crate::Error;
 use crate::dataset::{Dataset, Partition};
 
 /// Views that are held out at most.
-const MAX_VALIDATION_VIEWS: usize = 4;
+pub(crate) const MAX_VALIDATION_VIEWS: usize = 4;
 /// Training views for each one that is held out.
-const VIEWS_PER_VALIDATION_VIEW: usize = 40;
+pub(crate) const VIEWS_PER_VALIDATION_VIEW: usize = 40;
 
 /// Indices of the views to train on, and of those held out, evenly spread.
 pub(crate) fn hold_out(dataset: &Dataset) -> (Vec<usize>, Vec<usize>) {

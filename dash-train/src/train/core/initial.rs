@@ -16,17 +16,17 @@ use crate::dataset::{Dataset, View};
 /// Most views that points are looked for in.
 const MAX_VIEWS: usize = 64;
 /// Share of the points on either side that do not count for the scene's size.
-const EXTENT_TAIL: f32 = 0.05;
+pub(crate) const EXTENT_TAIL: f32 = 0.05;
 /// Points that are looked for where pictures change, as a share of how many there should be in all.
-const CHANGING_SHARE: f32 = 0.25;
+pub(crate) const CHANGING_SHARE: f32 = 0.25;
 /// Share of the points in a picture that may be nearer than what counts as its nearest.
 const NEAR_TAIL: f64 = 0.01;
 /// Part of the distance of the nearest at which Gaussians begin to be drawn.
-const NEAR_SHARE: f64 = 0.5;
-/// Share of the points on either side that the scene's box may leave out.
-const BOX_TAIL: f32 = 0.01;
-/// How much wider the box is than its points.
-const BOX_MARGIN: f32 = 0.15;
+pub(crate) const NEAR_SHARE: f64 = 0.5;
+/// Share of the points on either side that a field's box may leave out.
+pub(crate) const BOX_TAIL: f32 = 0.01;
+/// How much wider than its points a field's box is.
+pub(crate) const BOX_MARGIN: f32 = 0.15;
 
 /// The dataset's points, at most `limits[1]`, unless they are random; and where they are fewer than
 /// `limits[0]`, points that views agree on: those of the part of the clip that training starts from, if it has

@@ -49,20 +49,17 @@ impl Rates {
         }
     }
 
+    /// Factor of the rates of a field at a share of the run.
+    pub(crate) fn field_left(&self, progress: f32) -> f32 {
+        decay([1.0, self.field_final], progress)
+    }
+
     /// The rate of each parameter of the scene by its path, at a share of the run, in a scene of so many world units.
     pub(super) fn at(&self, progress: f32, extent: f32) -> impl Fn(&str) -> f32 {
-        let decay = |from: f32, to: f32| {
-            if from <= 0.0 || to <= 0.0 {
-                from
-            } else {
-                from * (to / from).powf(progress)
-            }
-        };
-        let [means, means_final] = self.means;
-        let means_left = decay(means, means_final) / means.max(1e-30);
-        let means = means * means_left * extent;
+        let means_left = decay(self.means, progress) / self.means[0].max(1e-30);
+        let means = self.means[0] * means_left * extent;
         let trajectories = self.trajectories * means_left * extent;
-        let field = decay(1.0, self.field_final);
+        let field = self.field_left(progress);
         let rates = self.clone();
         move |name| match name.rsplit('.').next() {
             Some("means") => means,
@@ -76,5 +73,14 @@ impl Rates {
             _ if HashEncoder::is_table(name) => rates.grid * field,
             _ => rates.network * field,
         }
+    }
+}
+
+/// An exponential way from one rate to another; the first where either is 0.
+fn decay([from, to]: [f32; 2], progress: f32) -> f32 {
+    if from <= 0.0 || to <= 0.0 {
+        from
+    } else {
+        from * (to / from).powf(progress)
     }
 }

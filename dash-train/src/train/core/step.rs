@@ -209,7 +209,7 @@ fn control_density<M: Method>(run: &mut Run<M>, hooks: &mut Hooks<M>) {
                 rows.len(),
             ),
             max_gaussians,
-            was_reset: densify::was_reset(&config, since, step),
+            was_reset: densify::was_reset(&run.config, &config, since, step),
             scale,
             config: &config,
         };

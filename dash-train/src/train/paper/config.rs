@@ -7,11 +7,11 @@ use serde::{Deserialize, Serialize};
 use crate::train::core::CaptureFacts;
 
 /// Features of the levels of a hash grid. Source: Instant-NGP.
-const FEATURES_PER_LEVEL: usize = 2;
+pub(crate) const FEATURES_PER_LEVEL: usize = 2;
 /// Features of the levels of feature planes. Source: 4DGaussians' sum over its planes.
 const PLANE_FEATURES: usize = 8;
-/// Hidden layers of the decoder. Source: the paper.
-const LAYERS: usize = 2;
+/// Hidden layers of the decoder. Source: the released code.
+pub(crate) const LAYERS: usize = 2;
 
 /// DASH: stages, decomposition, fields.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
@@ -52,13 +52,13 @@ pub struct MethodConfig {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct MotionFieldConfig {
-    /// Levels of its hash grid. Source: the paper, 16.
+    /// Levels of its hash grid. Source: Instant-NGP, 16; released code 32.
     pub n_levels: usize,
-    /// Entries of a level's table, as a power of two. Source: the paper, 16.
+    /// Entries of a level's table, as a power of two. Source: released code, 16.
     pub log2_hashmap_size: u32,
-    /// Cells a side of the coarsest and the finest level. Source: the paper, 16 to 2048.
+    /// Cells a side of the coarsest and the finest level. Source: released code, 16 to 2048.
     pub resolution: [u32; 2],
-    /// Units of its network's two layers. Source: the released code, 64.
+    /// Units of its network's two layers. Source: Instant-NGP, 64; released code 256 of one layer.
     pub hidden: usize,
     /// Learning rate of its hash table. Source: ours; released code 8e-3.
     pub grid_rate: f32,
@@ -73,15 +73,15 @@ pub struct FieldConfig {
     /// How features over space and time are stored.
     #[schemars(with = "String")]
     pub representation: Representation,
-    /// Levels of its grid. Source: the paper, 16.
+    /// Levels of its grid. Source: Instant-NGP, 16; released code 32.
     pub n_levels: usize,
-    /// Entries of a level's table, as a power of two. Source: the paper, 17.
+    /// Entries of a level's table, as a power of two. Source: ours; released code 19.
     pub log2_hashmap_size: u32,
-    /// Cells a side in space of the coarsest and the finest level. Source: the paper, 8 to 2048.
+    /// Cells a side in space of the coarsest and the finest level. Source: released code, 8 to 2048.
     pub resolution: [u32; 2],
-    /// Cells along time of the coarsest and the finest level. Source: the paper, 8 to 25.
+    /// Cells along time of the coarsest and the finest level. Source: ours; released code 8 to 25.
     pub time_resolution: TimeResolution,
-    /// Units of the decoder's hidden layers. Source: the paper, 128.
+    /// Units of the decoder's hidden layers. Source: 4DGaussians, 128; released code 256.
     pub hidden: usize,
 }
 

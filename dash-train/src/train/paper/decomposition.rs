@@ -10,12 +10,8 @@ use super::motion::RELEASED_BOUND;
 use super::state::Dash;
 use crate::Error;
 use crate::dataset::Dataset;
+use crate::train::core::initial::{BOX_MARGIN, BOX_TAIL};
 use crate::train::core::{DensityStatistics, Run, Set, to_host};
-
-/// Share of the points on either side that a field's box may leave out.
-const BOX_TAIL: f32 = 0.01;
-/// How much wider than its points a field's box is.
-const BOX_MARGIN: f32 = 0.15;
 
 impl Run<Dash> {
     /// Ends the decomposition stage: the Gaussians that move, or all, become the dynamic part.

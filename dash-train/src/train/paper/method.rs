@@ -16,10 +16,10 @@ use crate::train::core::loss::static_motion;
 use crate::train::core::{Forward, Method, ModuleVisit, Moved, Run, Saved, Set};
 
 /// Steps between two looks at which Gaussians Eq. 5 holds still.
-const MASK_INTERVAL: usize = 50;
+pub(crate) const MASK_INTERVAL: usize = 50;
 /// Share of the static Gaussians' capacity that is not used before the decomposition: without room, dynamic Gaussians
 /// would fill what the static set still lacks.
-const KEPT_BACK: f32 = 0.25;
+pub(crate) const KEPT_BACK: f32 = 0.25;
 /// Parameters of the coarse field in a checkpoint.
 const MOTION: &str = "motion.";
 

@@ -21,5 +21,8 @@ pub use config::{
     Decomposition, FieldConfig, Form, MethodConfig, MotionFieldConfig, MotionMeasure,
     TimeResolution, Trajectories,
 };
+pub(crate) use config::{FEATURES_PER_LEVEL, LAYERS};
+pub(crate) use method::{KEPT_BACK, MASK_INTERVAL};
+pub(crate) use smoothness::STEP;
 pub use stages::{GROWN, Stages};
 pub use state::Dash;

@@ -11,7 +11,7 @@ use crate::train::core::Around;
 const TINY: f32 = 1e-5;
 
 /// Half-widths of the random step of Eq. 11 in the unit cube, space then time. Source: the released code.
-const STEP: [f32; 2] = [5e-3, 1e-4];
+pub(crate) const STEP: [f32; 2] = [5e-3, 1e-4];
 
 /// What is asked of the 4D field.
 #[derive(Debug, Clone, Copy)]

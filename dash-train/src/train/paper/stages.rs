@@ -15,7 +15,7 @@ pub struct Stages {
 }
 
 impl Stages {
-    /// Factor of the coarse field's learning rate at `step`. The field comes to rest once it has seen all times:
+    /// Factor of the coarse field's learning rate at `step`, where its trajectories are polylines. The field comes to rest once it has seen all times:
     /// Adam's steps do not get smaller by themselves, and jitter would pass for motion.
     pub fn field_rate(self, step: usize) -> f32 {
         ((1.0 - share(self.warmup, self.handover, step)) / (1.0 - GROWN)).clamp(0.0, 1.0)

@@ -90,26 +90,36 @@ pub(super) fn round_due(schedule: &ScheduleConfig, config: &DensifyConfig, step:
     step >= from && step < until && step.is_multiple_of(config.interval)
 }
 
-/// Whether opacities are reset at `step`, for rounds that began to count at `since`. Rounds go on for half an interval
-/// at least: those that a reset makes transparent and that come back slowly are replaced, not pruned by the last round.
+/// Whether opacities are reset at `step`, for rounds that began to count at `since`. Before the first round nothing would
+/// replace what a reset hides. Rounds go on for half an interval at least: those that a reset makes transparent and that
+/// come back slowly are replaced, not pruned by the last round.
 pub(super) fn reset_due(
     schedule: &ScheduleConfig,
     config: &DensifyConfig,
     since: usize,
     step: usize,
 ) -> bool {
+    let [from, until] = config.during.map(|share| schedule.step_at(share));
     config.opacity_reset_interval.is_some_and(|interval| {
         step > since
-            && step + interval / 2 <= schedule.step_at(config.during[1])
+            && step >= from
+            && step + interval / 2 <= until
             && (step - since).is_multiple_of(interval)
     })
 }
 
-/// Whether opacities were reset by `step`, with one interval of grace.
-pub(super) fn was_reset(config: &DensifyConfig, since: usize, step: usize) -> bool {
-    config
-        .opacity_reset_interval
-        .is_some_and(|interval| step > since + interval)
+/// Whether the time of the first reset is over at `step`.
+pub(super) fn was_reset(
+    schedule: &ScheduleConfig,
+    config: &DensifyConfig,
+    since: usize,
+    step: usize,
+) -> bool {
+    let from = schedule.step_at(config.during[0]);
+    config.opacity_reset_interval.is_some_and(|interval| {
+        let intervals = from.saturating_sub(since).div_ceil(interval).max(1);
+        step > since + intervals * interval
+    })
 }
 
 /// The same Gaussians, none more opaque than [`RESET_OPACITY`].

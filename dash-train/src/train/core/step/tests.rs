@@ -4,7 +4,7 @@ use burn::tensor::Device;
 
 use crate::dataset::Dataset;
 use crate::synth;
-use crate::train::core::densify::reset_due;
+use crate::train::core::densify::{reset_due, round_due, was_reset};
 use crate::train::{Keep, Preset, TrainConfig, Trainer};
 
 #[test]
@@ -20,6 +20,52 @@ fn what_a_reset_hides_has_time_to_come_back_before_the_last_round() {
             .collect();
         assert_eq!(resets, expected, "{iterations} steps");
     }
+}
+
+#[test]
+fn no_reset_comes_before_the_first_round() {
+    let mut config = TrainConfig::preset(Preset::Quick);
+    config.iterations = 1_000;
+    for assignment in [
+        "densify.dynamic.during=[0.5, 1]",
+        "densify.dynamic.opacity_reset_interval=150",
+    ] {
+        config.set(assignment).expect("a known key");
+    }
+    let (schedule, set) = (config.schedule(), &config.densify.dynamic);
+    for (since, expected) in [(0, [600, 750, 900]), (80, [530, 680, 830])] {
+        let resets: Vec<usize> = (0..1_000)
+            .filter(|&step| reset_due(&schedule, set, since, step))
+            .collect();
+        assert_eq!(resets, expected, "since {since}");
+        for step in 0..1_000 {
+            let expected = step > resets[0];
+            let found = was_reset(&schedule, set, since, step);
+            assert_eq!(found, expected, "since {since}, step {step}");
+        }
+    }
+}
+
+#[test]
+fn paper_controls_static_gaussians_as_3dgs_and_dynamic_ones_from_the_decomposition_on() {
+    let config = TrainConfig::preset(Preset::Paper);
+    let (schedule, end) = (config.schedule(), config.step_at(config.method.stages[1]));
+    assert_eq!(end, 2_400);
+    let due = |is_due: &dyn Fn(usize) -> bool| -> Vec<usize> {
+        (0..=config.iterations)
+            .filter(|&step| is_due(step))
+            .collect()
+    };
+    let sets = [&config.densify.static_set, &config.densify.dynamic];
+    for (set, first) in sets.into_iter().zip([600, end]) {
+        let rounds = due(&|step| round_due(&schedule, set, step));
+        let expected: Vec<usize> = (first..15_000).step_by(100).collect();
+        assert_eq!(rounds, expected);
+    }
+    let resets = [(sets[0], 0), (sets[1], end)]
+        .map(|(set, since)| due(&|step| reset_due(&schedule, set, since, step)));
+    assert_eq!(resets[0], [3_000, 6_000, 9_000, 12_000]);
+    assert_eq!(resets[1], [5_400, 8_400, 11_400]);
 }
 
 /// The largest ways that a mean and a log scale go in the first step, in units of their rates (and the extent).
