@@ -9,6 +9,7 @@
 //! - `stress`: extreme inputs for every operation and for training.
 //! - `doctor`: what is wrong with a dataset, and how to mend it.
 //! - `compare`: methods on the same data at the same cost.
+//! - `published`: the field's protocols and figures; `benchmark`: runs of a protocol, beside what others published.
 //! - `evaluate`: scores of a scene; `results`: scores of a run, its `results.json`; `render`: pictures of a scene.
 //! - `process`: set-up and memory of the process; `device`: devices by name.
 //! - `bench`: errors and times of kernels; `report`: measurements as a page, CSV and PNG.
@@ -25,6 +26,7 @@
 //! Conventions are those of [`dash_kernels`] and [`dash_model`].
 
 pub mod bench;
+pub mod benchmark;
 pub mod cameras;
 pub mod compare;
 pub mod dataset;
@@ -41,6 +43,7 @@ mod numbers;
 pub mod ply;
 pub mod prepare;
 pub mod process;
+pub mod published;
 pub mod quickstart;
 pub mod reconstruct;
 pub mod render;

@@ -84,6 +84,7 @@ pub fn reconstruct(
         layout: config.layout,
         downscale: config.downscale,
         test_cameras: config.test_cameras.clone(),
+        drop_cameras: Vec::new(),
         frames: None,
         invert_masks: false,
         skip_broken: false,

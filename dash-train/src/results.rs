@@ -2,6 +2,7 @@
 
 use std::fs;
 use std::io::Write;
+use std::path::Path;
 
 use burn::tensor::Device;
 use dash_model::scene_file::write_atomically;
@@ -109,6 +110,17 @@ pub fn read_results(run: &RunFolder) -> Result<Option<Results>, Error> {
             format!("expected a run's results, found {e}; write them again with `dash eval`"),
         )
     })
+}
+
+/// A run that was trained and scored, with its scores; `None` where there is none, or it is not finished.
+///
+/// # Errors
+/// As [`read_results`].
+pub fn scored(root: &Path) -> Result<Option<(RunFolder, Results)>, Error> {
+    let Ok(run) = RunFolder::open(root) else {
+        return Ok(None);
+    };
+    Ok(read_results(&run)?.map(|results| (run, results)))
 }
 
 /// A damaged file is about to be replaced, so it is no reason to fail.

@@ -11,13 +11,10 @@ mod gauge;
 mod method;
 mod training;
 
-use std::fs;
-use std::io::Write;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::sync::Arc;
 
 use burn::tensor::Device;
-use dash_model::scene_file::write_atomically;
 use serde::{Deserialize, Serialize};
 
 pub use budget::Budget;
@@ -26,9 +23,9 @@ use training::Training;
 
 use crate::Error;
 use crate::dataset::{Dataset, Partition};
-use crate::files::is_occupied;
+use crate::files::claim;
 use crate::numbers::median_and_range;
-use crate::results::{Results, read_results};
+use crate::results::{Results, scored};
 use crate::train::{DataConfig, RunFolder, StepReport, TrainConfig, check_dataset};
 
 /// What is compared: `OUT/compare.toml`.
@@ -99,7 +96,7 @@ impl Comparison {
             ));
         }
         check_dataset(dataset)?;
-        self.claim(out)?;
+        claim(out, "compare.toml", self, "comparison")?;
         let mut training = Training {
             comparison: self,
             out,
@@ -114,7 +111,7 @@ impl Comparison {
             let mut iterations = None;
             for seed in 0..seeds {
                 let root = out.join(method.folder()).join(format!("seed-{seed}"));
-                let (run, results) = match finished(&root)? {
+                let (run, results) = match scored(&root)? {
                     Some(finished) => finished,
                     None => training.run_within_budget(method, seed, iterations, &root)?,
                 };
@@ -129,47 +126,4 @@ impl Comparison {
         }
         Ok(runs)
     }
-
-    /// Makes `out` this comparison's, or finds that it is.
-    fn claim(&self, out: &Path) -> Result<(), Error> {
-        let path = Self::path(out);
-        let text = toml::to_string(self).map_err(|e| Error::Config(e.to_string()))?;
-        if path.is_file() {
-            let found = fs::read_to_string(&path).map_err(|e| Error::io(&path, "read", e))?;
-            return match toml::from_str::<Self>(&found) {
-                Ok(found) if found == *self => Ok(()),
-                _ => Err(Error::run(
-                    out,
-                    "expected a new folder or this comparison's, found another one's (compare.toml \
-                     differs); choose another --out",
-                )),
-            };
-        }
-        let occupied = is_occupied(out).map_err(|e| Error::io(out, "list", e))?;
-        if occupied {
-            return Err(Error::run(
-                out,
-                "expected a new or empty folder for the comparison, found files in it; choose \
-                 another --out",
-            ));
-        }
-        fs::create_dir_all(out).map_err(|e| Error::io(out, "create", e))?;
-        write_atomically(&path, |mut file| file.write_all(text.as_bytes()))?;
-        Ok(())
-    }
-
-    fn path(out: &Path) -> PathBuf {
-        out.join("compare.toml")
-    }
-}
-
-/// A run that was trained and scored.
-fn finished(root: &Path) -> Result<Option<(RunFolder, Results)>, Error> {
-    if !root.exists() {
-        return Ok(None);
-    }
-    let Ok(run) = RunFolder::open(root) else {
-        return Ok(None);
-    };
-    Ok(read_results(&run)?.map(|results| (run, results)))
 }

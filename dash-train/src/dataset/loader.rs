@@ -1,5 +1,6 @@
 //! From planned views to views: images in memory or on demand, masks.
 
+use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
@@ -97,8 +98,17 @@ impl<'a> Loader<'a> {
     /// demand.
     ///
     /// # Errors
-    /// Names the image or mask that is missing, damaged or of another size than its camera.
+    /// Names the image or mask that is missing, damaged or of another size than its camera, or a camera that is
+    /// to be dropped and is not there.
     pub fn load_views(&self, planned: Vec<PlannedView>) -> Result<Vec<View>, Error> {
+        let names: BTreeSet<&str> = planned.iter().map(|v| v.camera_name.as_str()).collect();
+        self.options.kept(&Vec::from_iter(names))?;
+        let is_kept = |view: &PlannedView| !self.options.drop_cameras.contains(&view.camera_name);
+        self.load_kept(planned.into_iter().filter(is_kept).collect())
+    }
+
+    /// [`Self::load_views`] of a plan from which cameras have been dropped already.
+    pub(crate) fn load_kept(&self, planned: Vec<PlannedView>) -> Result<Vec<View>, Error> {
         let skip_broken = self.options.skip_broken;
         let recipes = planned
             .par_iter()

@@ -13,6 +13,8 @@ pub struct LoadOptions {
     pub downscale: f64,
     /// Indices of the cameras to hold out, instead of those the layout holds out.
     pub test_cameras: Option<Vec<usize>>,
+    /// Names of the cameras to leave out, of training and of testing.
+    pub drop_cameras: Vec<String>,
     /// Which frames; `None` for those of published results where the layout knows them, else all.
     pub frames: Option<FrameRange>,
     /// At most this many frames (distinct times), after `frames` and `frame_stride`.
@@ -38,6 +40,7 @@ impl Default for LoadOptions {
             layout: None,
             downscale: 1.0,
             test_cameras: None,
+            drop_cameras: Vec::new(),
             frames: None,
             max_frames: None,
             frame_stride: 1,
@@ -102,6 +105,33 @@ impl LoadOptions {
         Ok(strided.take(most).collect())
     }
 
+    /// For each of the cameras with these names whether it stays.
+    ///
+    /// # Errors
+    /// When `--drop-cameras` names one that is not there, or all of them.
+    pub(crate) fn kept(&self, names: &[&str]) -> Result<Vec<bool>, Error> {
+        let refuse = |found: String| Error::LoadOption {
+            option: "--drop-cameras",
+            expected: format!("some of the cameras {}, not all", shown(names)),
+            found,
+        };
+        if let Some(unknown) = self
+            .drop_cameras
+            .iter()
+            .find(|name| !names.contains(&name.as_str()))
+        {
+            return Err(refuse(unknown.clone()));
+        }
+        let kept: Vec<bool> = names
+            .iter()
+            .map(|name| !self.drop_cameras.iter().any(|dropped| dropped == name))
+            .collect();
+        if !self.drop_cameras.is_empty() && !kept.contains(&true) {
+            return Err(refuse(self.drop_cameras.join(",")));
+        }
+        Ok(kept)
+    }
+
     /// For each camera whether it is held out: by `test_cameras`, else as the layout suggests.
     pub(crate) fn held_out(&self, suggested: Vec<bool>) -> Result<Vec<bool>, Error> {
         let Some(test_cameras) = &self.test_cameras else {
@@ -122,4 +152,11 @@ impl LoadOptions {
         }
         Ok(held_out)
     }
+}
+
+/// The names, or the first of them where they would fill a page.
+fn shown(names: &[&str]) -> String {
+    const MOST: usize = 32;
+    let more = if names.len() > MOST { ", .." } else { "" };
+    format!("{}{more}", names[..names.len().min(MOST)].join(", "))
 }

@@ -5,8 +5,10 @@
 //! | `names.rs`, `order.rs`, `folder.rs` | order, numbers and extensions of names; whether the order is sure; listings |
 //! | `unicode.rs` | letters in one piece or in two |
 //! | `inside.rs`, `find_image.rs` | from a path that a file lists to the file that is meant |
+//! | `claim.rs`, `free_output.rs` | folders to write into |
 //! | `first_bytes.rs` | byte order marks, Git LFS pointers |
 
+mod claim;
 mod find_image;
 mod first_bytes;
 mod folder;
@@ -16,6 +18,7 @@ mod names;
 mod order;
 mod unicode;
 
+pub(crate) use claim::claim;
 pub(crate) use find_image::find_image;
 pub(crate) use first_bytes::{parse_json, refuse_pointer, refuse_pointer_file, without_mark};
 pub(crate) use folder::{is_occupied, list, list_images, require_folder, unread_images};

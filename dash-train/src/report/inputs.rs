@@ -3,6 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use super::groups::{RunGroup, group_by_seed};
+use super::published::published_beside;
 use super::runs::{RunRecord, read_run};
 use super::training::training_blocks;
 use super::{Block, Report, kernel_blocks};
@@ -46,7 +47,10 @@ impl Report {
         for (number, (title, runs)) in sections.iter().enumerate() {
             blocks.push(Block::Heading(title.clone()));
             let prefix = prefix(number, sections.len());
-            blocks.extend(training_blocks(&group_by_seed(runs.clone()), &prefix));
+            let groups = group_by_seed(runs.clone());
+            let published = published_beside(&groups, &prefix);
+            blocks.extend(training_blocks(&groups, &prefix));
+            blocks.extend(published.map(Block::Table));
         }
         let n_benches = benches.len();
         for (number, (name, bench)) in benches.iter().enumerate() {

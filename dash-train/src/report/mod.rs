@@ -11,6 +11,7 @@
 //! - `inputs`: from paths to a report; `runs`: what a run's folder holds; `groups`: runs of several seeds;
 //!   `statistics`: medians and times to a quality; `measures`: what is measured of them;
 //!   `training`, `log`, `tables`, `settings`: their figures, tables and captions.
+//! - `published`: figures of others beside ours.
 //! - `kernels`: figures of kernels' errors and times.
 
 mod groups;
@@ -21,6 +22,7 @@ mod log;
 mod measures;
 mod page;
 mod plot;
+mod published;
 mod runs;
 mod settings;
 mod statistics;
@@ -43,6 +45,7 @@ pub use groups::{RunGroup, group_by_seed};
 pub use inputs::compared;
 pub use kernels::kernel_blocks;
 pub use plot::{Axis, Figure, LegendEntry, Panel, Point, Scale, Series};
+pub use published::{Beside, beside, published_figures};
 pub use runs::{RunRecord, read_run};
 pub use table::{Cell, Shown, Table};
 pub use training::training_blocks;

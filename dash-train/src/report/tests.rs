@@ -17,6 +17,7 @@ fn config(seed: u64, iterations: usize) -> RunConfig {
             layout: None,
             downscale: 2.0,
             test_cameras: None,
+            drop_cameras: Vec::new(),
             frames: None,
             invert_masks: false,
             skip_broken: false,

@@ -365,6 +365,7 @@ fn config_toml() -> Vec<u8> {
             layout: None,
             downscale: 1.0,
             test_cameras: Some(vec![0]),
+            drop_cameras: vec!["right".into()],
             invert_masks: false,
             frames: None,
             skip_broken: false,

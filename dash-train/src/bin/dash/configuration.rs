@@ -51,6 +51,8 @@ pub struct DataSection {
     pub downscale: Option<f64>,
     /// Test cameras.
     pub test_cameras: Option<Vec<usize>>,
+    /// Cameras that are left out.
+    pub drop_cameras: Option<Vec<String>>,
     /// Which frames.
     pub frames: Option<FrameRange>,
     /// Whether masks are to be inverted.

@@ -19,6 +19,9 @@ pub struct DataArgs {
     /// out
     #[arg(long, value_name = "LIST")]
     test_cameras: Option<CameraList>,
+    /// Names of cameras to leave out, of training and of testing, such as cam13
+    #[arg(long, value_name = "LIST", value_delimiter = ',')]
+    pub drop_cameras: Vec<String>,
     /// Frames to use, such as 151-200, or all; times are over them. Numbers are those of the files, or
     /// count from 0 [default: all, of published Technicolor scenes the published ones]
     #[arg(long, value_name = "FIRST-LAST")]
@@ -60,6 +63,10 @@ impl DataArgs {
             layout: self.layout.or(file.layout),
             downscale: self.downscale.or(file.downscale).unwrap_or(1.0),
             test_cameras: self.test_cameras().or_else(|| file.test_cameras.clone()),
+            drop_cameras: match self.drop_cameras.as_slice() {
+                [] => file.drop_cameras.clone().unwrap_or_default(),
+                named => named.to_vec(),
+            },
             frames: self.frames.or(file.frames),
             invert_masks: self.invert_masks || file.invert_masks.unwrap_or(false),
             skip_broken: self.skip_broken || file.skip_broken.unwrap_or(false),

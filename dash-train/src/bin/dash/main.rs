@@ -6,6 +6,7 @@
 //! fails.
 
 mod bench;
+mod benchmark;
 mod compare;
 mod config;
 mod configuration;
@@ -90,6 +91,7 @@ enum Command {
     Doctor(doctor::DoctorArgs),
     Train(train::TrainArgs),
     Compare(compare::CompareArgs),
+    Benchmark(benchmark::BenchmarkArgs),
     Eval(eval::EvalArgs),
     Render(render::RenderArgs),
     Export(export::ExportArgs),
@@ -152,6 +154,7 @@ fn carry_out(cli: &Cli) -> Result<String, Failure> {
         Command::Doctor(args) => doctor::run(args, shared),
         Command::Train(args) => train::run(args, shared),
         Command::Compare(args) => compare::run(args, shared),
+        Command::Benchmark(args) => benchmark::run(args, shared),
         Command::Eval(args) => eval::run(args, shared),
         Command::Render(args) => render::run(args, shared),
         Command::Export(args) => export::run(args, shared),

@@ -322,6 +322,18 @@ fn other_data(args: &DataArgs, data: &DataConfig) -> Option<(&'static str, Strin
             cameras.map_or(usual, |c| format!("{c:?}")),
         ));
     }
+    if !args.drop_cameras.is_empty() && args.drop_cameras != data.drop_cameras {
+        let none = "none dropped".to_string();
+        let dropped = &data.drop_cameras;
+        return Some((
+            "--drop-cameras",
+            if dropped.is_empty() {
+                none
+            } else {
+                dropped.join(",")
+            },
+        ));
+    }
     (args.invert_masks && !data.invert_masks)
         .then(|| ("--invert-masks", "masks as they are".into()))
 }

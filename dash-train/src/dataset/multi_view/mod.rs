@@ -19,7 +19,8 @@ use super::loader::Loader;
 use crate::Error;
 use crate::ply::PointCloud;
 
-/// All cameras at all wanted frames, camera by camera, with the points that first Gaussians are made of.
+/// All cameras at all wanted frames, camera by camera, with the points that first Gaussians are made of. A camera
+/// that is dropped tells nothing of the others' times.
 ///
 /// # Errors
 /// When cameras differ in their frames, a frame in its shape from the poses, or one is damaged.
@@ -29,13 +30,23 @@ pub(crate) fn load(
     held_out: &[bool],
     points: Option<PointCloud>,
 ) -> Result<Capture, Error> {
+    let names: Vec<&str> = cameras.iter().map(|c| c.source.name.as_str()).collect();
+    let kept = loader.options.kept(&names)?;
+    let (cameras, held_out): (Vec<RigCamera>, Vec<bool>) = cameras
+        .iter()
+        .zip(held_out)
+        .zip(kept)
+        .filter(|(_, kept)| *kept)
+        .map(|((camera, held_out), _)| (camera.clone(), *held_out))
+        .unzip();
+    let (cameras, held_out) = (cameras.as_slice(), held_out.as_slice());
     let lists: Option<Vec<&[FrameFile]>> = cameras.iter().map(|c| c.source.images()).collect();
     let (planned, n_frames) = match lists {
         Some(lists) => images::plan(loader, cameras, &lists, held_out)?,
         None => videos::plan(loader, cameras, held_out)?,
     };
     Ok(Capture {
-        views: loader.load_views(planned)?,
+        views: loader.load_kept(planned)?,
         points,
         n_frames,
         n_cameras: cameras.len(),

@@ -130,6 +130,34 @@ fn frames_of_another_size_scale_the_intrinsics_but_not_another_shape() {
 }
 
 #[test]
+fn dropped_cameras_are_neither_trained_on_nor_tested_with() {
+    let fixture = rig(4, 3);
+    // A frame that only the dropped camera lacks is no fault.
+    fixture.remove("cam2/images/0001.png");
+    let dropping = |names: &[&str]| LoadOptions {
+        drop_cameras: names.iter().map(ToString::to_string).collect(),
+        ..LoadOptions::default()
+    };
+    let dataset = fixture.load_with(&dropping(&["cam2"])).expect("loads");
+    assert_eq!((dataset.n_cameras, dataset.n_frames), (3, 3));
+    let cameras: Vec<_> = (0..3).map(|i| &dataset.views[3 * i]).collect();
+    let found: Vec<_> = cameras
+        .iter()
+        .map(|view| (view.camera_name.as_str(), view.camera_index))
+        .collect();
+    assert_eq!(found, [("cam0", 0), ("cam1", 1), ("cam3", 2)]);
+    // Poses stay with their cameras.
+    assert_cameras_equal(&cameras[2].camera, &camera(3));
+    assert_eq!(cameras[0].partition, Partition::Test);
+    for wrong in [&["cam7"][..], &["cam0", "cam1", "cam2", "cam3"]] {
+        let error = fixture.load_with(&dropping(wrong)).expect_err("refused");
+        let message = error.to_string();
+        assert!(message.contains("--drop-cameras"), "{message}");
+        assert!(message.contains("cam0, cam1, cam2, cam3"), "{message}");
+    }
+}
+
+#[test]
 fn options_choose_size_frames_and_test_cameras() {
     let fixture = rig(3, 7);
     let options = LoadOptions {

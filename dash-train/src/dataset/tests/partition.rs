@@ -56,6 +56,24 @@ fn pictures_that_are_held_out_are_not_trained_on() {
     assert_eq!(partitions(&dataset), expected);
 }
 
+#[test]
+fn views_of_a_dropped_camera_are_gone() {
+    let fixture = dnerf();
+    let whole = fixture.load().expect("loads");
+    let dropped = whole.views[0].camera_name.clone();
+    let options = LoadOptions {
+        drop_cameras: vec![dropped.clone()],
+        ..LoadOptions::default()
+    };
+    let dataset = fixture.load_with(&options).expect("loads");
+    let stays = |view: &&crate::dataset::View| view.camera_name != dropped;
+    assert_eq!(
+        dataset.views.len(),
+        whole.views.iter().filter(stays).count()
+    );
+    assert!(dataset.views.iter().all(|view| stays(&view)));
+}
+
 #[cfg(unix)]
 #[test]
 fn links_to_pictures_that_are_trained_on_are_these() {

@@ -68,6 +68,9 @@ pub struct DataConfig {
     pub downscale: f64,
     /// Cameras of the test split, where they are not the layout's own.
     pub test_cameras: Option<Vec<usize>>,
+    /// Names of cameras that are left out, of training and of testing.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub drop_cameras: Vec<String>,
     /// Which of its frames, where not the usual ones.
     #[serde(default)]
     pub frames: Option<FrameRange>,
@@ -88,6 +91,7 @@ impl DataConfig {
             layout: self.layout,
             downscale: self.downscale,
             test_cameras: self.test_cameras.clone(),
+            drop_cameras: self.drop_cameras.clone(),
             frames: self.frames,
             invert_masks: self.invert_masks,
             skip_broken: self.skip_broken,

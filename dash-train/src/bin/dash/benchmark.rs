@@ -1,0 +1,259 @@
+//! `dash benchmark`: a published protocol on the scenes that are there.
+
+use std::path::PathBuf;
+
+use clap::Args;
+use dash_train::Error;
+use dash_train::benchmark::{
+    Benchmark, BenchmarkRows, DroppedCamera, Observer, Prepared, RunOptions, SceneRuns,
+    find_scenes, page, pinned,
+};
+use dash_train::process::stop;
+use dash_train::published::{Figures, ProtocolName, Scene};
+use dash_train::report::{Beside, published_figures};
+use dash_train::train::{Preset, StepReport};
+
+use crate::Shared;
+use crate::configuration::{ConfigFile, Overrides};
+use crate::failure::Failure;
+use crate::lpips::LpipsArgs;
+use crate::progress::TrainProgress;
+use crate::summary::{self, Table};
+use crate::values;
+
+/// Run a published protocol on a dataset's scenes, and compare with what others published
+#[derive(Args)]
+#[command(after_help = "Examples:
+  dash benchmark n3dv neural_3d_video --out runs/n3dv
+  dash benchmark n3dv neural_3d_video --scenes coffee_martini --drop-cameras coffee_martini:cam13 --out runs/coffee
+  dash benchmark technicolor technicolor --seeds 3 --preset paper --out runs/technicolor
+  dash benchmark panoptic data/basketball --preset quick --out runs/basketball
+
+The protocol pins scenes, held-out views, frames and the pictures' size; OUT/report.html says what, and has our rows
+beside the published ones with their sources. Scenes that are not there are told. Each run is a run's folder,
+OUT/SCENE/seed-S; the same command again goes on with what is missing, and more seeds or scenes are added.
+A run that is scored is not scored again: `dash eval` adds LPIPS to it. [data] of --config is not used.")]
+pub struct BenchmarkArgs {
+    /// The protocol
+    #[arg(value_enum)]
+    protocol: ProtocolName,
+    /// A folder with the dataset's scenes, or one scene; each folder called as it was published
+    data: PathBuf,
+    /// The folder of the benchmark
+    #[arg(long, value_name = "DIR")]
+    out: PathBuf,
+    /// Scenes to run [default: all that are there]
+    #[arg(long, value_delimiter = ',', value_name = "LIST")]
+    scenes: Vec<String>,
+    /// Runs of each scene, from seeds 0, 1, ..
+    #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u64).range(1..))]
+    seeds: u64,
+    /// How scenes are trained [default: default]
+    #[arg(long, value_enum)]
+    preset: Option<Preset>,
+    /// Values that replace the preset's
+    #[arg(long, value_name = "F.toml")]
+    config: Option<PathBuf>,
+    /// One value that replaces the preset's and the file's; may be repeated
+    #[arg(long, value_name = "KEY=VALUE")]
+    set: Vec<String>,
+    /// Optimisation steps of each run
+    #[arg(long, value_name = "N")]
+    iterations: Option<usize>,
+    /// Cameras to leave out of training and testing: CAMERA of every scene, or SCENE:CAMERA
+    #[arg(long, value_name = "LIST", value_delimiter = ',')]
+    drop_cameras: Vec<DroppedCamera>,
+    /// Memory that a scene's images may take, such as 2GiB [default: half of what is free]
+    #[arg(long, value_name = "BYTES", value_parser = values::bytes)]
+    memory: Option<u64>,
+    #[command(flatten)]
+    lpips: LpipsArgs,
+}
+
+pub fn run(args: &BenchmarkArgs, shared: &Shared) -> Result<String, Failure> {
+    let file = ConfigFile::read(args.config.as_deref())?;
+    let overrides = Overrides {
+        preset: args.preset,
+        file: args.config.as_deref(),
+        assignments: &args.set,
+        iterations: args.iterations,
+        seed: None,
+        keep: None,
+    };
+    let train = overrides.resolve(&file)?;
+    let files = args.lpips.files();
+    files.check()?;
+    let choice = shared.device.unwrap_or_default().resolved();
+    let device = choice.device()?;
+    let protocol = args.protocol.protocol();
+    let found = find_scenes(protocol, &args.data, &args.scenes)?;
+    let benchmark = Benchmark {
+        protocol: args.protocol,
+        data: values::absolute(&args.data)?,
+        device: choice.to_string(),
+        drop_cameras: args.drop_cameras.clone(),
+        train,
+    };
+    for (name, value) in pinned(&benchmark) {
+        tracing::info!("{name}: {value}");
+    }
+    for scene in &found.missing {
+        tracing::info!("not there: {}", scene.name);
+    }
+    let perceptual = files.load(&device)?;
+    let asked = stop::Asked::default();
+    let options = RunOptions {
+        seeds: args.seeds,
+        memory: args.memory,
+        perceptual: &perceptual,
+        stop: &|| asked.now(),
+    };
+    let mut told = Told {
+        shared,
+        drops: &args.drop_cameras,
+        progress: None,
+    };
+    let way_on = "the same command goes on with what is missing";
+    stop::set_way_on(Some(way_on.into()));
+    let outcome = benchmark.run(&found, &args.out, &device, &options, &mut told);
+    told.end();
+    if let (Some(signal), Err(error)) = (asked.end(), &outcome) {
+        let name = signal.name();
+        let told = match error {
+            Error::Stopped { run, step } => format!(
+                "{}: stopped by {name} after step {step}, with a checkpoint; {way_on}",
+                run.display()
+            ),
+            other => format!("stopped by {name}, and: {other}"),
+        };
+        return Err(Failure::stopped(signal, told));
+    }
+    let runs = outcome?;
+    let rows = BenchmarkRows::new(&benchmark, &found, &runs);
+    rows.write(&args.out)?;
+    page(&benchmark, &rows, &runs).write(&args.out)?;
+    Ok(format!(
+        "{}\n{}\nwritten to {}; open {}",
+        header(&benchmark, &rows),
+        table(&benchmark, &rows, &runs),
+        args.out.display(),
+        args.out.join("report.html").display()
+    ))
+}
+
+/// Tells which run is going on, and how far it is.
+struct Told<'a> {
+    shared: &'a Shared,
+    drops: &'a [DroppedCamera],
+    progress: Option<TrainProgress>,
+}
+
+impl Told<'_> {
+    fn end(&mut self) {
+        if let Some(progress) = self.progress.take() {
+            progress.finish();
+        }
+    }
+}
+
+impl Observer for Told<'_> {
+    fn scene(&mut self, scene: &Scene, prepared: &Prepared) {
+        self.end();
+        let [width, height] = prepared.size;
+        tracing::info!(
+            "{}: {width}x{height}, {} frames, held out: {}",
+            scene.name,
+            prepared.n_frames,
+            summary::listed(&prepared.held_out)
+        );
+        for difference in &prepared.differs {
+            tracing::warn!("{}: differs from the protocol: {difference}", scene.name);
+        }
+        let is_dropping = |drop: &DroppedCamera| drop.scene.as_deref() == Some(scene.name);
+        if let Some(caution) = scene
+            .caution
+            .filter(|_| !self.drops.iter().any(is_dropping))
+        {
+            tracing::info!("{}: {caution}", scene.name);
+        }
+    }
+
+    fn begin(&mut self, scene: &Scene, seed: u64, iterations: usize) {
+        self.end();
+        tracing::info!("training {}, seed {seed}, {iterations} steps", scene.name);
+        self.progress = Some(TrainProgress::new(iterations, self.shared));
+    }
+
+    fn step(&mut self, report: &StepReport, seconds: f64) {
+        if let Some(progress) = &mut self.progress {
+            progress.step(report, seconds);
+        }
+    }
+}
+
+/// What is pinned, which scenes are missing, and in what the others differ.
+fn header(benchmark: &Benchmark, rows: &BenchmarkRows) -> String {
+    let mut table = Table::default();
+    for (name, value) in pinned(benchmark) {
+        table.row(name, value);
+    }
+    if !rows.missing.is_empty() {
+        table.row("not there", rows.missing.join(", "));
+    }
+    for row in &rows.scenes {
+        if !row.differs.is_empty() {
+            table.row(
+                "differs",
+                format!("{}: {}", row.scene, row.differs.join("; ")),
+            );
+        }
+    }
+    table.text()
+}
+
+/// One line per scene: medians over its seeds, and the best that is published.
+fn table(benchmark: &Benchmark, rows: &BenchmarkRows, runs: &[SceneRuns]) -> String {
+    let protocol = benchmark.protocol.protocol();
+    let mut lines = vec![
+        "scene            seeds  minutes   PSNR   SSIM  LPIPS    fps      MB  Gaussians  best published PSNR"
+            .to_string(),
+    ];
+    for (row, own) in rows.scenes.iter().zip(runs) {
+        let others = published_figures(protocol, &row.scene);
+        let seeds = own.runs.len().to_string();
+        lines.push(line(&row.scene, &seeds, &row.figures, &others));
+    }
+    lines.push(line("mean", "", &rows.mean, &rows.published_means()));
+    if !rows.is_whole {
+        lines.push(format!(
+            "the mean is over {} of {} scenes, and so is the published one beside it",
+            rows.scenes.len(),
+            protocol.scenes.len()
+        ));
+    }
+    lines.join("\n")
+}
+
+fn line(name: &str, seeds: &str, figures: &Figures, others: &[Beside]) -> String {
+    let shown = |value: Option<f64>, digits: usize| {
+        value.map_or("-".to_string(), |value| format!("{value:.digits$}"))
+    };
+    let with_psnr = others
+        .iter()
+        .filter_map(|row| Some((row.figures.psnr?, row)));
+    let best = with_psnr.max_by(|(a, _), (b, _)| a.total_cmp(b));
+    format!(
+        "{name:16} {seeds:>5} {:>8} {:>6} {:>6} {:>6} {:>6} {:>7} {:>10}  {}",
+        shown(figures.minutes, 1),
+        shown(figures.psnr, 2),
+        shown(figures.ssim, 3),
+        shown(figures.lpips_alex.or(figures.lpips_vgg), 3),
+        shown(figures.fps, 1),
+        shown(figures.megabytes, 1),
+        shown(figures.gaussians, 0),
+        best.map_or("-".into(), |(psnr, row)| format!(
+            "{psnr:.2}, {}",
+            row.system
+        )),
+    )
+}
