@@ -243,7 +243,6 @@ impl DynamicScene {
             sh_rest: Param::from_tensor(deformed.sh_coeffs.rest.detach()),
             trajectories: None,
             embeddings: None,
-            ..dynamic.gaussians.clone()
         };
         rows.append(&frozen.to_rows());
         Ok(rows)
