@@ -125,6 +125,41 @@ impl Table {
         lines.join("\r\n") + "\r\n"
     }
 
+    /// The title and the rows for a terminal: columns aligned, numbers at their right, then the caption.
+    pub fn text(&self) -> String {
+        let header = self.columns.iter().map(|name| (name.clone(), false));
+        let mut rows: Vec<Vec<(String, bool)>> = vec![header.collect()];
+        for row in &self.rows {
+            let cells = row
+                .iter()
+                .map(|cell| (cell.shown(), !matches!(cell, Cell::Text(_))));
+            rows.push(cells.collect());
+        }
+        let width = |column: usize| {
+            let cells = rows.iter().filter_map(|row| row.get(column));
+            cells
+                .map(|(text, _)| text.chars().count())
+                .max()
+                .unwrap_or(0)
+        };
+        let widths: Vec<usize> = (0..self.columns.len()).map(width).collect();
+        let lines = rows.iter().map(|row| {
+            let cells = row.iter().zip(&widths);
+            let cells: Vec<String> = cells
+                .map(|((text, is_number), &width)| match is_number {
+                    true => format!("{text:>width$}"),
+                    false => format!("{text:width$}"),
+                })
+                .collect();
+            cells.join("  ").trim_end().to_string()
+        });
+        let mut lines: Vec<String> = std::iter::once(self.title.clone()).chain(lines).collect();
+        if !self.caption.is_empty() {
+            lines.push(self.caption.clone());
+        }
+        lines.join("\n")
+    }
+
     /// The table for a page.
     pub(super) fn html(&self) -> String {
         let row = |cells: &mut dyn Iterator<Item = (String, &'static str)>| {
@@ -198,6 +233,26 @@ mod tests {
             page.contains("31.25 (30.12–32.00)") && page.contains("<td class=\"number\">-</td>")
         );
         assert!(page.contains("a &quot;b&quot;"));
+    }
+
+    #[test]
+    fn on_a_terminal_columns_are_aligned() {
+        let table = Table {
+            title: "Scores".into(),
+            caption: "Of one seed.".into(),
+            columns: ["method", "PSNR", "is"].map(Into::into).into(),
+            rows: vec![
+                vec![
+                    Cell::Text("a".into()),
+                    Cell::Number(1.0, 1),
+                    Cell::Text("low".into()),
+                ],
+                vec![Cell::Text("b".into()), Cell::Missing, Cell::Text("".into())],
+            ],
+            ..Table::default()
+        };
+        let lines = "Scores\nmethod  PSNR  is\na        1.0  low\nb          -\nOf one seed.";
+        assert_eq!(table.text(), lines);
     }
 
     #[test]
