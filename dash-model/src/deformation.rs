@@ -179,14 +179,28 @@ impl DeformationField {
 
     /// The field without one of its heads.
     pub fn without_head(&self, head: Head) -> Self {
-        let mut field = self.clone();
-        let heads = &mut field.config.heads;
+        let mut heads = self.config.heads;
         match head {
             Head::Rotation => heads.rotation = false,
             Head::Scale => heads.scale = false,
         }
-        field.decoder = self.decoder.with_heads(heads);
-        field.fine = self.fine.as_ref().map(|fine| fine.with_heads(heads));
+        self.with_heads(heads)
+    }
+
+    /// The field for Gaussians without higher colour coefficients.
+    pub fn without_sh_rest(&self) -> Self {
+        self.with_heads(Heads {
+            sh_rest: 0,
+            ..self.config.heads
+        })
+    }
+
+    /// The field with these of its heads only.
+    fn with_heads(&self, heads: Heads) -> Self {
+        let mut field = self.clone();
+        field.config.heads = heads;
+        field.decoder = self.decoder.with_heads(&heads);
+        field.fine = self.fine.as_ref().map(|fine| fine.with_heads(&heads));
         field
     }
 

@@ -61,8 +61,10 @@ impl Cell {
             Self::Text(text) => text.clone(),
             Self::Number(value, decimals) => rounded(*value, *decimals),
             Self::Spread([value, low, high], decimals) => {
+                // Beside a minus a dash is hard to read.
+                let to = if *low < 0.0 { " to " } else { "–" };
                 let [value, low, high] = [value, low, high].map(|v| rounded(*v, *decimals));
-                format!("{value} ({low}–{high})")
+                format!("{value} ({low}{to}{high})")
             }
             Self::Missing => "-".into(),
         }
@@ -281,5 +283,12 @@ mod tests {
         assert_eq!(Cell::Number(1.5e-7, 2).shown(), "1.50e-7");
         assert_eq!(Cell::Number(0.0, 2).shown(), "0.00");
         assert_eq!(Cell::Number(12345.6, 1).shown(), "12,345.6");
+    }
+
+    #[test]
+    fn a_range_below_zero_is_told_in_words() {
+        let shown = |low: f64| Cell::Spread([1.0, low, 2.0], 1).shown();
+        assert_eq!(shown(0.5), "1.0 (0.5–2.0)");
+        assert_eq!(shown(-0.5), "1.0 (−0.5 to 2.0)");
     }
 }
