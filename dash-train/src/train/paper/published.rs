@@ -113,7 +113,7 @@ pub const HEXPLANE: Published = Published {
 /// Features of a level of a plane. Source: arguments/dynerf/default.py, output_coordinate_dim.
 pub const HEXPLANE_FEATURES: usize = 16;
 
-/// Grid4D (Xu et al. 2024), JiaweiXu8/Grid4D.
+/// Grid4D (Xu et al. 2024), JiaweiXu8/Grid4D at `c9a93fb`.
 pub const GRID4D: Published = Published {
     field: FieldSizes {
         representation: Representation::Grid4d,
@@ -149,7 +149,7 @@ pub const GRID4D_TEMPORAL_LEVELS: usize = 32;
 /// Their cells a side in space. Source: the same, deform_base_resolution and deform_desired_resolution.
 pub const GRID4D_TEMPORAL_RESOLUTION: [u32; 2] = [16, 64];
 
-/// E-D3DGS (Bae et al. 2024), JeongminB/E-D3DGS.
+/// E-D3DGS (Bae et al. 2024), JeongminB/E-D3DGS at `a68543e`.
 pub const EMBEDDING: Published = Published {
     field: FieldSizes {
         representation: Representation::Embedding,
