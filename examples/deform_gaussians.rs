@@ -50,10 +50,12 @@ fn main() -> Result<(), ModelError> {
             reference_sizing: false,
             pruned_levels: Vec::new(),
         },
+        temporal: None,
         heads: Heads {
             rotation: false,
             scale: false,
             appearance: false,
+            sh_rest: 0,
         },
     };
     let space = SpaceBox::around(&canonical.means, 0.0, 0.3);

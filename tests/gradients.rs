@@ -81,6 +81,7 @@ fn scene((offsets, smoothstep): (OffsetPlacement, bool), device: &Device) -> Dyn
     let config = DeformationConfig {
         representation: Representation::Hash,
         heads: Heads::default(),
+        temporal: None,
         encoder: HashEncoderConfig {
             n_levels: 2,
             n_features_per_level: 2,

@@ -9,12 +9,12 @@ use burn::module::Module;
 use burn::tensor::{Device, Tensor};
 use rand::Rng;
 
-use crate::encoders::SpaceTimeEncoder;
+use crate::encoders::{SpaceTimeEncoder, TimeEmbedding};
 use crate::gaussians::to_host;
 use crate::{ModelError, SpaceBox};
 pub use config::DeformationConfig;
 pub(crate) use decoder::Decoder;
-use heads::{APPEARANCE, MEAN, QUAT, SCALE};
+use heads::{APPEARANCE, CHANNELS, MEAN, QUAT, SCALE};
 pub use heads::{Head, Heads};
 
 /// World units per unit of the position head, as a share of the diagonal (see `motion.rs`).
@@ -33,6 +33,8 @@ pub struct Offsets {
     pub opacity_logits: Option<Tensor<1>>,
     /// To the constant colour coefficients `[N, 1, 3]`.
     pub sh_dc: Option<Tensor<3>>,
+    /// To the others `[N, K - 1, 3]`.
+    pub sh_rest: Option<Tensor<3>>,
 }
 
 /// A deformation field: features over space and time, a shared decoder, and one head each for positions, rotations and
@@ -64,6 +66,8 @@ pub struct Offsets {
 pub struct DeformationField {
     encoder: SpaceTimeEncoder,
     decoder: Decoder,
+    /// Of the fine features of time, where `decoder` sees the coarse ones only; their offsets are added.
+    fine: Option<Decoder>,
     #[module(skip)]
     space: SpaceBox,
     #[module(skip)]
@@ -82,11 +86,13 @@ impl DeformationField {
         device: &Device,
     ) -> Result<Self, ModelError> {
         let encoder = SpaceTimeEncoder::new(config, rng, device)?;
-        let mut widths = vec![SpaceTimeEncoder::n_output_features_of(config)];
+        let mut widths = vec![config.n_decoder_inputs()];
         widths.extend(std::iter::repeat_n(config.hidden, config.layers));
+        let mut decoder = || Decoder::new(&widths, &config.heads, rng, device);
         Ok(Self {
             encoder,
-            decoder: Decoder::new(&widths, &config.heads, rng, device)?,
+            decoder: decoder()?,
+            fine: (config.n_decoders() > 1).then(decoder).transpose()?,
             space,
             config: config.clone(),
         })
@@ -132,8 +138,22 @@ impl DeformationField {
     /// # Errors
     /// When the features have another width, or there are more than the device holds.
     pub fn decode(&self, features: Tensor<2>) -> Result<Offsets, ModelError> {
-        let n = features.dims()[0];
-        let columns = self.decoder.forward(features)?;
+        let [n, n_features] = features.dims();
+        let columns = match &self.fine {
+            None => self.decoder.forward(features)?,
+            Some(fine) => {
+                let expected = SpaceTimeEncoder::n_output_features_of(&self.config);
+                if n_features != expected {
+                    let (expected, found) = (format!("width {expected}"), n_features.to_string());
+                    return Err(ModelError::argument("features", expected, found));
+                }
+                let [own, of_time] = TimeEmbedding::widths(&self.config.encoder);
+                let take = |first: usize, width: usize| features.clone().narrow(1, first, width);
+                let of_fine = vec![take(0, own), take(own + of_time, of_time)];
+                self.decoder.forward(take(0, own + of_time))?
+                    + fine.forward(Tensor::cat(of_fine, 1))?
+            }
+        };
         let mut first = 0;
         let mut take = |width: usize| {
             first += width;
@@ -144,6 +164,7 @@ impl DeformationField {
         let quats = heads.rotation.then(|| take(QUAT));
         let scales = heads.scale.then(|| take(SCALE));
         let appearance = heads.appearance.then(|| take(APPEARANCE));
+        let sh_rest = (heads.sh_rest > 0).then(|| take(heads.sh_rest * CHANNELS));
         Ok(Offsets {
             means,
             quats,
@@ -152,18 +173,34 @@ impl DeformationField {
                 .as_ref()
                 .map(|columns| columns.clone().narrow(1, 0, 1).reshape([n])),
             sh_dc: appearance.map(|columns| columns.narrow(1, 1, 3).reshape([n, 1, 3])),
+            sh_rest: sh_rest.map(|columns| columns.reshape([n, heads.sh_rest, CHANNELS])),
         })
     }
 
     /// The field without one of its heads.
     pub fn without_head(&self, head: Head) -> Self {
-        let mut field = self.clone();
-        let heads = &mut field.config.heads;
+        let mut heads = self.config.heads;
         match head {
             Head::Rotation => heads.rotation = false,
             Head::Scale => heads.scale = false,
         }
-        field.decoder = self.decoder.with_heads(heads);
+        self.with_heads(heads)
+    }
+
+    /// The field for Gaussians without higher colour coefficients.
+    pub fn without_sh_rest(&self) -> Self {
+        self.with_heads(Heads {
+            sh_rest: 0,
+            ..self.config.heads
+        })
+    }
+
+    /// The field with these of its heads only.
+    fn with_heads(&self, heads: Heads) -> Self {
+        let mut field = self.clone();
+        field.config.heads = heads;
+        field.decoder = self.decoder.with_heads(&heads);
+        field.fine = self.fine.as_ref().map(|fine| fine.with_heads(&heads));
         field
     }
 
@@ -243,9 +280,13 @@ impl DeformationField {
         &self.config
     }
 
-    /// The hidden layers and heads.
-    pub(crate) fn decoder(&self) -> &Decoder {
-        &self.decoder
+    /// Hidden layers and heads: the prefix of their names in files, and the parameter that holds them.
+    pub(crate) fn decoders(&self) -> impl Iterator<Item = (&'static str, &'static str, &Decoder)> {
+        let fine = self
+            .fine
+            .as_ref()
+            .map(|fine| ("fine.", "fine.parameters", fine));
+        std::iter::once(("", "decoder.parameters", &self.decoder)).chain(fine)
     }
 
     /// The features over space and time.

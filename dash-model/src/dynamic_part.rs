@@ -94,7 +94,7 @@ impl DynamicPart {
         let [from, to] = [gap.from, gap.to].map(|time| self.deform_linear(settings, time));
         let (from, to) = (from?, to?);
         let (before, after) = (from.means.clone(), to.means.clone());
-        let mut deformed = from.lerp(to, gap.weight);
+        let mut deformed = from.lerp(to, gap.weight, self.deforms_sh_rest());
         let length = gap.to - gap.from;
         if gap.observed >= LEAST_OBSERVED * length {
             let means = |time: f32| self.deform_linear(settings, time).map(|at| at.means);
@@ -112,9 +112,16 @@ impl DynamicPart {
             self.deform_from(settings, time, self.features(time)?)
         };
         match settings.gaps.interpolation(time) {
-            Some(gap) => Ok(at(gap.from)?.lerp(at(gap.to)?, gap.weight)),
+            Some(gap) => {
+                let (from, to) = (at(gap.from)?, at(gap.to)?);
+                Ok(from.lerp(to, gap.weight, self.deforms_sh_rest()))
+            }
             None => at(time),
         }
+    }
+
+    fn deforms_sh_rest(&self) -> bool {
+        self.field.config().heads.sh_rest > 0
     }
 
     /// The field's features at the canonical means.
@@ -162,7 +169,7 @@ impl DynamicPart {
     /// `features [N, features]`
     ///
     /// # Errors
-    /// When a shape does not fit.
+    /// When a shape does not fit, or the field has a head for more or fewer colour coefficients than the Gaussians have.
     pub fn deform_from(
         &self,
         settings: &SceneSettings,
@@ -180,9 +187,16 @@ impl DynamicPart {
         let means = self.coarse_means(settings, time)? + offsets.means;
         let opacity_logits = plus(canonical.opacity_logits.val(), offsets.opacity_logits);
         let own = canonical.sh_coeffs();
+        if let Some(offset) = &offsets.sh_rest
+            && offset.dims() != own.rest.dims()
+        {
+            let expected = format!("shape {:?}, as the field's head", offset.dims());
+            let found = format!("shape {:?}", own.rest.dims());
+            return Err(ModelError::argument("sh_rest", expected, found));
+        }
         let sh_coeffs = ShCoeffs {
             dc: plus(own.dc, offsets.sh_dc),
-            rest: own.rest,
+            rest: plus(own.rest, offsets.sh_rest),
         };
         Ok(match settings.offsets {
             OffsetPlacement::BeforeActivation => Deformed {

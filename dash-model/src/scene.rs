@@ -240,9 +240,9 @@ impl DynamicScene {
             log_scales: Param::from_tensor(log_scales.detach()),
             opacity_logits: Param::from_tensor(opacity_logits.detach()),
             sh_dc: Param::from_tensor(deformed.sh_coeffs.dc.detach()),
+            sh_rest: Param::from_tensor(deformed.sh_coeffs.rest.detach()),
             trajectories: None,
             embeddings: None,
-            ..dynamic.gaussians.clone()
         };
         rows.append(&frozen.to_rows());
         Ok(rows)

@@ -7,6 +7,10 @@ use common::{Scratch, TINY};
 const METHODS: &str = "dash,hexplane,embedding,static";
 
 fn arguments<'a>(methods: &'a str, budget: &'a str) -> Vec<&'a str> {
+    of_length(methods, ["--budget", budget])
+}
+
+fn of_length<'a>(methods: &'a str, length: [&'a str; 2]) -> Vec<&'a str> {
     let mut args = vec![
         "compare",
         "room",
@@ -14,11 +18,12 @@ fn arguments<'a>(methods: &'a str, budget: &'a str) -> Vec<&'a str> {
         "all",
         "--methods",
         methods,
-        "--budget",
-        budget,
         "--curve",
         "2",
+        "--seeds",
+        "1",
     ];
+    args.extend(length);
     args.extend(TINY);
     args
 }
@@ -64,6 +69,32 @@ fn methods_are_trained_once_and_told_in_one_table() {
 }
 
 #[test]
+fn methods_of_equal_steps_are_told_with_what_each_brings() {
+    let scratch = Scratch::with_room("n3dv");
+    let four = "dash,hash,grid4d+dec,grid4d";
+    let arguments = [
+        &of_length(four, ["--iterations", "12"])[..],
+        &["--had-a-say"],
+    ]
+    .concat();
+    let told = scratch.ok(&arguments);
+    for method in four.split(',') {
+        let line = told.lines().find(|line| line.starts_with(method));
+        let line = line.unwrap_or_else(|| panic!("no line for {method}:\n{told}"));
+        let columns: Vec<&str> = line.split_whitespace().collect();
+        assert_eq!(columns[3], "12", "{line}");
+    }
+    let page = String::from_utf8(scratch.read("all/report.html")).expect("UTF-8");
+    for said in ["Where dash stands", "4D hash less Grid4D", "had a say"] {
+        assert!(told.contains(said), "{said}:\n{told}");
+        assert!(page.contains(said), "{said}");
+    }
+    assert!(told.contains("one seed"), "{told}");
+    let csv = scratch.read("all/standing.csv");
+    assert!(csv.starts_with(b"dash against,"));
+}
+
+#[test]
 fn what_cannot_be_compared_is_refused() {
     let scratch = Scratch::with_room("n3dv");
     let none = [&arguments("dash", "1")[..], &["--test-cameras", "none"]].concat();
@@ -73,4 +104,8 @@ fn what_cannot_be_compared_is_refused() {
     for (methods, budget) in [("dash,hexplan", "1"), ("dash", "0"), ("dash", "soon")] {
         scratch.is_wrong_usage(&arguments(methods, budget));
     }
+    scratch.is_wrong_usage(&of_length("dash", ["--iterations", "0"]));
+    let both = [&arguments("dash", "1")[..], &["--iterations", "5"]].concat();
+    scratch.is_wrong_usage(&both);
+    scratch.is_wrong_usage(&["compare", "room", "--out", "all"]);
 }

@@ -8,6 +8,10 @@ pub(super) const QUAT: usize = 4;
 pub(super) const SCALE: usize = 3;
 /// Opacity, then colour.
 pub(super) const APPEARANCE: usize = 4;
+/// Channels of a higher colour coefficient.
+pub(super) const CHANNELS: usize = 3;
+/// Most higher colour coefficients: those of degree 3.
+pub(super) const MAX_SH_REST: usize = 15;
 
 /// What a field changes beside positions, with one head each.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
@@ -17,8 +21,15 @@ pub struct Heads {
     pub rotation: bool,
     /// Scales.
     pub scale: bool,
-    /// Opacities and constant colours. E-D3DGS has this head, DASH does not.
+    /// Opacities and constant colours. 4DGaussians and E-D3DGS have this head, DASH does not.
     pub appearance: bool,
+    /// How many higher colour coefficients: none, or all that the Gaussians have.
+    #[serde(default, skip_serializing_if = "is_zero")]
+    pub sh_rest: usize,
+}
+
+fn is_zero(n: &usize) -> bool {
+    *n == 0
 }
 
 impl Heads {
@@ -29,6 +40,11 @@ impl Heads {
             (self.rotation, "head_quats", QUAT),
             (self.scale, "head_scales", SCALE),
             (self.appearance, "head_appearance", APPEARANCE),
+            (
+                self.sh_rest > 0,
+                "head_sh_rest",
+                self.sh_rest.saturating_mul(CHANNELS),
+            ),
         ];
         let present = all.into_iter().filter(|(present, ..)| *present);
         present.map(|(_, name, width)| (name, width))
@@ -51,6 +67,7 @@ impl Default for Heads {
             rotation: true,
             scale: true,
             appearance: false,
+            sh_rest: 0,
         }
     }
 }

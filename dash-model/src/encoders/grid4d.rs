@@ -1,13 +1,14 @@
 //! One 3D hash grid over space and three over two axes of space and time.
 
 use burn::module::Module;
-use burn::tensor::activation::sigmoid;
+use burn::tensor::activation::{relu, sigmoid};
 use burn::tensor::{Device, Tensor};
 use rand::Rng;
 
 use super::{columns, pick};
 use crate::mlp::Mlp;
-use crate::{HashEncoder, HashEncoderConfig, ModelError};
+use crate::parameters::parameter;
+use crate::{DeformationConfig, HashEncoder, HashEncoderConfig, ModelError};
 
 const SPACE: [usize; 3] = [0, 1, 2];
 const WITH_TIME: [[usize; 3]; 3] = [[0, 1, 3], [1, 2, 3], [0, 2, 3]];
@@ -15,7 +16,7 @@ const WITH_TIME: [[usize; 3]; 3] = [[0, 1, 3], [1, 2, 3], [0, 2, 3]];
 /// Features over space and time from four 3D grids: the spatial features weight the temporal ones.
 ///
 /// # Source
-/// Xu et al. 2024 (Grid4D), directional attention.
+/// Xu et al. 2024 (Grid4D), directional attention. Its biases start as they do there, uniform in +-1 / sqrt(fan-in).
 #[derive(Module, Debug)]
 pub struct Grid4d {
     /// Over x, y, z.
@@ -37,34 +38,49 @@ impl Grid4d {
         }
     }
 
-    /// Grids of the resolutions of a four-dimensional `grid`, features `hidden` wide.
+    /// Grids of a configuration, features as wide as its hidden layers.
     pub(super) fn new(
-        grid: &HashEncoderConfig,
-        hidden: usize,
+        config: &DeformationConfig,
         rng: &mut impl Rng,
         device: &Device,
     ) -> Result<Self, ModelError> {
+        let (grid, hidden) = (&config.encoder, config.hidden);
         let spatial = Self::grid_over(grid, SPACE).init(rng, device)?;
-        let temporal = WITH_TIME.map(|axes| Self::grid_over(grid, axes).init(rng, device));
-        let width = spatial.n_output_features();
+        let over = |axes| Self::grid_over(config.temporal(), axes);
+        let temporal = WITH_TIME.map(|axes| over(axes).init(rng, device));
+        let temporal: Vec<HashEncoder> = temporal.into_iter().collect::<Result<_, _>>()?;
+        let (width, with_time) = (
+            spatial.n_output_features(),
+            temporal.iter().map(HashEncoder::n_output_features).sum(),
+        );
+        let mut attention = Mlp::new(&[width, hidden], rng, device);
+        // Features start at zero, nearly: without biases nothing would be weighted, and no grid would learn.
+        let bound = (width as f32).sqrt().recip();
+        let biases: Vec<f32> = (0..hidden)
+            .map(|_| rng.random_range(-bound..bound))
+            .collect();
+        attention.layers[0].bias = Some(parameter(biases, [hidden], device));
         Ok(Self {
             spatial,
-            temporal: temporal.into_iter().collect::<Result<_, _>>()?,
-            attention: Mlp::new(&[width, hidden], rng, device),
-            decoder: Mlp::new(&[WITH_TIME.len() * width, hidden], rng, device),
+            temporal,
+            attention,
+            decoder: Mlp::new(&[with_time, hidden], rng, device),
         })
     }
 
-    pub(super) fn n_values(grid: &HashEncoderConfig, hidden: usize) -> Result<u128, ModelError> {
+    pub(super) fn n_values(config: &DeformationConfig) -> Result<u128, ModelError> {
+        let (grid, temporal) = (&config.encoder, config.temporal());
         let mut sum = Self::grid_over(grid, SPACE).n_values()?;
         for axes in WITH_TIME {
-            sum = sum.saturating_add(Self::grid_over(grid, axes).n_values()?);
+            sum = sum.saturating_add(Self::grid_over(temporal, axes).n_values()?);
         }
-        let width = grid.n_levels as u128 * grid.n_features_per_level as u128;
-        let layer = |input: u128| (input + 1).saturating_mul(hidden as u128);
+        let width = |grid: &HashEncoderConfig| {
+            (grid.n_levels as u128).saturating_mul(grid.n_features_per_level as u128)
+        };
+        let layer = |input: u128| (input + 1).saturating_mul(config.hidden as u128);
         Ok(sum
-            .saturating_add(layer(width))
-            .saturating_add(layer(width * WITH_TIME.len() as u128)))
+            .saturating_add(layer(width(grid)))
+            .saturating_add(layer(width(temporal) * WITH_TIME.len() as u128)))
     }
 
     /// # Shapes
@@ -76,6 +92,6 @@ impl Grid4d {
             temporal.push(grid.forward(columns(&points, axes))?);
         }
         let weights = sigmoid(self.attention.forward(spatial)?) * 2.0 - 1.0;
-        Ok(weights * self.decoder.forward(Tensor::cat(temporal, 1))?)
+        Ok(weights * relu(self.decoder.forward(Tensor::cat(temporal, 1))?))
     }
 }

@@ -90,7 +90,7 @@ impl SpaceTimeEncoder {
         Ok(match config.representation {
             Representation::Hash => Self::Hash(grid.init(rng, device)?),
             Representation::HexPlane => Self::HexPlanes(HexPlanes::new(grid, rng, device)?),
-            Representation::Grid4d => Self::Grid4d(Grid4d::new(grid, config.hidden, rng, device)?),
+            Representation::Grid4d => Self::Grid4d(Grid4d::new(config, rng, device)?),
             Representation::Embedding => Self::Embedding(TimeEmbedding::new(grid, rng, device)?),
         })
     }
@@ -100,7 +100,7 @@ impl SpaceTimeEncoder {
         match config.representation {
             Representation::Hash => config.encoder.n_values(),
             Representation::HexPlane => HexPlanes::n_values(&config.encoder),
-            Representation::Grid4d => Grid4d::n_values(&config.encoder, config.hidden),
+            Representation::Grid4d => Grid4d::n_values(config),
             Representation::Embedding => TimeEmbedding::n_values(&config.encoder),
         }
     }
@@ -118,18 +118,21 @@ impl SpaceTimeEncoder {
     /// Multiplications per point, without those for the interpolation weights; saturating.
     pub(crate) fn multiplications(config: &DeformationConfig) -> usize {
         let grid = &config.encoder;
-        let of_levels = of_levels(grid);
         let per_feature = match config.representation {
             // Corners of a cell.
             Representation::Hash => 1 << 4,
             // Four corners on each plane, and their product.
             Representation::HexPlane => 6 * 4 + 5,
             // Eight corners in each grid, and its layer.
-            Representation::Grid4d => 4 * (8 + config.hidden),
-            // Two vertices in each of two tables, half as wide.
-            Representation::Embedding => 2,
+            Representation::Grid4d => {
+                let with_time = of_levels(config.temporal()).saturating_mul(3);
+                let features = of_levels(grid).saturating_add(with_time);
+                return features.saturating_mul(config.hidden.saturating_add(8));
+            }
+            // Two vertices in each of two tables.
+            Representation::Embedding => 2 * 2 * TimeEmbedding::FEATURES_OF_TIME,
         };
-        of_levels.saturating_mul(per_feature)
+        of_levels(grid).saturating_mul(per_feature)
     }
 
     /// Features of points in the 4D unit cube.

@@ -40,6 +40,7 @@ fn config(representation: Representation) -> DeformationConfig {
             reference_sizing: false,
             pruned_levels: Vec::new(),
         },
+        temporal: None,
         heads: Heads::default(),
     }
 }
@@ -79,6 +80,43 @@ fn every_encoder_is_the_reference_with_its_gradients() {
             check(&config(representation), &device.autodiff());
         }
     }
+}
+
+/// Other sizes for the grids with time.
+fn with_temporal(representation: Representation) -> DeformationConfig {
+    let mut config = config(representation);
+    config.temporal = Some(HashEncoderConfig {
+        n_levels: 4,
+        log2_hashmap_size: 5,
+        base_resolution: vec![1, 2, 3, 2],
+        finest_resolution: vec![4, 6, 5, 7],
+        ..config.encoder.clone()
+    });
+    config
+}
+
+#[test]
+fn grids_with_time_may_have_sizes_of_their_own() {
+    for device in devices() {
+        check(&with_temporal(Representation::Grid4d), &device.autodiff());
+    }
+    let refused = with_temporal(Representation::Hash).validate();
+    let refused = refused.expect_err("one grid").to_string();
+    assert!(refused.contains("temporal"), "{refused}");
+}
+
+/// Features of zero, nearly, are weighted: otherwise no grid would learn.
+#[test]
+fn the_attention_of_grid4d_begins_with_biases() {
+    let device = devices().remove(0);
+    let config = config(Representation::Grid4d);
+    let grid = Grid4d::new(&config, &mut Pcg64::seed_from_u64(1), &device).expect("valid");
+    let bias = grid.attention.layers[0].bias.as_ref().expect("biases");
+    let bias = to_host(bias.val());
+    let bound = 1.0 / 6f32.sqrt();
+    assert!(bias.iter().all(|b| b.abs() <= bound), "{bias:?}");
+    let largest = bias.iter().fold(0.0f32, |most, b| most.max(b.abs()));
+    assert!(largest > 0.1 * bound, "{bias:?}");
 }
 
 fn wide(values: &[f32]) -> Vec<f64> {

@@ -18,8 +18,8 @@ const MAX_RESOLUTION: u32 = 1 << 16;
 /// Piecewise linear features of time, coarse and fine.
 ///
 /// # Source
-/// Bae et al. 2024 (E-D3DGS): an embedding per Gaussian, temporal embeddings of two resolutions. There
-/// each resolution has a decoder of its own; here one decoder sees both.
+/// Bae et al. 2024 (E-D3DGS): an embedding per Gaussian, temporal embeddings of two resolutions, each with a decoder of its
+/// own. There the coarse one is interpolated from the fine one.
 #[derive(Module, Debug)]
 pub struct TimeEmbedding {
     /// Features at the vertices of the coarse grid `[R, W]`, then of the fine one.
@@ -27,9 +27,22 @@ pub struct TimeEmbedding {
 }
 
 impl TimeEmbedding {
-    /// Shapes of the tables at the base and the finest resolution, each half as wide as a grid's features.
+    /// Features of time in each table, for each of a Gaussian's own. Source: E-D3DGS, 256 of 32.
+    pub(super) const FEATURES_OF_TIME: usize = 8;
+
+    /// Features of a Gaussian's own, and in each table.
+    pub(crate) fn widths(grid: &HashEncoderConfig) -> [usize; 2] {
+        [Self::embedding_width(grid), Self::width(grid)]
+    }
+
+    /// Features in each table.
+    fn width(grid: &HashEncoderConfig) -> usize {
+        Self::embedding_width(grid).saturating_mul(Self::FEATURES_OF_TIME)
+    }
+
+    /// Shapes of the tables at the base and the finest resolution.
     fn shapes(grid: &HashEncoderConfig) -> Result<[[usize; 2]; 2], ModelError> {
-        let width = Self::embedding_width(grid).div_ceil(2).max(1);
+        let width = Self::width(grid);
         let resolutions = [grid.base_resolution[TIME], grid.finest_resolution[TIME]];
         let keys = ["encoder.base_resolution", "encoder.finest_resolution"];
         for (key, cells) in keys.into_iter().zip(resolutions) {
@@ -91,7 +104,7 @@ impl TimeEmbedding {
 
     pub(super) fn n_output_features_of(grid: &HashEncoderConfig) -> usize {
         let embedding = Self::embedding_width(grid);
-        embedding.saturating_add(2 * embedding.div_ceil(2).max(1))
+        embedding.saturating_add(Self::width(grid).saturating_mul(2))
     }
 }
 

@@ -104,6 +104,15 @@ impl SceneDescription {
                 format!("{} stored, {} active", self.sh_degree, settings.sh_degree),
             ));
         }
+        if let Some(field) = &self.field {
+            let (changed, all) = (field.config.heads.sh_rest, (self.sh_degree + 1).pow(2) - 1);
+            if changed != 0 && changed != all {
+                return Err((
+                    format!("`heads.sh_rest` of 0 or {all}, as the Gaussians have"),
+                    changed.to_string(),
+                ));
+            }
+        }
         let functions = settings.trajectory_basis.len();
         if functions > MAX_BASIS_FUNCTIONS {
             return Err((

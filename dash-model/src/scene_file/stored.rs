@@ -11,10 +11,8 @@ use crate::{DynamicScene, HashEncoder, ModelError};
 /// Sets whose `sh_rest` may be stored for some Gaussians only.
 const SETS: [&str; 2] = ["static_set", "dynamic.gaussians"];
 
-/// Prefix of the decoder's layers and heads in files.
+/// Prefix of the field's parameters. Each decoder has one, which files hold as one tensor per layer and head.
 const FIELD: &str = "dynamic.field.";
-/// The decoder's one parameter, which files hold as one tensor per layer and head.
-const DECODER: &str = "dynamic.field.decoder.parameters";
 
 /// Whether a scene's parameter is a feature table of its deformation field.
 pub(super) fn is_table(name: &str) -> bool {
@@ -32,11 +30,13 @@ fn rows_of(name: &str) -> String {
 /// The tensors of a scene's file.
 pub(super) fn stored(scene: &DynamicScene, precision: TablePrecision) -> BTreeMap<String, Stored> {
     let mut parameters = named_parameters(scene);
-    if let Some(dynamic) = &scene.dynamic
-        && let Some(decoder) = parameters.remove(DECODER)
-    {
-        let packing = dynamic.field.decoder().packing();
-        parameters.extend(packing.unpack(FIELD, &decoder.values));
+    if let Some(dynamic) = &scene.dynamic {
+        for (prefix, parameter, decoder) in dynamic.field.decoders() {
+            if let Some(packed) = parameters.remove(&format!("{FIELD}{parameter}")) {
+                let prefix = format!("{FIELD}{prefix}");
+                parameters.extend(decoder.packing().unpack(&prefix, &packed.values));
+            }
+        }
     }
     let mut tensors = BTreeMap::new();
     for (name, tensor) in parameters {
@@ -65,7 +65,7 @@ pub(super) fn stored(scene: &DynamicScene, precision: TablePrecision) -> BTreeMa
     tensors
 }
 
-/// Joins the stored layers and heads into the decoder's parameter, which `skeleton` lays out.
+/// Joins the stored layers and heads into the decoders' parameters, which `skeleton` lays out.
 ///
 /// # Errors
 /// [`ModelError::Parameter`] when a layer or head is missing or has another shape.
@@ -74,9 +74,13 @@ pub(super) fn join_decoder(
     skeleton: &DynamicScene,
 ) -> Result<(), ModelError> {
     if let Some(dynamic) = &skeleton.dynamic {
-        let values = dynamic.field.decoder().packing().pack(FIELD, parameters)?;
-        let shape = vec![values.len()];
-        parameters.insert(DECODER.into(), HostTensor { shape, values });
+        for (prefix, parameter, decoder) in dynamic.field.decoders() {
+            let prefix = format!("{FIELD}{prefix}");
+            let values = decoder.packing().pack(&prefix, parameters)?;
+            let shape = vec![values.len()];
+            let name = format!("{FIELD}{parameter}");
+            parameters.insert(name, HostTensor { shape, values });
+        }
     }
     Ok(())
 }

@@ -3,6 +3,7 @@
 mod common;
 mod files;
 mod gaps;
+mod other_fields;
 mod ply;
 mod pruning;
 mod rendering;

@@ -2,20 +2,18 @@
 
 use std::fmt;
 
-use dash_model::Representation;
 use serde::{Deserialize, Serialize};
 
 use crate::train::TrainConfig;
-use crate::train::paper::{Decomposition, TimeResolution};
-
-/// Cells of the coarse one of two resolutions of time, where the preset has one only.
-const COARSE_TIME: u32 = 4;
+use crate::train::paper::Decomposition;
+use crate::train::paper::published::{EMBEDDING, GRID4D, HEXPLANE, Published, Scale, Schedule};
 
 /// Steps after which no run goes on.
 const NEVER: usize = 1 << 40;
 
 /// A method for dynamic scenes: DASH, its ablations, and the Gaussian-based systems that the paper
-/// compares it with, all with this project's rasterizer, density control and learning rates.
+/// compares it with, all with this project's rasterizer and density control. Other methods have their authors' sizes,
+/// learning rates and schedules, see [`published`](crate::train::paper::published).
 #[derive(
     Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize, clap::ValueEnum,
 )]
@@ -24,7 +22,7 @@ pub enum Method {
     #[serde(rename = "dash")]
     #[value(name = "dash")]
     Dash,
-    /// Without the decomposition: the 4D field deforms every Gaussian.
+    /// Without the decomposition: every Gaussian has coarse motion, and the 4D field deforms it.
     #[serde(rename = "w/o-dec")]
     #[value(name = "w/o-dec")]
     WithoutDecomposition,
@@ -36,15 +34,23 @@ pub enum Method {
     #[serde(rename = "w/o-reg")]
     #[value(name = "w/o-reg")]
     WithoutRegulariser,
+    /// The 4D hash grid alone: no motion is followed, and the field deforms every Gaussian.
+    #[serde(rename = "hash")]
+    #[value(name = "hash")]
+    Hash,
     /// Six planes deform every Gaussian, as in 4DGaussians (Wu et al. 2024).
     #[serde(rename = "hexplane")]
     #[value(name = "hexplane")]
     HexPlane,
+    /// The same planes behind following and decomposition.
+    #[serde(rename = "hexplane+dec")]
+    #[value(name = "hexplane+dec")]
+    HexPlaneDecomposed,
     /// One 3D and three temporal 3D hash grids deform every Gaussian, as in Grid4D (Xu et al. 2024).
     #[serde(rename = "grid4d")]
     #[value(name = "grid4d")]
     Grid4d,
-    /// The same behind the decomposition: the paper's Grid4D+dec.
+    /// The same grids behind following and decomposition: the paper's Grid4D+dec.
     #[serde(rename = "grid4d+dec")]
     #[value(name = "grid4d+dec")]
     Grid4dDecomposed,
@@ -60,12 +66,14 @@ pub enum Method {
 
 impl Method {
     /// All of them, in the order of the tables.
-    pub const ALL: [Self; 9] = [
+    pub const ALL: [Self; 11] = [
         Self::Dash,
         Self::WithoutDecomposition,
         Self::WithoutControl,
         Self::WithoutRegulariser,
+        Self::Hash,
         Self::HexPlane,
+        Self::HexPlaneDecomposed,
         Self::Grid4d,
         Self::Grid4dDecomposed,
         Self::Embedding,
@@ -79,7 +87,9 @@ impl Method {
             Self::WithoutDecomposition => "w/o-dec",
             Self::WithoutControl => "w/o-ctrl",
             Self::WithoutRegulariser => "w/o-reg",
+            Self::Hash => "hash",
             Self::HexPlane => "hexplane",
+            Self::HexPlaneDecomposed => "hexplane+dec",
             Self::Grid4d => "grid4d",
             Self::Grid4dDecomposed => "grid4d+dec",
             Self::Embedding => "embedding",
@@ -92,60 +102,41 @@ impl Method {
         self.name().replace('/', "")
     }
 
-    /// Whether its field has a resolution of its own, whatever the preset says.
-    fn brings_its_grid(self) -> bool {
-        matches!(
-            self,
-            Self::HexPlane | Self::Grid4d | Self::Grid4dDecomposed | Self::Embedding
-        )
+    /// What its authors published of it, where its field is not the preset's.
+    pub fn published(self) -> Option<&'static Published> {
+        match self {
+            Self::HexPlane | Self::HexPlaneDecomposed => Some(&HEXPLANE),
+            Self::Grid4d | Self::Grid4dDecomposed => Some(&GRID4D),
+            Self::Embedding => Some(&EMBEDDING),
+            Self::Dash
+            | Self::WithoutDecomposition
+            | Self::WithoutControl
+            | Self::WithoutRegulariser
+            | Self::Hash
+            | Self::Static => None,
+        }
     }
 
     /// A preset changed into this method.
     pub fn of(self, preset: &TrainConfig) -> TrainConfig {
         let mut config = preset.clone();
-        if self.brings_its_grid()
-            && let Some(gaps) = &mut config.extensions.gaps
-        {
-            gaps.coarsen = 1.0;
+        if let Some(published) = self.published() {
+            take_field(&mut config, published);
         }
         match self {
-            Self::Dash => {}
-            Self::WithoutDecomposition => everything_moves(&mut config),
+            Self::Dash | Self::HexPlaneDecomposed | Self::Grid4dDecomposed => {}
+            Self::WithoutDecomposition => {
+                deform_everything(&mut config, Decomposition::AllWithMotion);
+            }
             Self::WithoutControl => {
                 config.densify.dynamic.interval = NEVER;
                 config.densify.dynamic.opacity_reset_interval = None;
             }
             Self::WithoutRegulariser => config.method.smoothness = 0.0,
-            Self::HexPlane => {
-                everything_moves(&mut config);
-                config.extensions.following = None;
-                let field = &mut config.method.field;
-                field.representation = Representation::HexPlane;
-                field.n_levels = 4;
-                field.resolution = [32, 128];
-                field.time_resolution = TimeResolution::PerFrame;
-            }
-            Self::Grid4d => {
-                everything_moves(&mut config);
-                config.extensions.following = None;
-                three_dimensional_grids(&mut config);
-            }
-            Self::Grid4dDecomposed => three_dimensional_grids(&mut config),
-            Self::Embedding => {
-                everything_moves(&mut config);
-                config.extensions.following = None;
-                let field = &mut config.method.field;
-                field.representation = Representation::Embedding;
-                field.n_levels = 16;
-                field.resolution[1] = 64;
-                let coarse = match field.time_resolution {
-                    TimeResolution::PerFrame => COARSE_TIME,
-                    TimeResolution::UpToFrames(coarse) | TimeResolution::Fixed([coarse, _]) => {
-                        coarse
-                    }
-                };
-                field.time_resolution = TimeResolution::UpToFrames(coarse);
-            }
+            Self::Hash => field_alone(&mut config, &GRID4D.schedule),
+            Self::HexPlane => field_alone(&mut config, &HEXPLANE.schedule),
+            Self::Grid4d => field_alone(&mut config, &GRID4D.schedule),
+            Self::Embedding => field_alone(&mut config, &EMBEDDING.schedule),
             Self::Static => config.method.decomposition = Decomposition::None,
         }
         config
@@ -158,44 +149,68 @@ impl fmt::Display for Method {
     }
 }
 
-/// Every Gaussian becomes dynamic after the warm-up, and there may be as many as of both kinds
-/// otherwise.
-fn everything_moves(config: &mut TrainConfig) {
-    config.method.decomposition = Decomposition::All;
+/// The sizes and rates of a published field, at the preset's scale.
+fn take_field(config: &mut TrainConfig, published: &Published) {
+    let scale = Scale::of(&config.method.field, &config.optimizer);
+    config.method.field = scale.field(&published.field);
+    config.optimizer = scale.rates(&published.rates, &config.optimizer);
+    // Cells are as published, beside time gaps as elsewhere.
+    if let Some(gaps) = &mut config.extensions.gaps {
+        gaps.coarsen = 1.0;
+    }
+}
+
+/// Every Gaussian becomes dynamic, and there may be as many as of both kinds otherwise.
+fn deform_everything(config: &mut TrainConfig, decomposition: Decomposition) {
+    config.method.decomposition = decomposition;
     let densify = &mut config.densify;
     densify.static_set.max_gaussians += densify.dynamic.max_gaussians;
     // They have what the static ones leave, which is all.
     densify.dynamic.max_gaussians = 0;
-    densify.dynamic.during[0] = config.method.stages[0];
     let extensions = &mut config.extensions;
     extensions.demotion = None;
     // What is a crowd among dynamic Gaussians is none where all are.
     extensions.crowding = None;
-    // It helps to follow motion, which these do not.
+}
+
+/// A field deforms every Gaussian from the warm-up on, by itself: what the preset does to find and follow motion is left
+/// out, and warm-up, density control and opacity resets come when the schedule says.
+fn field_alone(config: &mut TrainConfig, schedule: &Schedule) {
+    deform_everything(config, Decomposition::All);
+    let warmup = schedule.share(schedule.warmup);
+    config.method.stages = [warmup, config.method.stages[1].max(warmup)];
+    let iterations = config.iterations;
+    let densify = &mut config.densify;
+    let [from, until] = schedule.densify.map(|step| schedule.share(step));
+    densify.static_set.during = [from, until];
+    densify.dynamic.during = [from.max(warmup), until];
+    let interval = schedule.opacity_reset_interval;
+    let interval = interval.map(|interval| schedule.interval(interval, iterations));
+    densify.static_set.opacity_reset_interval = interval;
+    densify.dynamic.opacity_reset_interval = interval;
+    let extensions = &mut config.extensions;
+    extensions.following = None;
+    // The rates of what is followed, and the steadiness of its motion.
     if let Some(rates) = &mut extensions.capture_rates {
         rates.monocular = 1.0;
     }
-    // It costs them, which ask the field for so many, more steps than it is worth.
     if let Some(gaps) = &mut extensions.gaps {
         gaps.steadiness = 0.0;
     }
 }
 
-/// Grids of 3 dimensions instead of 4. They have fewer hash collisions than the 4D grid, so their resolution is
-/// not lowered for that.
-fn three_dimensional_grids(config: &mut TrainConfig) {
-    let field = &mut config.method.field;
-    field.representation = Representation::Grid4d;
-    field.resolution[1] = field.resolution[1].max(64);
-}
-
 #[cfg(test)]
 mod tests {
+    use std::sync::Arc;
+
+    use burn::tensor::Device;
     use clap::ValueEnum;
 
     use super::*;
-    use crate::train::Preset;
+    use crate::synth;
+    use crate::train::config::tests::small;
     use crate::train::core::CaptureFacts;
+    use crate::train::{Preset, Trainer};
 
     #[test]
     fn every_method_is_a_valid_configuration_of_every_preset() {
@@ -254,21 +269,97 @@ mod tests {
     }
 
     #[test]
-    fn grids_that_methods_bring_are_as_fine_with_gaps() {
+    fn published_cells_are_as_fine_with_gaps() {
         let preset = TrainConfig::preset(Preset::Quick);
         for (method, cells) in [
-            (Method::HexPlane, 128),
-            (Method::Grid4d, 64),
-            (Method::Grid4dDecomposed, 64),
-            (Method::Embedding, 64),
-            (Method::Dash, 4),
-            (Method::WithoutDecomposition, 4),
-            (Method::WithoutRegulariser, 4),
+            (Method::HexPlane, 128.0),
+            (Method::HexPlaneDecomposed, 128.0),
+            (Method::Grid4d, 2048.0),
+            (Method::Grid4dDecomposed, 2048.0),
+            (Method::Dash, 4.0),
+            (Method::Hash, 4.0),
+            (Method::WithoutDecomposition, 4.0),
+            (Method::WithoutRegulariser, 4.0),
         ] {
             let config = method.of(&preset);
             let coarsen = config.extensions.gaps.expect("on").coarsen;
             let finest = config.method.field.resolution[1] as f32 * coarsen;
-            assert_eq!(finest, cells as f32, "{method}");
+            assert_eq!(finest, cells, "{method}");
         }
+    }
+
+    /// What a row of the 2 x 2 has in common, and what a column.
+    #[test]
+    fn representation_and_decomposition_are_changed_apart() {
+        let preset = TrainConfig::preset(Preset::Quick);
+        let of = |method: Method| method.of(&preset);
+        let [dash, hash] = [Method::Dash, Method::Hash].map(of);
+        for (with, without) in [
+            (Method::Dash, Method::Hash),
+            (Method::Grid4dDecomposed, Method::Grid4d),
+            (Method::HexPlaneDecomposed, Method::HexPlane),
+        ] {
+            let [with, without] = [with, without].map(of);
+            assert_eq!(with.method.field, without.method.field);
+            assert_eq!(with.optimizer, without.optimizer);
+            assert_eq!(with.method.stages, dash.method.stages);
+            assert_eq!(with.densify, dash.densify);
+            assert_eq!(with.extensions.following, dash.extensions.following);
+            assert_eq!(without.method.decomposition, Decomposition::All);
+            assert_eq!(without.extensions.following, None);
+        }
+        let grid4d = of(Method::Grid4d);
+        assert_eq!(grid4d.method.stages, hash.method.stages);
+        assert_eq!(grid4d.densify, hash.densify);
+    }
+
+    #[test]
+    fn other_methods_keep_their_authors_schedule() {
+        let preset = TrainConfig::preset(Preset::Quick);
+        let of = |method: Method| {
+            let config = method.of(&preset);
+            let dynamic = config.densify.dynamic;
+            let reset = dynamic.opacity_reset_interval;
+            (config.method.stages[0], dynamic.during, reset)
+        };
+        // 6,000 of 50,000 steps are 720 of 6,000.
+        assert_eq!(of(Method::Grid4d), (0.06, [0.06, 0.3], Some(720)));
+        assert_eq!(of(Method::Embedding), (0.0, [0.0625, 1.0], None));
+        let (warmup, during, reset) = of(Method::HexPlane);
+        assert_eq!((warmup, during), (3.0 / 17.0, [3.0 / 17.0, 13.0 / 17.0]));
+        assert_eq!(reset, None);
+    }
+
+    #[test]
+    fn without_decomposition_every_gaussian_keeps_its_coarse_motion() {
+        let mut preset = small(&["iterations=40"]);
+        preset.seed = 3;
+        let dataset = Arc::new(synth::loaded(4, 4, [32, 24]));
+        let trained = |method: Method| {
+            let config = method.of(&preset);
+            let mut trainer =
+                Trainer::new(config, dataset.clone(), &Device::flex()).expect("valid");
+            while !trainer.is_finished() {
+                trainer.step().expect("trains");
+            }
+            let scene = trainer.scene();
+            let dynamic = scene.dynamic.as_ref().expect("something moves");
+            let trajectories = dynamic.gaussians.trajectories.as_ref();
+            let moves = trajectories.map(|own| own.val().abs().sum().into_scalar::<f32>());
+            (scene.counts().0, moves)
+        };
+        let (n_static, moves) = trained(Method::WithoutDecomposition);
+        assert_eq!(n_static, 0);
+        assert!(moves.expect("trajectories") > 0.0);
+        for method in [
+            Method::Hash,
+            Method::HexPlane,
+            Method::Grid4d,
+            Method::Embedding,
+        ] {
+            assert_eq!(trained(method), (0, None), "{method}");
+        }
+        let (n_static, moves) = trained(Method::Dash);
+        assert!(n_static > 0 && moves.is_some());
     }
 }

@@ -1,16 +1,21 @@
 //! Compares methods for dynamic scenes on the same data at the same cost.
 //!
-//! Every method changes one preset ([`Method::of`]) and trains for the same seconds. Short runs of a method's own
-//! schedule estimate how many steps fit. Its first run is repeated with another number of steps while it misses the
-//! budget by more than 5 %, at most three times. Seconds are corrected for the machine's speed: every two seconds
-//! the steps of a reference run are timed against those of the comparison's beginning (`OUT/speed.toml`). Each run
-//! is an ordinary run folder, `OUT/METHOD/seed-S`.
+//! Every method changes one preset ([`Method::of`]) and trains for the same steps or for the same seconds. Short runs of
+//! a method's own schedule estimate how many steps fit the seconds. Its first run is repeated with another number of
+//! steps while it misses them by more than 5 %, at most three times. Seconds are corrected for the machine's speed: every
+//! two seconds the steps of a reference run are timed against those of the comparison's beginning (`OUT/speed.toml`).
+//! Each run is an ordinary run folder, `OUT/METHOD/seed-S`. [`tables`] says where `dash` stands.
 
 mod budget;
 mod gauge;
+mod lead;
 mod method;
+#[cfg(test)]
+mod page;
+mod tables;
 mod training;
 
+use std::fmt;
 use std::path::Path;
 use std::sync::Arc;
 
@@ -18,7 +23,9 @@ use burn::tensor::Device;
 use serde::{Deserialize, Serialize};
 
 pub use budget::Budget;
+pub use lead::{Lead, Standing};
 pub use method::Method;
+pub use tables::tables;
 use training::Training;
 
 use crate::Error;
@@ -28,12 +35,31 @@ use crate::numbers::median_and_range;
 use crate::results::{Results, scored};
 use crate::train::{DataConfig, RunFolder, StepReport, TrainConfig, check_dataset};
 
+/// How long each run trains.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Length {
+    /// For so many seconds, at the speed that the machine has when the comparison begins.
+    Seconds(f64),
+    /// For so many steps.
+    Steps(usize),
+}
+
+impl fmt::Display for Length {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Seconds(seconds) => write!(f, "{seconds} s"),
+            Self::Steps(steps) => write!(f, "{steps} steps"),
+        }
+    }
+}
+
 /// What is compared: `OUT/compare.toml`.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Comparison {
-    /// Training seconds that each run should take, at the speed that the machine has when the comparison begins.
-    pub budget_secs: f64,
+    /// How long each run trains.
+    pub length: Length,
     /// Measurements along each run.
     pub curve: usize,
     /// The data and the device.
@@ -108,12 +134,15 @@ impl Comparison {
         let mut runs = Vec::new();
         for &method in methods {
             // All seeds of a method take the same number of steps.
-            let mut iterations = None;
+            let mut iterations = match self.length {
+                Length::Steps(steps) => Some(steps),
+                Length::Seconds(_) => None,
+            };
             for seed in 0..seeds {
                 let root = out.join(method.folder()).join(format!("seed-{seed}"));
                 let (run, results) = match scored(&root)? {
                     Some(finished) => finished,
-                    None => training.run_within_budget(method, seed, iterations, &root)?,
+                    None => training.run(method, seed, iterations, &root)?,
                 };
                 iterations = Some(results.iterations);
                 runs.push(ComparedRun {

@@ -1,4 +1,4 @@
-//! Trains the runs of a comparison, each for the budget.
+//! Trains the runs of a comparison, each for so many steps or seconds.
 
 use std::fs;
 use std::io::Write;
@@ -11,7 +11,7 @@ use dash_model::unfinished::discard;
 use serde::{Deserialize, Serialize};
 
 use super::gauge::Gauge;
-use super::{Budget, Comparison, Method, Observer};
+use super::{Budget, Comparison, Length, Method, Observer};
 use crate::Error;
 use crate::dataset::{Dataset, Partition};
 use crate::process::reset_peak_memory;
@@ -38,9 +38,9 @@ pub(super) struct Training<'a> {
 }
 
 impl Training<'_> {
-    /// Trains a run of so many steps; without a number, of as many as the budget allows, again with another
-    /// number where the run misses it.
-    pub(super) fn run_within_budget(
+    /// Trains a run of so many steps; without a number, of as many as the seconds allow, again with another number
+    /// where the run misses them.
+    pub(super) fn run(
         &mut self,
         method: Method,
         seed: u64,
@@ -50,28 +50,41 @@ impl Training<'_> {
         if self.gauge.is_none() {
             self.gauge = Some(self.measure_speed()?);
         }
-        let budget = Budget {
-            seconds: self.comparison.budget_secs,
-        };
         let mut config = method.of(&self.comparison.preset);
         config.seed = seed;
-        config.iterations = match iterations {
-            Some(iterations) => iterations,
-            None => self.try_budget(budget, method, &config)?,
-        };
+        match (self.comparison.length, iterations) {
+            (_, Some(steps)) | (Length::Steps(steps), None) => {
+                config.iterations = steps;
+                self.observer.begin(method, seed, steps, false);
+                self.train(config, root)
+            }
+            (Length::Seconds(seconds), None) => {
+                self.run_within(Budget { seconds }, method, config, root)
+            }
+        }
+    }
+
+    /// Trains a run of as many steps as a budget allows.
+    fn run_within(
+        &mut self,
+        budget: Budget,
+        method: Method,
+        mut config: TrainConfig,
+        root: &Path,
+    ) -> Result<(RunFolder, Results), Error> {
+        config.iterations = self.try_budget(budget, method, &config)?;
         let mut tried = Vec::new();
         loop {
-            self.observer.begin(method, seed, config.iterations, false);
+            self.observer
+                .begin(method, config.seed, config.iterations, false);
             let trained = self.train(config.clone(), root)?;
             let secs = trained.1.train_seconds.unwrap_or(budget.seconds);
             tried.push((config.iterations, secs));
-            match budget.corrected(&tried) {
-                Some(corrected) if iterations.is_none() => {
-                    config.iterations = corrected;
-                    fs::remove_dir_all(root).map_err(|e| Error::io(root, "remove", e))?;
-                }
-                _ => return Ok(trained),
-            }
+            let Some(corrected) = budget.corrected(&tried) else {
+                return Ok(trained);
+            };
+            config.iterations = corrected;
+            fs::remove_dir_all(root).map_err(|e| Error::io(root, "remove", e))?;
         }
     }
 

@@ -61,8 +61,10 @@ impl Cell {
             Self::Text(text) => text.clone(),
             Self::Number(value, decimals) => rounded(*value, *decimals),
             Self::Spread([value, low, high], decimals) => {
+                // Beside a minus a dash is hard to read.
+                let to = if *low < 0.0 { " to " } else { "–" };
                 let [value, low, high] = [value, low, high].map(|v| rounded(*v, *decimals));
-                format!("{value} ({low}–{high})")
+                format!("{value} ({low}{to}{high})")
             }
             Self::Missing => "-".into(),
         }
@@ -123,6 +125,41 @@ impl Table {
             lines.push(fields.join(","));
         }
         lines.join("\r\n") + "\r\n"
+    }
+
+    /// The title and the rows for a terminal: columns aligned, numbers at their right, then the caption.
+    pub fn text(&self) -> String {
+        let header = self.columns.iter().map(|name| (name.clone(), false));
+        let mut rows: Vec<Vec<(String, bool)>> = vec![header.collect()];
+        for row in &self.rows {
+            let cells = row
+                .iter()
+                .map(|cell| (cell.shown(), !matches!(cell, Cell::Text(_))));
+            rows.push(cells.collect());
+        }
+        let width = |column: usize| {
+            let cells = rows.iter().filter_map(|row| row.get(column));
+            cells
+                .map(|(text, _)| text.chars().count())
+                .max()
+                .unwrap_or(0)
+        };
+        let widths: Vec<usize> = (0..self.columns.len()).map(width).collect();
+        let lines = rows.iter().map(|row| {
+            let cells = row.iter().zip(&widths);
+            let cells: Vec<String> = cells
+                .map(|((text, is_number), &width)| match is_number {
+                    true => format!("{text:>width$}"),
+                    false => format!("{text:width$}"),
+                })
+                .collect();
+            cells.join("  ").trim_end().to_string()
+        });
+        let mut lines: Vec<String> = std::iter::once(self.title.clone()).chain(lines).collect();
+        if !self.caption.is_empty() {
+            lines.push(self.caption.clone());
+        }
+        lines.join("\n")
     }
 
     /// The table for a page.
@@ -201,6 +238,26 @@ mod tests {
     }
 
     #[test]
+    fn on_a_terminal_columns_are_aligned() {
+        let table = Table {
+            title: "Scores".into(),
+            caption: "Of one seed.".into(),
+            columns: ["method", "PSNR", "is"].map(Into::into).into(),
+            rows: vec![
+                vec![
+                    Cell::Text("a".into()),
+                    Cell::Number(1.0, 1),
+                    Cell::Text("low".into()),
+                ],
+                vec![Cell::Text("b".into()), Cell::Missing, Cell::Text("".into())],
+            ],
+            ..Table::default()
+        };
+        let lines = "Scores\nmethod  PSNR  is\na        1.0  low\nb          -\nOf one seed.";
+        assert_eq!(table.text(), lines);
+    }
+
+    #[test]
     fn a_turned_table_has_its_columns_as_rows() {
         let table = Table {
             columns: ["group", "PSNR"].map(Into::into).into(),
@@ -226,5 +283,12 @@ mod tests {
         assert_eq!(Cell::Number(1.5e-7, 2).shown(), "1.50e-7");
         assert_eq!(Cell::Number(0.0, 2).shown(), "0.00");
         assert_eq!(Cell::Number(12345.6, 1).shown(), "12,345.6");
+    }
+
+    #[test]
+    fn a_range_below_zero_is_told_in_words() {
+        let shown = |low: f64| Cell::Spread([1.0, low, 2.0], 1).shown();
+        assert_eq!(shown(0.5), "1.0 (0.5–2.0)");
+        assert_eq!(shown(-0.5), "1.0 (−0.5 to 2.0)");
     }
 }

@@ -150,6 +150,7 @@ fn field(scale: f32, device: &Device) -> Result<DeformationField, Error> {
     let config = DeformationConfig {
         representation: Representation::Hash,
         heads: Heads::default(),
+        temporal: None,
         encoder: HashEncoderConfig {
             n_levels: 4,
             n_features_per_level: 2,

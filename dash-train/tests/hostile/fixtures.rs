@@ -298,6 +298,7 @@ fn scene(tables: Option<Tables>) -> Vec<u8> {
     let config = DeformationConfig {
         representation: Representation::Hash,
         heads: Heads::default(),
+        temporal: None,
         encoder: HashEncoderConfig {
             n_levels: 2,
             n_features_per_level: 1,

@@ -51,11 +51,18 @@ fn assert_near(found: &[f32], expected: &[f32]) {
 fn heads_side_by_side_are_the_heads_by_name() {
     let heads = Heads {
         appearance: true,
+        sh_rest: 3,
         ..Heads::default()
     };
     let (decoder, features) = (decoder(&heads), [0.3, -0.8, 0.5]);
     let named = decoder.named();
-    let names = ["head_means", "head_quats", "head_scales", "head_appearance"];
+    let names = [
+        "head_means",
+        "head_quats",
+        "head_scales",
+        "head_appearance",
+        "head_sh_rest",
+    ];
     let expected = names.map(|head| by_name(&named, &features, head)).concat();
     assert_near(&outputs(&decoder, &features), &expected);
     // Pruning a head leaves the others unchanged.

@@ -13,9 +13,10 @@ pub(super) fn features(
     embeddings: &[f64],
 ) -> Vec<f64> {
     let hashed = config.encoder.log2_hashmap_size;
-    let grid = |axes: &[usize], log2: u32, table: &str| {
-        grid_features(&config.encoder, axes, log2, &values[table], points)
+    let of = |encoder: &HashEncoderConfig, axes: &[usize], log2: u32, table: &str| {
+        grid_features(encoder, axes, log2, &values[table], points)
     };
+    let grid = |axes: &[usize], log2: u32, table: &str| of(&config.encoder, axes, log2, table);
     let width = config.encoder.n_levels * config.encoder.n_features_per_level;
     match config.representation {
         Representation::Hash => grid(&[0, 1, 2, 3], hashed, "table"),
@@ -31,24 +32,29 @@ pub(super) fn features(
         }
         Representation::Grid4d => {
             let spatial = grid(&[0, 1, 2], hashed, "spatial.table");
+            let with_time = config.temporal.as_ref().unwrap_or(&config.encoder);
+            let (log2, of_time) = (
+                with_time.log2_hashmap_size,
+                with_time.n_levels * with_time.n_features_per_level,
+            );
             let temporal: Vec<Vec<f64>> = [[0, 1, 3], [1, 2, 3], [0, 2, 3]]
                 .iter()
                 .enumerate()
-                .map(|(k, axes)| grid(axes, hashed, &format!("temporal.{k}.table")))
+                .map(|(k, axes)| of(with_time, axes, log2, &format!("temporal.{k}.table")))
                 .collect();
             let joined: Vec<f64> = (0..N)
                 .flat_map(|row| {
                     let grids = temporal.iter();
-                    grids.flat_map(move |grid| &grid[row * width..(row + 1) * width])
+                    grids.flat_map(move |grid| &grid[row * of_time..(row + 1) * of_time])
                 })
                 .copied()
                 .collect();
             let weights = layer(values, &spatial, width, "attention.layers.0");
-            let weighted = layer(values, &joined, 3 * width, "decoder.layers.0");
+            let weighted = layer(values, &joined, 3 * of_time, "decoder.layers.0");
             weights
                 .iter()
                 .zip(&weighted)
-                .map(|(w, v)| (2.0 / (1.0 + (-w).exp()) - 1.0) * v)
+                .map(|(w, v)| (2.0 / (1.0 + (-w).exp()) - 1.0) * v.max(0.0))
                 .collect()
         }
         Representation::Embedding => {
@@ -57,7 +63,7 @@ pub(super) fn features(
                 rows.extend(&embeddings[row * width..(row + 1) * width]);
                 for k in 0..2 {
                     let table = &values[&format!("times.{k}")];
-                    rows.extend(interpolated(table, width.div_ceil(2), point[3]));
+                    rows.extend(interpolated(table, 8 * width, point[3]));
                 }
             }
             rows

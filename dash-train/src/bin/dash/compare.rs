@@ -3,10 +3,12 @@
 use std::path::PathBuf;
 use std::sync::Arc;
 
-use clap::Args;
-use dash_train::compare::{ComparedRun, Comparison, Method, Observer, median_over_seeds};
+use clap::{ArgGroup, Args};
+use dash_train::compare::{
+    ComparedRun, Comparison, Length, Method, Observer, median_over_seeds, tables,
+};
 use dash_train::process::stop;
-use dash_train::report::{RunGroup, compared, read_run};
+use dash_train::report::{Block, RunGroup, compared, read_run};
 use dash_train::train::{Preset, StepReport};
 
 use crate::Shared;
@@ -17,16 +19,19 @@ use crate::progress::TrainProgress;
 use crate::summary;
 use crate::values;
 
-/// Train several methods on the same data for the same time, and compare them
+/// Train several methods on the same data for the same time or the same steps, and compare them
 #[derive(Args)]
-#[command(after_help = "Examples:
+#[command(group = ArgGroup::new("length").required(true), after_help = "Examples:
   dash compare out/room --budget 60 --out out/compare
-  dash compare zju313 --methods dash,hexplane,static --seeds 3 --budget 120 --downscale 2 --out out/zju
+  dash compare out/room --iterations 3000 --methods dash,hash,grid4d+dec,grid4d --out out/equal-steps
+  dash compare zju313 --methods dash,hexplane,static --budget 120 --downscale 2 --out out/zju
 
 Methods: dash (the preset); w/o-dec, w/o-ctrl, w/o-reg (without the decomposition, density control of what
-moves, the regulariser); hexplane (4DGaussians' planes), grid4d, grid4d+dec, embedding (E-D3DGS); static
-(3DGS). All use this project's rasterizer, density control and learning rates. Each run is a run's folder,
-OUT/METHOD/seed-S; OUT/report.html is a page of all; the same command again trains what is missing.")]
+moves, the regulariser); hash (its 4D grid alone, without following and decomposition); hexplane (4DGaussians'
+planes), grid4d, and both with +dec; embedding (E-D3DGS); static (3DGS). All use this project's rasterizer and
+density control; sizes, learning rates and schedules of other methods are their authors'. Each run is a run's
+folder, OUT/METHOD/seed-S; OUT/report.html is a page of all; the same command again trains what is missing.
+Below the table stands where dash is ahead, level or behind, by its seeds.")]
 pub struct CompareArgs {
     /// The dataset's folder, in any of the layouts of `dash train`
     dataset: PathBuf,
@@ -37,11 +42,14 @@ pub struct CompareArgs {
     #[arg(long, value_enum, value_delimiter = ',', value_name = "LIST")]
     methods: Vec<Method>,
     /// Runs of each method, from seeds 0, 1, ..
-    #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u64).range(1..))]
+    #[arg(long, value_name = "N", default_value_t = 3, value_parser = clap::value_parser!(u64).range(1..))]
     seeds: u64,
     /// Training time of each run, such as 60s or 5min; how many steps that is, short runs tell
-    #[arg(long, value_name = "TIME", value_parser = values::seconds)]
-    budget: f64,
+    #[arg(long, value_name = "TIME", group = "length", value_parser = values::seconds)]
+    budget: Option<f64>,
+    /// Training steps of each run, in place of seconds
+    #[arg(long, value_name = "N", group = "length", value_parser = clap::value_parser!(u32).range(1..))]
+    iterations: Option<u32>,
     /// Measurements along each run
     #[arg(long, value_name = "N", default_value_t = 12)]
     curve: usize,
@@ -56,7 +64,13 @@ pub struct CompareArgs {
     set: Vec<String>,
     #[command(flatten)]
     data: DataArgs,
+    /// The data had a say in the choice of a method's values: the tables are marked
+    #[arg(long)]
+    had_a_say: bool,
 }
+
+/// What marks tables of data that had a say in the choice of a method's values.
+const HAD_A_SAY: &str = "This data had a say in the choice of a method's values.";
 
 pub fn run(args: &CompareArgs, shared: &Shared) -> Result<String, Failure> {
     let file = ConfigFile::read(args.config.as_deref())?;
@@ -64,7 +78,7 @@ pub fn run(args: &CompareArgs, shared: &Shared) -> Result<String, Failure> {
         preset: Some(args.preset),
         file: args.config.as_deref(),
         assignments: &args.set,
-        iterations: None,
+        iterations: args.iterations.map(|steps| steps as usize),
         seed: None,
         keep: None,
     };
@@ -73,8 +87,12 @@ pub fn run(args: &CompareArgs, shared: &Shared) -> Result<String, Failure> {
     let device = choice.device()?;
     let (data, dataset) = args.data.load(&args.dataset, &file.data, choice)?;
     let dataset = Arc::new(dataset);
+    let length = match args.budget {
+        Some(seconds) => Length::Seconds(seconds),
+        None => Length::Steps(preset.iterations),
+    };
     let comparison = Comparison {
-        budget_secs: args.budget,
+        length,
         curve: args.curve,
         data,
         preset,
@@ -111,11 +129,23 @@ pub fn run(args: &CompareArgs, shared: &Shared) -> Result<String, Failure> {
             }),
         }
     }
-    let title = format!("{}: methods at {} s of training", dataset.name, args.budget);
-    compared(title, &groups).write(&args.out)?;
+    let title = format!("{}: methods at {length} of training", dataset.name);
+    let mut report = compared(title, &groups);
+    let mut told = table(&methods, &runs);
+    let mut blocks = Vec::new();
+    if args.had_a_say {
+        told.push_str(&format!("\n{HAD_A_SAY}"));
+        blocks.push(Block::Text(HAD_A_SAY.into()));
+    }
+    for table in tables(&runs) {
+        told.push_str(&format!("\n\n{}", table.text()));
+        blocks.push(Block::Table(table));
+    }
+    // Behind the summary.
+    report.blocks.splice(1..1, blocks);
+    report.write(&args.out)?;
     Ok(format!(
-        "{}\nwritten to {}; open {}",
-        table(&methods, &runs),
+        "{told}\nwritten to {}; open {}",
         args.out.display(),
         args.out.join("report.html").display()
     ))
@@ -153,7 +183,7 @@ impl Observer for Told<'_> {
 /// One line per method: medians over its seeds.
 fn table(methods: &[Method], runs: &[ComparedRun]) -> String {
     let mut lines = vec![
-        "method      seeds    secs   steps   PSNR  moving   SSIM  static + dynamic    fps      size"
+        "method       seeds    secs   steps   PSNR  moving   SSIM  static + dynamic    fps      size"
             .to_string(),
     ];
     for &method in methods {
@@ -163,7 +193,7 @@ fn table(methods: &[Method], runs: &[ComparedRun]) -> String {
             value.map_or("-".to_string(), |value| format!("{value:.digits$}"))
         };
         lines.push(format!(
-            "{:11} {:5} {:>7} {:>7} {:>6} {:>7} {:>6} {:>8} + {:<7} {:>6} {:>9}",
+            "{:12} {:5} {:>7} {:>7} {:>6} {:>7} {:>6} {:>8} + {:<7} {:>6} {:>9}",
             method.name(),
             of.len(),
             shown(median(|run| run.results.train_seconds), 1),

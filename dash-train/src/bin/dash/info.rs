@@ -157,6 +157,11 @@ fn settings(table: &mut Table, config: &TrainConfig, ends: Option<StageEnds>) {
         Decomposition::Moving => {
             format!("warm-up to step {warmup}, decomposition to {found}, 4D to {end}")
         }
+        Decomposition::AllWithMotion => {
+            format!(
+                "warm-up to step {warmup}, coarse motion to {found}, then everything in 4D to {end}"
+            )
+        }
         Decomposition::All => {
             format!("warm-up to step {warmup}, then everything in 4D to {end}")
         }

@@ -4,21 +4,23 @@ use dash_model::{DeformationConfig, HashEncoderConfig, Heads, OffsetPlacement, R
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
+use super::published::{GRID4D_TEMPORAL_RESOLUTION, plane_features, temporal_levels};
 use crate::train::core::CaptureFacts;
 
 /// Features of the levels of a hash grid. Source: Instant-NGP.
 pub(crate) const FEATURES_PER_LEVEL: usize = 2;
-/// Features of the levels of feature planes. Source: 4DGaussians' sum over its planes.
-const PLANE_FEATURES: usize = 8;
-/// Hidden layers of the decoder. Source: the released code.
+/// Hidden layers of the decoder. Source: the released code; 4DGaussians and E-D3DGS have as many, the last one for each
+/// head.
 pub(crate) const LAYERS: usize = 2;
+/// The same behind Grid4D's weighted features. Source: Grid4D, arguments/__init__.py.
+const GRID4D_LAYERS: usize = 1;
 
 /// DASH: stages, decomposition, fields.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct MethodConfig {
-    /// Which Gaussians become dynamic: those that the coarse field found to move, all right after the warm-up as in
-    /// methods without a decomposition, or none as in 3DGS.
+    /// Which Gaussians become dynamic: those that the coarse field found to move, all with the coarse motion that it found,
+    /// all right after the warm-up as in methods without either, or none as in 3DGS.
     pub decomposition: Decomposition,
     /// Ends of the warm-up and of the decomposition, as shares of the run. Source: released code, 0.04 and 0.08.
     pub stages: [f32; 2],
@@ -95,6 +97,8 @@ pub enum TimeResolution {
     UpToFrames(u32),
     /// From the first number to the second.
     Fixed([u32; 2]),
+    /// From the first number to the second for 300 frames, and in proportion for others.
+    Of300Frames([u32; 2]),
 }
 
 /// Which Gaussians become dynamic.
@@ -103,6 +107,8 @@ pub enum TimeResolution {
 pub enum Decomposition {
     /// Those that the coarse motion field found to move.
     Moving,
+    /// All of them, with the coarse motion that the field found.
+    AllWithMotion,
     /// All of them, right after the warm-up.
     All,
     /// None: static 3DGS.
@@ -169,29 +175,45 @@ impl MethodConfig {
     pub(crate) fn deformation(&self, facts: &CaptureFacts) -> DeformationConfig {
         let field = &self.field;
         let time = field.time_resolution.cells(facts);
-        let [base, finest] = [0, 1].map(|k| {
-            let space = field.resolution[k];
-            vec![space, space, space, time[k]]
-        });
-        let features = match field.representation {
-            Representation::HexPlane => PLANE_FEATURES,
-            _ => FEATURES_PER_LEVEL,
+        let cells = |space: [u32; 2]| {
+            [0, 1].map(|k| {
+                let side = space[k];
+                vec![side, side, side, time[k]]
+            })
         };
+        let (features, layers) = match field.representation {
+            Representation::HexPlane => (plane_features(field.hidden), LAYERS),
+            Representation::Grid4d => (FEATURES_PER_LEVEL, GRID4D_LAYERS),
+            Representation::Hash | Representation::Embedding => (FEATURES_PER_LEVEL, LAYERS),
+        };
+        let log2 = field.log2_hashmap_size;
+        let temporal = (field.representation == Representation::Grid4d).then(|| {
+            self.encoder(
+                temporal_levels(field.n_levels),
+                features,
+                log2,
+                cells(GRID4D_TEMPORAL_RESOLUTION),
+            )
+        });
         DeformationConfig {
             representation: field.representation,
             heads: Heads {
-                appearance: field.representation == Representation::Embedding,
+                appearance: self.deforms_colour(),
                 ..Heads::default()
             },
-            encoder: self.encoder(
-                field.n_levels,
-                features,
-                field.log2_hashmap_size,
-                [base, finest],
-            ),
+            encoder: self.encoder(field.n_levels, features, log2, cells(field.resolution)),
+            temporal,
             hidden: field.hidden,
-            layers: LAYERS,
+            layers,
         }
+    }
+
+    /// Whether the field changes opacities and all colour coefficients, as 4DGaussians and E-D3DGS do on Neural 3D Video.
+    pub(crate) fn deforms_colour(&self) -> bool {
+        matches!(
+            self.field.representation,
+            Representation::HexPlane | Representation::Embedding
+        )
     }
 
     /// Where rotation and scale offsets are added.
@@ -237,6 +259,10 @@ impl TimeResolution {
             Self::PerFrame => [per_frame; 2],
             Self::UpToFrames(base) => [per_frame.min(base), per_frame],
             Self::Fixed(cells) => cells,
+            Self::Of300Frames(cells) => cells.map(|cells| {
+                let share = facts.n_frames as f64 / 300.0;
+                ((f64::from(cells) * share).round() as u32).max(2)
+            }),
         }
     }
 }

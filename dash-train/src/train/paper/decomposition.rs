@@ -18,7 +18,9 @@ impl Run<Dash> {
     pub(super) fn decompose(&mut self) -> Result<(), Error> {
         let coefficients = self.coefficients()?;
         let mask = match (self.method.config.decomposition, &coefficients) {
-            (Decomposition::All, _) => vec![true; self.scene.static_set.len()],
+            (Decomposition::All | Decomposition::AllWithMotion, _) => {
+                vec![true; self.scene.static_set.len()]
+            }
             (_, None) => return Ok(()),
             (_, Some(_)) => self.moving()?,
         };
@@ -45,6 +47,9 @@ impl Run<Dash> {
             let coefficients = to_host(coefficients);
             dynamic_rows.trajectory_width = width;
             dynamic_rows.trajectories = dash_model::gather_rows(&coefficients, width, &moving);
+        }
+        if self.method.config.deforms_colour() {
+            self.method.field.heads.sh_rest = dynamic_rows.sh_rest_width / 3;
         }
         let field = &self.method.field;
         dynamic_rows.embedding_width = field.embedding_width();

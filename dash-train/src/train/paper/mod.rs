@@ -13,6 +13,7 @@ mod config;
 mod decomposition;
 mod method;
 mod motion;
+pub mod published;
 mod smoothness;
 mod stages;
 mod state;

@@ -78,7 +78,9 @@ impl Dash {
         let [warmup, decomposition] = self.config.stages;
         let end = match self.config.decomposition {
             Decomposition::All => warmup,
-            Decomposition::Moving | Decomposition::None => decomposition,
+            Decomposition::Moving | Decomposition::AllWithMotion | Decomposition::None => {
+                decomposition
+            }
         };
         [warmup, warmup + self.handover * (end - warmup), end]
     }

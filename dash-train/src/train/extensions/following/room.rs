@@ -15,7 +15,10 @@ const SHORT_DENSIFY: [f32; 2] = [0.75, 0.85];
 /// takes of the time in which every Gaussian goes alone first, then of the warm-up, and only then puts off the
 /// decomposition.
 pub(super) fn make_room(run: &mut Run<Dash>, min_steps: usize) {
-    let follows = run.method.config.decomposition == Decomposition::Moving;
+    let follows = matches!(
+        run.method.config.decomposition,
+        Decomposition::Moving | Decomposition::AllWithMotion
+    );
     let [warmup, end] = run.method.config.stages;
     let share = run.method.handover * (end - warmup);
     let step = 1.0 / run.config.iterations as f32;

@@ -176,6 +176,9 @@ pub(super) fn directions(trials: &mut Trials, shares: &[f32]) -> Result<(), Erro
         rows.sh_rest_width = 0;
         *set = Gaussians::from_rows(&rows, &set.means.device());
     });
+    if let Some(dynamic) = &mut scene.dynamic {
+        dynamic.field = dynamic.field.without_sh_rest();
+    }
     let plain = Candidate {
         part: "colour that depends on the direction".into(),
         reason: trials.may_cost(),
