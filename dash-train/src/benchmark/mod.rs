@@ -105,10 +105,14 @@ impl Benchmark {
         observer: &mut dyn Observer,
     ) -> Result<Vec<SceneRuns>, Error> {
         DroppedCamera::check(&self.drop_cameras, self.protocol.protocol())?;
+        // What is wrong with a scene is said before the first is trained.
+        let scenes = found.scenes.iter();
+        let prepared: Vec<Prepared> = scenes
+            .map(|(scene, folder)| Prepared::of(self, scene, folder))
+            .collect::<Result<_, _>>()?;
         claim(out, "benchmark.toml", self, "benchmark")?;
         let mut all = Vec::new();
-        for (scene, folder) in &found.scenes {
-            let prepared = Prepared::of(self, scene, folder)?;
+        for ((scene, folder), prepared) in found.scenes.iter().zip(prepared) {
             observer.scene(scene, &prepared);
             let mut dataset = None;
             let mut of_scene = SceneRuns {

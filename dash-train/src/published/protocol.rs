@@ -109,9 +109,7 @@ impl Scene {
     /// Whether a folder of this name may hold the scene, in upper or lower case.
     pub fn is_called(&self, name: &str) -> bool {
         let same = |own: &&str| own.eq_ignore_ascii_case(name);
-        std::iter::once(&self.name)
-            .chain(self.aliases)
-            .any(|own| same(&own))
+        std::iter::once(&self.name).chain(self.aliases).any(same)
     }
 }
 

@@ -94,12 +94,10 @@ pub fn run(args: &BenchmarkArgs, shared: &Shared) -> Result<String, Failure> {
         drop_cameras: args.drop_cameras.clone(),
         train,
     };
-    for (name, value) in pinned(&benchmark) {
-        tracing::info!("{name}: {value}");
-    }
-    for scene in &found.missing {
-        tracing::info!("not there: {}", scene.name);
-    }
+    let pinned = pinned(&benchmark).into_iter();
+    let pinned = pinned.map(|(name, value)| format!("{name}: {value}"));
+    let missing = found.missing.iter();
+    let missing = missing.map(|scene| format!("not there: {}", scene.name));
     let perceptual = files.load(&device)?;
     let asked = stop::Asked::default();
     let options = RunOptions {
@@ -111,6 +109,7 @@ pub fn run(args: &BenchmarkArgs, shared: &Shared) -> Result<String, Failure> {
     let mut told = Told {
         shared,
         drops: &args.drop_cameras,
+        before: pinned.chain(missing).collect(),
         progress: None,
     };
     let way_on = "the same command goes on with what is missing";
@@ -145,6 +144,8 @@ pub fn run(args: &BenchmarkArgs, shared: &Shared) -> Result<String, Failure> {
 struct Told<'a> {
     shared: &'a Shared,
     drops: &'a [DroppedCamera],
+    /// What is told before the first scene, once nothing speaks against the benchmark.
+    before: Vec<String>,
     progress: Option<TrainProgress>,
 }
 
@@ -159,6 +160,9 @@ impl Told<'_> {
 impl Observer for Told<'_> {
     fn scene(&mut self, scene: &Scene, prepared: &Prepared) {
         self.end();
+        for line in self.before.drain(..) {
+            tracing::info!("{line}");
+        }
         let [width, height] = prepared.size;
         tracing::info!(
             "{}: {width}x{height}, {} frames, held out: {}",
