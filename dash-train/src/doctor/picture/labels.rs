@@ -72,7 +72,7 @@ mod tests {
     fn names_are_written_over_nothing() {
         let shape = bounds(&[[400.0, 380.0], [420.0, 400.0], [390.0, 395.0]]);
         assert_eq!(shape, [390.0, 380.0, 420.0, 400.0]);
-        let beside = [470.0, 380.0, 500.0, 400.0];
+        let beside = [430.0, 380.0, 460.0, 400.0];
         let mut labels = Labels::around(&[shape, beside]);
         let places: Vec<_> = (0..6).map(|_| labels.room(shape, "cam00")).collect();
         // On the right is another shape.
