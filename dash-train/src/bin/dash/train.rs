@@ -183,12 +183,12 @@ fn start(
     check_dataset(&dataset)?;
     let mut config = RunConfig::new(data, train);
     let dataset = Arc::new(dataset);
-    tell_held_out(&dataset);
     if let Some(budget) = args.budget {
         RunFolder::check_free(&args.out)?;
         config.train.iterations = steps_of(budget, &config.train, &dataset, &device, shared)?;
     }
     let run = RunFolder::create(&args.out, &config)?;
+    tell_held_out(&dataset);
     Ok((run, config, dataset))
 }
 
