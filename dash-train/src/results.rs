@@ -3,16 +3,18 @@
 use std::fs;
 use std::io::Write;
 use std::path::Path;
+use std::sync::Arc;
 
 use burn::tensor::Device;
 use dash_model::scene_file::write_atomically;
+use dash_model::unfinished::discard;
 use serde::{Deserialize, Serialize};
 
 use crate::Error;
 use crate::dataset::{Dataset, Partition};
 use crate::evaluate::{Evaluation, Perceptual, evaluate, storage_bytes};
-use crate::process::peak_memory_bytes;
-use crate::train::{Preset, RunFolder};
+use crate::process::{peak_memory_bytes, reset_peak_memory};
+use crate::train::{Preset, RunConfig, RunFolder, TrainOptions, train};
 
 /// `results.json`.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -50,6 +52,28 @@ pub enum Process {
 
 const TRAINING_MEMORY: &str = "most resident memory of the process that trained, dataset included";
 const EVALUATION_MEMORY: &str = "most resident memory of the process that evaluated, dataset included; that of training is not known";
+
+/// Trains one of a process' runs, scores its test views, and removes its checkpoints.
+///
+/// # Errors
+/// Those of [`train`] and [`evaluate_run`], and when the checkpoints can't be removed.
+pub(crate) fn train_and_score(
+    run: &RunFolder,
+    config: &RunConfig,
+    dataset: &Arc<Dataset>,
+    device: &Device,
+    perceptual: &Perceptual,
+    options: TrainOptions<'_>,
+) -> Result<Results, Error> {
+    reset_peak_memory();
+    train(run, &config.train, dataset.clone(), device, options)?;
+    let device = (device, config.data.device.as_str());
+    let process = Process::Trained;
+    let results = evaluate_run(run, dataset, Partition::Test, device, process, perceptual)?;
+    let checkpoints = run.checkpoints_path();
+    discard(&checkpoints).map_err(|e| Error::io(&checkpoints, "remove", e))?;
+    Ok(results)
+}
 
 /// Scores a finished run and writes `results.json` for its test views, `results_train.json` for its training
 /// views; `perceptual` holds what LPIPS needs, by default nothing.

@@ -4,15 +4,13 @@ use std::path::Path;
 use std::sync::Arc;
 
 use burn::tensor::Device;
-use dash_model::unfinished::discard;
 
 use super::{Benchmark, RunOptions};
 use crate::Error;
-use crate::dataset::{Dataset, Partition};
-use crate::process::reset_peak_memory;
-use crate::results::{Process, evaluate_run};
+use crate::dataset::Dataset;
+use crate::results::train_and_score;
 use crate::train::{
-    DataConfig, RunConfig, RunFolder, StepReport, TrainConfig, TrainOptions, check_dataset, train,
+    DataConfig, RunConfig, RunFolder, StepReport, TrainConfig, TrainOptions, check_dataset,
 };
 
 /// A scene whose runs are trained.
@@ -39,7 +37,6 @@ impl Training<'_> {
         };
         let config = RunConfig::new(self.data.clone(), config);
         let run = take_up(root, &config)?;
-        reset_peak_memory();
         let options = TrainOptions {
             resume: true,
             curve: 0,
@@ -48,23 +45,16 @@ impl Training<'_> {
             clock: None,
             additions: Default::default(),
         };
-        train(
+        let perceptual = self.options.perceptual;
+        train_and_score(
             &run,
-            &config.train,
-            self.dataset.clone(),
+            &config,
+            &self.dataset,
             self.device,
+            perceptual,
             options,
         )?;
-        evaluate_run(
-            &run,
-            &self.dataset,
-            Partition::Test,
-            (self.device, self.data.device.as_str()),
-            Process::Trained,
-            self.options.perceptual,
-        )?;
-        let checkpoints = run.checkpoints_path();
-        discard(&checkpoints).map_err(|e| Error::io(&checkpoints, "remove", e))
+        Ok(())
     }
 }
 

@@ -7,16 +7,14 @@ use std::sync::Arc;
 
 use burn::tensor::Device;
 use dash_model::scene_file::write_atomically;
-use dash_model::unfinished::discard;
 use serde::{Deserialize, Serialize};
 
 use super::gauge::Gauge;
 use super::{Budget, Comparison, Length, Method, Observer};
 use crate::Error;
-use crate::dataset::{Dataset, Partition};
-use crate::process::reset_peak_memory;
-use crate::results::{Process, Results, evaluate_run};
-use crate::train::{RunConfig, RunFolder, StepReport, TrainConfig, TrainOptions, train};
+use crate::dataset::Dataset;
+use crate::results::{Results, train_and_score};
+use crate::train::{RunConfig, RunFolder, StepReport, TrainConfig, TrainOptions};
 
 /// How fast the machine was when a comparison began: `OUT/speed.toml`.
 #[derive(Debug, Serialize, Deserialize)]
@@ -111,7 +109,6 @@ impl Training<'_> {
             fs::remove_dir_all(root).map_err(|e| Error::io(root, "remove", e))?;
         }
         let run = RunFolder::create(root, &config)?;
-        reset_peak_memory();
         let gauge = self.gauge.as_mut().expect("measured before any run");
         let options = TrainOptions {
             resume: false,
@@ -121,24 +118,15 @@ impl Training<'_> {
             stop: &|| false,
             additions: Default::default(),
         };
-        train(
+        let perceptual = Default::default();
+        let results = train_and_score(
             &run,
-            &config.train,
-            self.dataset.clone(),
+            &config,
+            self.dataset,
             self.device,
+            &perceptual,
             options,
         )?;
-        let name = (self.device, data.device.as_str());
-        let results = evaluate_run(
-            &run,
-            self.dataset,
-            Partition::Test,
-            name,
-            Process::Trained,
-            &Default::default(),
-        )?;
-        let checkpoints = run.checkpoints_path();
-        discard(&checkpoints).map_err(|e| Error::io(&checkpoints, "remove", e))?;
         Ok((run, results))
     }
 

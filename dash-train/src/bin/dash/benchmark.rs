@@ -17,7 +17,7 @@ use crate::Shared;
 use crate::configuration::{ConfigFile, Overrides};
 use crate::failure::Failure;
 use crate::lpips::LpipsArgs;
-use crate::progress::TrainProgress;
+use crate::progress::RunsProgress;
 use crate::summary::{self, Table};
 use crate::values;
 
@@ -107,15 +107,14 @@ pub fn run(args: &BenchmarkArgs, shared: &Shared) -> Result<String, Failure> {
         stop: &|| asked.now(),
     };
     let mut told = Told {
-        shared,
         drops: &args.drop_cameras,
         before: pinned.chain(missing).collect(),
-        progress: None,
+        progress: RunsProgress::new(shared),
     };
     let way_on = "the same command goes on with what is missing";
     stop::set_way_on(Some(way_on.into()));
     let outcome = benchmark.run(&found, &args.out, &device, &options, &mut told);
-    told.end();
+    told.progress.end();
     if let (Some(signal), Err(error)) = (asked.end(), &outcome) {
         let name = signal.name();
         let told = match error {
@@ -142,24 +141,15 @@ pub fn run(args: &BenchmarkArgs, shared: &Shared) -> Result<String, Failure> {
 
 /// Tells which run is going on, and how far it is.
 struct Told<'a> {
-    shared: &'a Shared,
     drops: &'a [DroppedCamera],
     /// What is told before the first scene, once nothing speaks against the benchmark.
     before: Vec<String>,
-    progress: Option<TrainProgress>,
-}
-
-impl Told<'_> {
-    fn end(&mut self) {
-        if let Some(progress) = self.progress.take() {
-            progress.finish();
-        }
-    }
+    progress: RunsProgress<'a>,
 }
 
 impl Observer for Told<'_> {
     fn scene(&mut self, scene: &Scene, prepared: &Prepared) {
-        self.end();
+        self.progress.end();
         for line in self.before.drain(..) {
             tracing::info!("{line}");
         }
@@ -183,15 +173,13 @@ impl Observer for Told<'_> {
     }
 
     fn begin(&mut self, scene: &Scene, seed: u64, iterations: usize) {
-        self.end();
+        self.progress.end();
         tracing::info!("training {}, seed {seed}, {iterations} steps", scene.name);
-        self.progress = Some(TrainProgress::new(iterations, self.shared));
+        self.progress.begin(iterations);
     }
 
     fn step(&mut self, report: &StepReport, seconds: f64) {
-        if let Some(progress) = &mut self.progress {
-            progress.step(report, seconds);
-        }
+        self.progress.step(report, seconds);
     }
 }
 

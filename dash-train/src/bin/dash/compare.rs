@@ -15,7 +15,7 @@ use crate::Shared;
 use crate::configuration::{ConfigFile, Overrides};
 use crate::data::DataArgs;
 use crate::failure::Failure;
-use crate::progress::TrainProgress;
+use crate::progress::RunsProgress;
 use crate::summary;
 use crate::values;
 
@@ -107,8 +107,7 @@ pub fn run(args: &CompareArgs, shared: &Shared) -> Result<String, Failure> {
         }
     };
     let mut told = Told {
-        shared,
-        progress: None,
+        progress: RunsProgress::new(shared),
     };
     stop::set_way_on(Some(
         "the same command goes on with the runs that are missing".into(),
@@ -116,7 +115,7 @@ pub fn run(args: &CompareArgs, shared: &Shared) -> Result<String, Failure> {
     let runs = comparison.run(
         &methods, args.seeds, &args.out, &dataset, &device, &mut told,
     )?;
-    told.end();
+    told.progress.end();
     let mut groups: Vec<RunGroup> = Vec::new();
     for run in &runs {
         let record = read_run(run.run.root())?;
@@ -153,30 +152,19 @@ pub fn run(args: &CompareArgs, shared: &Shared) -> Result<String, Failure> {
 
 /// Tells which run is going on, and how far it is.
 struct Told<'a> {
-    shared: &'a Shared,
-    progress: Option<TrainProgress>,
-}
-
-impl Told<'_> {
-    fn end(&mut self) {
-        if let Some(progress) = self.progress.take() {
-            progress.finish();
-        }
-    }
+    progress: RunsProgress<'a>,
 }
 
 impl Observer for Told<'_> {
     fn begin(&mut self, method: Method, seed: u64, iterations: usize, trial: bool) {
-        self.end();
+        self.progress.end();
         let what = if trial { "trial of" } else { "training" };
         tracing::info!("{what} {method}, seed {seed}, {iterations} steps");
-        self.progress = Some(TrainProgress::new(iterations, self.shared));
+        self.progress.begin(iterations);
     }
 
     fn step(&mut self, report: &StepReport, seconds: f64) {
-        if let Some(progress) = &mut self.progress {
-            progress.step(report, seconds);
-        }
+        self.progress.step(report, seconds);
     }
 }
 

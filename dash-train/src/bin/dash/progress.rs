@@ -60,6 +60,42 @@ impl Progress {
     }
 }
 
+/// Reports on one run after another.
+pub struct RunsProgress<'a> {
+    shared: &'a Shared,
+    present: Option<TrainProgress>,
+}
+
+impl<'a> RunsProgress<'a> {
+    /// Before the first run.
+    pub fn new(shared: &'a Shared) -> Self {
+        Self {
+            shared,
+            present: None,
+        }
+    }
+
+    /// A run of `iterations` steps begins.
+    pub fn begin(&mut self, iterations: usize) {
+        self.end();
+        self.present = Some(TrainProgress::new(iterations, self.shared));
+    }
+
+    /// One step of it is done; `secs` of training so far.
+    pub fn step(&mut self, report: &StepReport, secs: f64) {
+        if let Some(progress) = &mut self.present {
+            progress.step(report, secs);
+        }
+    }
+
+    /// Removes its bar.
+    pub fn end(&mut self) {
+        if let Some(progress) = self.present.take() {
+            progress.finish();
+        }
+    }
+}
+
 /// A report on training.
 pub struct TrainProgress {
     progress: Progress,

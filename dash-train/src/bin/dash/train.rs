@@ -22,7 +22,7 @@ use crate::configuration::{ConfigFile, Overrides, name};
 use crate::data::{DataArgs, load_dataset};
 use crate::failure::Failure;
 use crate::lpips::LpipsArgs;
-use crate::progress::TrainProgress;
+use crate::progress::{RunsProgress, TrainProgress};
 use crate::summary::{self, Table, duration};
 use crate::values;
 
@@ -200,24 +200,16 @@ fn steps_of(
     device: &burn::tensor::Device,
     shared: &Shared,
 ) -> Result<usize, Failure> {
-    let mut progress: Option<TrainProgress> = None;
+    let mut progress = RunsProgress::new(shared);
     let mut tell = |n: usize, step: Option<(&StepReport, f64)>| match step {
         None => {
-            if let Some(before) = progress.replace(TrainProgress::new(n, shared)) {
-                before.finish();
-            }
+            progress.begin(n);
             tracing::info!("trial of {n} steps");
         }
-        Some((report, secs)) => {
-            if let Some(progress) = &mut progress {
-                progress.step(report, secs);
-            }
-        }
+        Some((report, secs)) => progress.step(report, secs),
     };
     let steps = steps_within(budget, config, dataset, device, &mut tell)?;
-    if let Some(progress) = progress {
-        progress.finish();
-    }
+    progress.end();
     tracing::info!("{} are {steps} steps", duration(budget));
     Ok(steps)
 }
