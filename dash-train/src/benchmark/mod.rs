@@ -1,8 +1,8 @@
 //! Published protocols as runs: the scenes that are there, trained and scored as others did, and a page of both.
 //!
-//! A [`Benchmark`] says what is run. Each run is an ordinary run's folder, `OUT/SCENE/seed-S`: one that is scored is taken as it
-//! is, one that was interrupted goes on from its newest checkpoint. What a dataset lacks of its protocol is no error; it
-//! is told beside every score ([`Prepared::differs`]).
+//! A [`Benchmark`] describes the runs. Each has an ordinary run's folder, `OUT/SCENE/seed-S`. A scored run is not trained
+//! again; an interrupted run resumes from its newest checkpoint. A dataset may differ from its protocol; every score
+//! then says how ([`Prepared::differs`]).
 //!
 //! # Map
 //! - this file: the benchmark and its order; `scenes`: the folders that are there; `prepare`: how one is loaded.

@@ -238,7 +238,7 @@ fn runs_are_made_once_taken_up_and_told_beside_what_is_published() {
     // Nothing is left to do.
     let mut count = Count::default();
     assert_eq!(
-        run(&benchmark, &out, 2, &never, &mut count).expect("as it is"),
+        run(&benchmark, &out, 2, &never, &mut count).expect("unchanged"),
         rows
     );
     assert!(count.begun.is_empty());

@@ -190,7 +190,7 @@ fn field_alone(config: &mut TrainConfig, schedule: &Schedule) {
     densify.dynamic.opacity_reset_interval = interval;
     let extensions = &mut config.extensions;
     extensions.following = None;
-    // The rates of what is followed, and the steadiness of its motion.
+    // Learning rates and steadiness of motion following.
     if let Some(rates) = &mut extensions.capture_rates {
         rates.monocular = 1.0;
     }

@@ -76,7 +76,7 @@ impl TrainConfig {
         self.method.stages[1] = 0.45;
         // So many fine cells in space and time share entries that few steps do not tell them apart.
         self.method.field.resolution = [4, 16];
-        // What moves as a whole moves as fast as its parts.
+        // A whole body moves as fast as its limbs.
         self.method.field.time_resolution = TimeResolution::PerFrame;
         // A lookup costs by the call more than by the point.
         self.method.smoothness_share = 0.1;

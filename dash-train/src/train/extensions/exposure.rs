@@ -2,8 +2,8 @@
 //!
 //! Without it, the scene has to explain what the cameras do: with colours that depend on direction, and with veils before
 //! each camera. What the cameras have in common stays in the scene: gains are 1 and offsets 0 on average, and a
-//! held-out camera is drawn without any. A camera has none if its only picture is all there is of a time: nothing tells
-//! the two apart. Source: Dynamic 3D Gaussians (Luiten et al. 2024).
+//! held-out camera is drawn without any. A camera with one picture, of a time that no other camera shows, has none: its
+//! exposure and the scene's colours at that time are ambiguous. Source: Dynamic 3D Gaussians (Luiten et al. 2024).
 
 use std::collections::BTreeMap;
 

@@ -111,7 +111,7 @@ impl Run<Dash> {
         }
     }
 
-    /// What is left of the coarse field's rates. The paper's lines are thrown away after the decomposition and need not
+    /// Factor of the coarse field's learning rates at this step. The paper's lines are thrown away after the decomposition and need not
     /// come to rest before; their rates decay with those of the 4D field, as in the released code.
     fn motion_left(&self) -> f32 {
         match self.method.config.trajectories {

@@ -346,7 +346,7 @@ mod tests {
     }
 
     #[test]
-    fn what_hangs_on_other_sizes_is_as_published_at_the_published_size() {
+    fn sizes_that_follow_from_others_are_as_published_at_the_published_size() {
         let facts = CaptureFacts {
             n_frames: 300,
             is_synchronized: true,

@@ -59,7 +59,7 @@ fn scene() -> Vec<InCode> {
             presets: ALL,
             said: "the extent",
             here: "the extent, or the distance from the scene's middle where that is more".into(),
-            why: "A background may be larger as it is farther away.",
+            why: "A distant background needs larger Gaussians.",
         },
         InCode {
             what: "near plane",
@@ -79,7 +79,7 @@ fn scene() -> Vec<InCode> {
                 "up to {} of the least number of `initial_points`, where pictures change",
                 percent(CHANGING_SHARE)
             ),
-            why: "Structure from motion has no points on what moves.",
+            why: "Structure from motion finds no points on moving objects.",
         },
         InCode {
             what: "views that are not trained on",
@@ -88,7 +88,7 @@ fn scene() -> Vec<InCode> {
             here: format!(
                 "one of {VIEWS_PER_VALIDATION_VIEW} training views, {MAX_VALIDATION_VIEWS} at most, too"
             ),
-            why: "What is measured during a run is measured without the test views.",
+            why: "Measurements during a run must not use the test views.",
         },
         InCode {
             what: "which step counts",

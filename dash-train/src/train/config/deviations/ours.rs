@@ -29,7 +29,7 @@ pub(super) const OURS: &[(&str, &str)] = &[
     ),
     (
         "method.measure",
-        "What moves on the screen is what a picture can tell.",
+        "A picture shows motion on the screen, not in the world.",
     ),
     (
         "method.static_quantile",
@@ -61,7 +61,7 @@ pub(super) const OURS: &[(&str, &str)] = &[
     ("method.field.resolution", SMALL_FIELD),
     (
         "method.field.time_resolution",
-        "`quick`: what moves as a whole moves as fast as its parts.",
+        "`quick`: a whole body moves as fast as its limbs.",
     ),
     ("method.field.hidden", SMALL_FIELD),
     ("optimizer.means_final", FEWER_STEPS),

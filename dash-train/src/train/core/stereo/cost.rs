@@ -19,7 +19,7 @@ pub(super) const MOST_DIFFERENCE: f32 = 0.12;
 pub(super) const UNSEEN: f32 = 0.5;
 
 /// What the nearest plane costs more than the farthest, of 255: where nothing tells planes apart, the farthest hides
-/// nothing. Without it, what is dark takes the depth of what stands before it. What is cut out has nothing behind it.
+/// nothing. Without it, what is dark takes the depth of what stands before it. A transparent background needs no such cost.
 pub(super) const NEARNESS: f32 = 30.0;
 
 /// For each pixel the cost of each plane `[H, W, PLANES]`, of 255: the mean over the half of the views that agree best,

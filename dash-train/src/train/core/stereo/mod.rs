@@ -28,12 +28,12 @@ pub(crate) struct Picture {
     camera: Camera,
     /// Red, green, blue and luma of each pixel, row by row. Luma is from -0.5 to 0.5: squares of small numbers lose less.
     colors: Vec<[f32; 4]>,
-    /// Whether what is behind the scene is cut out, and so needs no depth.
+    /// Whether the background is transparent, and so needs no depth.
     is_cut_out: bool,
 }
 
 impl Picture {
-    /// Of RGB in [0, 1] `[H, W, 3]`. `is_cut_out`: whether opacities tell what is behind the scene.
+    /// Of RGB in [0, 1] `[H, W, 3]`. `is_cut_out`: whether the background is transparent.
     pub(crate) fn new(camera: Camera, rgb: &[f32], is_cut_out: bool) -> Self {
         let with_luma = |c: &[f32]| {
             let luma = 0.299 * c[0] + 0.587 * c[1] + 0.114 * c[2];
