@@ -95,7 +95,7 @@ impl TrainConfig {
         dynamic.max_gaussians = 4_000;
         // What each Gaussian learns of its own, before the 4D field joins in, tears bodies apart.
         self.extensions.following = Some(FollowingConfig {
-            handover: 0.95,
+            handover: 0.85,
             min_steps: 800,
         });
         self.extensions.gaps = Some(GapsConfig {
@@ -310,7 +310,7 @@ fn our_extensions() -> ExtensionsConfig {
         exposure: Some(ExposureConfig { rate: 2e-3 }),
         rest_cost: Some(RestCostConfig {
             field: 0.1,
-            gaussians: 2.5,
+            gaussians: 8.0,
         }),
         floaters: Some(FloatersConfig {
             opacity: 0.01,

@@ -50,9 +50,10 @@ impl Extension<Dash> for RestCost {
         let (Some(motion), Some(_)) = (&forward.motion, run.method.motion_space) else {
             return Ok(Vec::new());
         };
-        let (weight, far) = match run.method.motion {
-            Some(_) => (self.0.field, FAR_IN_FIELD),
-            None => (self.0.gaussians, FAR_ALONE),
+        let looks = run.method.motion.is_some() || run.method.displacement.is_some();
+        let (weight, far) = match looks {
+            true => (self.0.field, FAR_IN_FIELD),
+            false => (self.0.gaussians, FAR_ALONE),
         };
         // A cost of no weight is not worked out.
         let cost = (weight > 0.0).then(|| {

@@ -20,6 +20,8 @@ pub(crate) const MASK_INTERVAL: usize = 50;
 /// Share of the static Gaussians' capacity that is not used before the decomposition: without room, dynamic Gaussians
 /// would fill what the static set still lacks.
 pub(crate) const KEPT_BACK: f32 = 0.25;
+/// Keeps the slope of a square root finite at 0.
+const TINY: f32 = 1e-12;
 /// Parameters of the coarse field in a checkpoint.
 const MOTION: &str = "motion.";
 
@@ -28,6 +30,7 @@ const MOTION: &str = "motion.";
 #[serde(deny_unknown_fields)]
 struct State {
     motion_space: Option<dash_model::SpaceBox>,
+    has_field: bool,
     held_still: Vec<bool>,
     nothing_moves: bool,
 }
@@ -60,6 +63,15 @@ impl Method for Dash {
     }
 
     fn moved(run: &Run<Self>, view: &View) -> Result<Option<Moved>, Error> {
+        if let Some(displacement) = &run.method.displacement {
+            let means = run.scene.static_set.means.val();
+            let squared = displacement.clone().powi_scalar(2).sum_dim(1);
+            let n = squared.dims()[0];
+            return Ok(Some(Moved {
+                means: means + displacement.clone(),
+                motion: (squared + TINY).sqrt().reshape([n]),
+            }));
+        }
         let Some(coefficients) = run.coefficients()? else {
             return Ok(None);
         };
@@ -141,9 +153,13 @@ impl Method for Dash {
     }
 
     fn rate_factor(run: &Run<Self>, name: &str) -> f32 {
-        let own = name.starts_with(Set::Static.prefix()) && name.ends_with(".trajectories");
-        if own {
+        if !name.ends_with(".trajectories") {
+            1.0
+        } else if name.starts_with(Set::Static.prefix()) {
             run.stages().trajectory_rate(run.step)
+        } else if run.is_synchronized() {
+            // They are known already, and spans add up: their far ends should not jump by as many steps as there are spans.
+            1.0 / (run.method.basis.len() as f32 / 2.0).max(1.0).sqrt()
         } else {
             1.0
         }
@@ -192,6 +208,7 @@ impl Method for Dash {
     fn save(&self) -> Saved {
         let mut saved = Saved::of_values(&State {
             motion_space: self.motion_space,
+            has_field: self.motion.is_some(),
             held_still: self.held_still.clone(),
             nothing_moves: self.nothing_moves,
         });
@@ -225,7 +242,7 @@ impl Method for Dash {
         }
         let method = &mut run.method;
         method.motion = match state.motion_space {
-            Some(space) if run.scene.static_set.trajectories.is_none() => {
+            Some(space) if state.has_field => {
                 // Its start is replaced by what was trained; any generator does.
                 let mut unused = Pcg64::seed_from_u64(0);
                 let skeleton = MotionField::new(

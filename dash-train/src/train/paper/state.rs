@@ -38,6 +38,8 @@ pub struct Dash {
     pub statistics: MotionStatistics,
     /// Which Gaussians Eq. 5 holds still.
     pub held_still: Vec<bool>,
+    /// Where an extension puts the static set in the step's view, relative to its means `[N, 3]`.
+    pub(crate) displacement: Option<Tensor<2>>,
     /// Whether an extension asks for dynamic Gaussians at times around the present view's.
     pub(crate) asks_around: bool,
     /// These times, where there are any around the present view's.
@@ -66,6 +68,7 @@ impl Dash {
             motion_space: None,
             statistics: MotionStatistics::default(),
             held_still: Vec::new(),
+            displacement: None,
             asks_around: false,
             around: None,
             unsteadiness: None,

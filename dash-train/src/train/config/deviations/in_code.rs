@@ -171,6 +171,22 @@ fn decomposition() -> Vec<InCode> {
                   the 4D field's.",
         },
         InCode {
+            what: "coarse motion of a rig",
+            presets: OURS,
+            said: "Eqs. 3-5: one field for all times",
+            here: "[scene flow](../explanation/beyond-the-paper.md#scene-flow): a grid of offsets for each frame, and no \
+                   Eq. 5"
+                .into(),
+            why: "One field loses an old frame while it learns a new one.",
+        },
+        InCode {
+            what: "rates of a rig's trajectories in the 4D stage",
+            presets: OURS,
+            said: "no trajectories then",
+            here: "those of the means over the square root of half the number of spans".into(),
+            why: "Spans add up: the far ends would jump.",
+        },
+        InCode {
             what: "motion (Eq. 5)",
             presets: ALL,
             said: "in world units",

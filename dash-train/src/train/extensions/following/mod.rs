@@ -1,30 +1,31 @@
-//! Following: the first stages see a growing window of time, so that the coarse field follows motion from frame to frame
-//! instead of finding it blurred over the whole clip. Training starts in the middle of the clip and goes both ways.
+//! Following: motion is learnt from frame to frame, instead of being found blurred over the whole clip. Training starts in
+//! the middle of the clip and goes both ways.
 //!
-//! What moves fast is looked for by block matching ([`block_matching`]), what is small counts more ([`small_motion`]), and
-//! before the decomposition each Gaussian gets a trajectory of its own.
+//! A rig shows where everything is at each time: scene flow registers the Gaussians to one frame after another
+//! ([`scene_flow`]), and fast ones are looked for by block matching ([`block_matching`]). A monocular capture
+//! does not: its coarse field sees a growing window of time ([`window`]). Small moving objects count more
+//! ([`small_motion`]), and before the decomposition each Gaussian gets a trajectory of its own.
 
 mod block_matching;
 mod room;
+mod scene_flow;
 mod small_motion;
 mod window;
 
-use burn::tensor::Tensor;
+use burn::tensor::{Gradients, Tensor};
 use dash_model::{Gaussians, TrajectoryBasis};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use self::block_matching::{Memory, NUMBERS, meet_new_frames};
+use self::scene_flow::SceneFlow;
 use self::small_motion::SmallMotion;
 use self::window::{teaches_gaussians, time_window};
 use crate::Error;
 use crate::dataset::View;
 use crate::train::core::loss::weighted_error;
-use crate::train::core::{Extension, Forward, Run, Saved, Set, to_host};
-use crate::train::paper::Dash;
+use crate::train::core::{Extension, Forward, RowEdit, Run, Saved, Set, to_host};
+use crate::train::paper::{Dash, Trajectories};
 
-/// Weight of how far fast Gaussians are from where block matching found them.
-const MEMORY_WEIGHT: f32 = 0.001;
 /// Part of the typical gradient that is added to Adam's denominator in the coarse field's networks.
 const DAMPING: f32 = 1.0;
 
@@ -32,8 +33,8 @@ const DAMPING: f32 = 1.0;
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct FollowingConfig {
-    /// Share of the decomposition after which the coarse field hands over to trajectories of the Gaussians' own.
-    /// Source: ours.
+    /// Share of the decomposition after which scene flow or the coarse field hands over to trajectories of the
+    /// Gaussians' own. Source: ours.
     pub handover: f32,
     /// Steps from the end of the warm-up to the handover, at least: a run in which they are fewer gives them a larger
     /// share, from a shorter warm-up and a later decomposition. Source: ours.
@@ -43,9 +44,9 @@ pub struct FollowingConfig {
 /// See [`FollowingConfig`].
 pub struct Following {
     config: FollowingConfig,
-    /// Where fast Gaussians were found, while the coarse field looks for motion.
-    memory: Memory,
-    /// What cameras saw where following begins, while the coarse field looks for motion.
+    /// From the warm-up of a rig until the handover.
+    flow: Option<SceneFlow>,
+    /// What cameras saw where following begins, while motion is looked for.
     small: Option<SmallMotion>,
 }
 
@@ -54,7 +55,7 @@ impl Following {
     pub fn new(config: FollowingConfig) -> Self {
         Self {
             config,
-            memory: Memory::default(),
+            flow: None,
             small: None,
         }
     }
@@ -66,7 +67,8 @@ impl Following {
         view: &View,
         forward: &Forward,
     ) -> Result<Option<Tensor<1>>, Error> {
-        let Some(span) = run.start.filter(|_| run.method.motion.is_some()) else {
+        let looks = run.method.motion.is_some() || self.flow.is_some();
+        let Some(span) = run.start.filter(|_| looks) else {
             self.small = None;
             return Ok(None);
         };
@@ -115,16 +117,29 @@ impl Extension<Dash> for Following {
 
     fn before_step(&mut self, run: &mut Run<Dash>) -> Result<(), Error> {
         let stages = run.stages();
-        if run.may_move() && run.step == stages.handover && stages.handover < stages.end {
+        let steps = [stages.warmup, stages.handover];
+        run.method.displacement = None;
+        if has_flow(run) && (steps[0]..steps[1]).contains(&run.step) {
+            // The coarse field is not asked.
+            run.method.motion = None;
+            let flow = self.flow.get_or_insert_with(|| SceneFlow::new(run));
+            flow.advance(run, steps)?;
+            run.method.displacement = flow.displacement(run)?;
+        } else if run.may_move() && run.step == stages.handover && stages.handover < stages.end {
             hand_over(run)?;
         }
-        if run.method.motion.is_none() {
-            self.memory.clear();
-        }
-        meet_new_frames(run, &mut self.memory)
+        Ok(())
     }
 
     fn next_view(&mut self, run: &mut Run<Dash>) -> Option<usize> {
+        if let Some(flow) = &self.flow {
+            let shows = |&view: &usize| flow.shows(run, &run.dataset.views[view]);
+            let shown: Vec<bool> = run.train_views.iter().map(shows).collect();
+            let next = run
+                .sampler
+                .next(shown.len(), |place| shown[place], &mut run.rng);
+            return Some(next);
+        }
         let (window, known) = time_window(run, run.step)?;
         let (views, train_views) = (&run.dataset.views, &run.train_views);
         let time = |place: usize| views[train_views[place]].time;
@@ -135,7 +150,7 @@ impl Extension<Dash> for Following {
     }
 
     fn before_forward(&mut self, run: &mut Run<Dash>, view: &View) {
-        run.updates_scene &= teaches_gaussians(run, view.time);
+        run.updates_scene &= self.flow.is_some() || teaches_gaussians(run, view.time);
     }
 
     fn loss_terms(
@@ -144,44 +159,74 @@ impl Extension<Dash> for Following {
         view: &View,
         forward: &Forward,
     ) -> Result<Vec<Tensor<1>>, Error> {
-        let mut terms = Vec::new();
-        if let Some(field) = &run.method.motion {
-            let (basis, device) = (run.method.basis, &run.device);
-            let cost = self.memory.cost(field, basis, run.step, device)?;
-            terms.extend(cost.map(|cost| cost * MEMORY_WEIGHT));
+        Ok(self.small_motion(run, view, forward)?.into_iter().collect())
+    }
+
+    fn after_backward(&mut self, run: &mut Run<Dash>, gradients: &mut Gradients) {
+        if let Some(flow) = &mut self.flow {
+            flow.learn(run, gradients);
         }
-        terms.extend(self.small_motion(run, view, forward)?);
-        Ok(terms)
+    }
+
+    fn after_step(&mut self, run: &mut Run<Dash>) -> Result<(), Error> {
+        if run.step == run.stages().handover
+            && let Some(flow) = self.flow.take()
+        {
+            let own = flow.trajectories(run, run.method.basis)?;
+            give_trajectories(run, own);
+        }
+        Ok(())
+    }
+
+    fn rows_changed(&mut self, edit: &RowEdit) {
+        if let Some(flow) = &mut self.flow
+            && edit.set == Set::Static
+        {
+            flow.gather(&edit.sources);
+        }
     }
 
     fn save(&self) -> Saved {
-        let mut saved = Saved::default();
-        saved.insert("memory", self.memory.to_numbers());
-        saved
+        self.flow
+            .as_ref()
+            .map_or_else(Saved::default, SceneFlow::save)
     }
 
-    fn restore(&mut self, _run: &Run<Dash>, mut saved: Saved) -> Result<(), String> {
-        let memory = saved.take("memory")?;
-        if !memory.len().is_multiple_of(NUMBERS) {
-            return Err(format!("`memory` of {} numbers", memory.len()));
-        }
-        self.memory = Memory::from_numbers(&memory);
+    fn restore(&mut self, run: &Run<Dash>, saved: Saved) -> Result<(), String> {
+        self.flow = match saved == Saved::default() {
+            true => None,
+            false => Some(SceneFlow::restore(run, saved)?),
+        };
         Ok(())
     }
 }
 
+/// Whether scene flow is what finds motion: each time shows where everything is, and trajectories follow it.
+fn has_flow(run: &Run<Dash>) -> bool {
+    run.may_move()
+        && run.is_synchronized()
+        && run.method.config.trajectories == Trajectories::Polyline
+}
+
 /// Gives every Gaussian the trajectory that the coarse field has for it.
 fn hand_over(run: &mut Run<Dash>) -> Result<(), Error> {
-    let Some(own) = run.coefficients()? else {
-        return Ok(());
-    };
+    if run.method.motion.is_some()
+        && let Some(own) = run.coefficients()?
+    {
+        give_trajectories(run, own);
+    }
+    Ok(())
+}
+
+/// Gives every Gaussian a trajectory of its own, of coefficients `[N, B * 3]`, in place of the coarse field.
+fn give_trajectories(run: &mut Run<Dash>, own: Tensor<2>) {
     run.method.motion = None;
     run.optimizer.forget("motion.");
+    run.optimizer.forget("scene_flow.");
     let mut rows = run.scene.static_set.to_rows();
     rows.trajectory_width = own.dims()[1];
     rows.trajectories = to_host(own);
     run.scene.static_set = Gaussians::from_rows(&rows, &run.device);
     let name = format!("{}trajectories", Set::Static.prefix());
     run.optimizer.forget(&name);
-    Ok(())
 }

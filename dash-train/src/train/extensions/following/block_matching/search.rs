@@ -33,8 +33,6 @@ const REFINED: usize = 2;
 const MIN_SIGHTS: usize = 24;
 /// Share of the difference at the place that the field expects below which another place is better.
 const BETTER: f32 = 0.7;
-/// Difference below which a group is certain to be where it is found.
-const CERTAIN: f32 = 0.05;
 /// By how much a place that is a reach away from where the last way leads has to be better than that.
 const STRAIGHT: f32 = 0.01;
 
@@ -120,15 +118,6 @@ pub(super) struct Group<'a> {
     pub(super) speeds: &'a [f32],
 }
 
-/// A group that was found elsewhere than expected.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) struct Found {
-    /// How far it is at the new frame from where it was.
-    pub(super) shift: Vec3,
-    /// Whether the pictures leave no doubt.
-    pub(super) is_certain: bool,
-}
-
 /// A member that a camera saw at the last known frame, and the colour there.
 struct Sight<'a> {
     member: usize,
@@ -137,14 +126,14 @@ struct Sight<'a> {
 }
 
 impl Group<'_> {
-    /// Where the group is at the new frame, if the pictures are clearly better there than where it is `expected`; a
+    /// How far the group is at the new frame from where it was, if the pictures are clearly better there than where it is `expected`; a
     /// Gaussian's `color` tells which cameras have it in sight.
     pub(super) fn find(
         &self,
         pairs: &[Pair],
         color: impl Fn(usize) -> [f32; 3],
         expected: &[Vec3],
-    ) -> Option<Found> {
+    ) -> Option<Vec3> {
         let sights = self.sights(pairs, color);
         if sights.len() < MIN_SIGHTS {
             return None;
@@ -178,10 +167,7 @@ impl Group<'_> {
         }
         let now = disagreement(&sights, |row| expected[row]);
         let there = shifted(around);
-        (there < BETTER * now).then_some(Found {
-            shift: around,
-            is_certain: there < CERTAIN,
-        })
+        (there < BETTER * now).then_some(around)
     }
 
     fn sights<'a>(&self, pairs: &'a [Pair], color: impl Fn(usize) -> [f32; 3]) -> Vec<Sight<'a>> {
