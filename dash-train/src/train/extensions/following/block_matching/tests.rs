@@ -157,7 +157,8 @@ fn slow_bodies_and_the_first_new_frame_are_not_searched() {
     let slow = trainer(0.03 * SCALE, 1.0);
     assert_eq!(find(&slow.run, &ahead()).expect("pictures"), []);
     let mut first = ahead();
-    (first.known.truncate(1), first.before.truncate(1));
+    first.known.truncate(1);
+    first.before.truncate(1);
     assert_eq!(
         find(&trainer(SCALE, 1.0).run, &first).expect("pictures"),
         []
