@@ -1,27 +1,24 @@
 //! Scene flow of a rig: Gaussians are registered to one frame after another, outwards from where the warm-up saw them.
 //!
 //! At each frame they start from where their last velocity takes them, or block matching finds them. A small grid of offsets,
-//! which begins at zero, is then fitted to that frame's pictures alone. Nothing else learns meanwhile, so what is known
-//! of other frames stays known, and each frame is matched with the Gaussians of the warm-up.
+//! which begins at zero, is then fitted to that frame's pictures alone. Where Gaussians are at other frames does not change
+//! meanwhile; what they look like improves with each picture.
 
 mod changes;
+mod saved;
 
 use std::collections::BTreeMap;
 
 use burn::tensor::{Gradients, Tensor, TensorData};
-use dash_model::parameters::{named_parameters, with_parameters};
-use dash_model::{HashEncoder, HashEncoderConfig, ModelError, TrajectoryBasis};
+use dash_model::{HashEncoder, HashEncoderConfig, TrajectoryBasis};
 use glam::Vec3;
-use rand::SeedableRng;
-use rand_pcg::Pcg64;
 use rayon::prelude::*;
-use serde::{Deserialize, Serialize};
 
 use self::changes::Changes;
 use super::block_matching::{self, Ahead};
 use crate::Error;
 use crate::dataset::View;
-use crate::train::core::{Rate, Run, Saved, TimeSpan, to_host};
+use crate::train::core::{Rate, Run, TimeSpan, to_host};
 use crate::train::paper::Dash;
 
 /// Name of the offsets among parameters.
@@ -60,15 +57,6 @@ struct Present {
     /// 1 for Gaussians that may move, 0 for those that stay where they were.
     moves: Vec<f32>,
     offsets: HashEncoder,
-}
-
-/// What a checkpoint's JSON holds.
-#[derive(Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-struct State {
-    width: f32,
-    known: Vec<usize>,
-    present: Option<(usize, [usize; 2])>,
 }
 
 /// See the module.
@@ -227,89 +215,6 @@ impl SceneFlow {
         ))
     }
 
-    /// The state for a checkpoint.
-    pub(super) fn save(&self) -> Saved {
-        let mut saved = Saved::of_values(&State {
-            width: self.width,
-            known: self.known.keys().copied().collect(),
-            present: self
-                .present
-                .as_ref()
-                .map(|present| (present.place, present.steps)),
-        });
-        let flat = |values: &[Vec3]| values.iter().flat_map(Vec3::to_array).collect::<Vec<f32>>();
-        saved.insert(
-            "known",
-            self.known.values().flat_map(|known| flat(known)).collect(),
-        );
-        if let Some(present) = &self.present {
-            saved.insert("from", flat(&present.from));
-            saved.insert("expected", flat(&present.expected));
-            saved.insert("moves", present.moves.clone());
-            let named = named_parameters(&present.offsets).into_iter();
-            let named = named.map(|(name, tensor)| (format!("{OFFSETS}.{name}"), tensor));
-            saved.tensors.extend(named);
-        }
-        saved
-    }
-
-    /// The same again.
-    pub(super) fn restore(run: &Run<Dash>, mut saved: Saved) -> Result<Self, String> {
-        let state: State = saved.read()?;
-        let n = run.scene.static_set.len();
-        let mut points = |name: &str, count: usize| -> Result<Vec<Vec3>, String> {
-            let flat = saved.take(name)?;
-            let fits = flat.len() == 3 * count;
-            fits.then(|| flat.chunks_exact(3).map(Vec3::from_slice).collect())
-                .ok_or(format!(
-                    "`{name}` of {} numbers, not {}",
-                    flat.len(),
-                    3 * count
-                ))
-        };
-        let known = points("known", n * state.known.len())?;
-        let known = state
-            .known
-            .iter()
-            .copied()
-            .zip(known.chunks(n.max(1)).map(<[Vec3]>::to_vec));
-        let mut flow = Self::new(run);
-        flow.width = state.width;
-        flow.known.extend(known);
-        let n_times = run.times.all().len();
-        if let Some((place, steps)) = state.present {
-            let (from, expected) = (points("from", n)?, points("expected", n)?);
-            let moves = saved.take("moves")?;
-            if moves.len() != n || place >= n_times {
-                return Err(format!(
-                    "`moves` of {} numbers at time {place}",
-                    moves.len()
-                ));
-            }
-            // Its start is replaced by what was trained; any generator does.
-            let skeleton = grid(&mut Pcg64::seed_from_u64(0), run).map_err(|e| e.to_string())?;
-            let tensors = std::mem::take(&mut saved.tensors).into_iter();
-            let own = tensors.filter_map(|(name, tensor)| {
-                let name = name.strip_prefix(OFFSETS)?.strip_prefix('.')?;
-                Some((name.to_string(), tensor))
-            });
-            let offsets = with_parameters(skeleton, own.collect()).map_err(|e| e.to_string())?;
-            run.optimizer.check_sizes(OFFSETS, &offsets)?;
-            flow.present = Some(Present {
-                place,
-                steps,
-                from,
-                expected,
-                moves,
-                offsets,
-            });
-        }
-        if flow.known.keys().any(|&place| place >= n_times) {
-            return Err(format!("a time beyond the {n_times} of the dataset"));
-        }
-        Ok(flow)
-    }
-
     /// Begins a frame.
     fn meet(
         &mut self,
@@ -364,9 +269,7 @@ impl SceneFlow {
             moves[row] = 1.0;
         }
         run.optimizer.forget(OFFSETS);
-        let mut rng = run.rng.clone();
-        let offsets = grid(&mut rng, run)?;
-        run.rng = rng;
+        let offsets = grid().init(&mut run.rng, &run.device)?;
         Ok(Present {
             place,
             steps,
@@ -420,12 +323,12 @@ impl SceneFlow {
     }
 }
 
-/// A grid of offsets that are as good as zero.
-fn grid(rng: &mut Pcg64, run: &Run<Dash>) -> Result<HashEncoder, ModelError> {
+/// The grid of offsets; they are as good as zero at first.
+fn grid() -> HashEncoderConfig {
     let [coarsest, finest] = CELLS;
     let mut config = HashEncoderConfig::new(LEVELS, LOG2_ENTRIES, [coarsest; 3], [finest; 3]);
     config.n_features_per_level = FEATURES;
-    config.init(rng, &run.device)
+    config
 }
 
 /// The training time in the middle of the span that training starts from.

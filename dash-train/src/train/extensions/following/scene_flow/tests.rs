@@ -1,5 +1,6 @@
 use super::super::block_matching::tests::{FRAMES, N, SCALE, displaced, trainer};
 use super::*;
+use crate::train::core::Saved;
 use crate::train::extensions::following::Following;
 use crate::train::{Trainer, latest_checkpoint, load_checkpoint, save_checkpoint};
 
