@@ -93,10 +93,10 @@ impl TrainConfig {
         static_set.max_gaussians = 10_000;
         dynamic.opacity_reset_interval = Some(800);
         dynamic.max_gaussians = 4_000;
-        // What each Gaussian learns of its own, before the 4D field joins in, tears bodies apart.
+        // Every step that scene flow gets is one that the warm-up and the coming to rest lack.
         self.extensions.following = Some(FollowingConfig {
-            handover: 0.85,
-            min_steps: 800,
+            handover: 0.6,
+            min_steps: 0,
         });
         self.extensions.gaps = Some(GapsConfig {
             coarsen: 0.25,
@@ -309,8 +309,8 @@ fn our_extensions() -> ExtensionsConfig {
         }),
         exposure: Some(ExposureConfig { rate: 2e-3 }),
         rest_cost: Some(RestCostConfig {
-            field: 0.1,
-            gaussians: 8.0,
+            field: 0.3,
+            gaussians: 20.0,
         }),
         floaters: Some(FloatersConfig {
             opacity: 0.01,

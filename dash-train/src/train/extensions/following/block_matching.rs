@@ -30,6 +30,8 @@ pub(super) struct Ahead {
     pub(super) before: Vec<Vec<Vec3>>,
     /// Where they are expected in the new one.
     pub(super) expected: Vec<Vec3>,
+    /// How far each is looked for if its own velocity says less, world units; 0 where that is all that counts.
+    pub(super) reach: Vec<f32>,
 }
 
 /// Fast Gaussians that pictures show elsewhere than expected, and how far that is from where they were in the last known frame.
@@ -39,25 +41,28 @@ pub(super) fn find(run: &Run<Dash>, ahead: &Ahead) -> Result<Vec<(usize, Vec3)>,
         known,
         before,
         expected,
+        reach,
     } = ahead;
-    let [last, earlier, ..] = before.as_slice() else {
+    let Some(last) = before.first() else {
         return Ok(Vec::new());
     };
+    let earlier = before.get(1).unwrap_or(last);
     // Ways in the time from the last frame to the new one.
     let pace = |k: usize| (time - known[0]) / (known[k] - known[k + 1]);
+    let last_pace = if before.len() > 1 { pace(0) } else { 0.0 };
     let ways: Vec<Vec3> = last
         .iter()
         .zip(earlier)
-        .map(|(&last, &earlier)| (last - earlier) * pace(0))
+        .map(|(&last, &earlier)| (last - earlier) * last_pace)
         .collect();
     let rows = run.scene.static_set.to_rows();
     let speeds: Vec<f32> = (0..rows.len())
         .map(|row| {
             let of = |k: usize| (before[k][row] - before[k + 1][row]).length() * pace(k).abs();
-            (0..known.len() - 1).map(of).fold(0.0, f32::max)
+            (0..known.len() - 1).map(of).fold(reach[row], f32::max)
         })
         .collect();
-    let fast = fast(run, &rows, &speeds, |row| {
+    let fast = fast(run, &rows, &speeds, reach, |row| {
         last[row].is_finite() && expected[row].is_finite()
     });
     if fast.is_empty() {
@@ -88,13 +93,14 @@ fn fast(
     run: &Run<Dash>,
     rows: &GaussianRows,
     speeds: &[f32],
+    reach: &[f32],
     is_finite: impl Fn(usize) -> bool,
 ) -> Vec<usize> {
     let scales = run.method.statistics.means();
     let limit = dash_model::logit(MIN_OPACITY);
     (0..rows.len())
         .filter(|&row| {
-            speeds[row] * scales[row] >= MIN_MOTION
+            (reach[row] > 0.0 || speeds[row] * scales[row] >= MIN_MOTION)
                 && rows.opacity_logits[row] >= limit
                 && is_finite(row)
         })

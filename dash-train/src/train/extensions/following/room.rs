@@ -58,6 +58,11 @@ mod tests {
     use crate::synth;
     use crate::train::{Preset, TrainConfig, Trainer};
 
+    const AT_LEAST_800: [&str; 2] = [
+        "extensions.following.handover=0.85",
+        "extensions.following.min_steps=800",
+    ];
+
     /// A run of a synchronised rig of 24 frames, with extensions told that it begins.
     fn begun(preset: Preset, iterations: usize, set: &[&str]) -> Trainer {
         let mut config = TrainConfig::preset(preset);
@@ -106,7 +111,7 @@ mod tests {
 
     #[test]
     fn short_runs_follow_for_as_many_steps_as_there_can_be() {
-        let quick = |iterations| stages(Preset::Quick, iterations, &[]);
+        let quick = |iterations| stages(Preset::Quick, iterations, &AT_LEAST_800);
         // 0.85 (0.45 - 0.1) 6,000 = 1,785 are enough.
         assert_eq!(quick(6_000), [600, 1_785, 2_700, 3_600, 4_200]);
         // 0.85 (0.6 - 0.06) 1,500 = 689 are all that there can be.
@@ -128,7 +133,10 @@ mod tests {
     fn runs_that_need_no_more_steps_keep_their_shares() {
         let default = |set: &[&str]| stages(Preset::Default, 15_000, set);
         assert_eq!(default(&[]), [1_500, 2_625, 5_250, 9_000, 10_500]);
-        let short = |set: &[&str]| stages(Preset::Quick, 1_000, set);
+        let short = |set: &[&str]| {
+            let set = [&AT_LEAST_800, set].concat();
+            stages(Preset::Quick, 1_000, &set)
+        };
         let unmoved = [100, 298, 450, 600, 700];
         assert_eq!(short(&["extensions.following.min_steps=0"]), unmoved);
         assert_eq!(short(&["method.decomposition=all"]), unmoved);

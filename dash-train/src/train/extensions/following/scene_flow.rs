@@ -41,6 +41,8 @@ const KEPT_VELOCITY: f32 = 0.8;
 const SLOW: f32 = 3e-4;
 /// What is displaced by more, in shares of the image's width, may move even if pictures are as in the middle.
 const DISPLACED: f32 = 1e-3;
+/// How far Gaussians are looked for in the first new frame, in shares of the image's width.
+const FIRST_REACH: f32 = 0.05;
 /// Frames before a new one whose fastest velocity block matching looks at: what bounces is slow for a moment.
 const LOOKED_BACK: usize = 4;
 
@@ -232,10 +234,21 @@ impl SceneFlow {
                 .collect()
         };
         let mut expected = self.expected(run, place);
+        let changes = match self.changes.take() {
+            Some(changes) => changes,
+            None => Changes::since(run, run.times.all()[self.middle])?,
+        };
         let before: Vec<(usize, &Vec<Vec3>)> = self.inwards(place).take(LOOKED_BACK).collect();
         let last = before.first().map_or(&expected, |&(_, last)| last).clone();
         let from = moved(&last);
         let times = run.times.all();
+        let changed = changes.around(run, times[place], &from)?;
+        // At first no velocity is known.
+        let begins = before.len() == 1;
+        let reach = |&changed: &bool| match begins && changed {
+            true => FIRST_REACH * self.width,
+            false => 0.0,
+        };
         let ahead = Ahead {
             time: times[place],
             known: before.iter().map(|&(place, _)| times[place]).collect(),
@@ -244,13 +257,9 @@ impl SceneFlow {
                 .map(|&(_, displacements)| moved(displacements))
                 .collect(),
             expected: moved(&expected),
+            reach: changed.iter().map(reach).collect(),
         };
         let found = block_matching::find(run, &ahead)?;
-        let changes = match self.changes.take() {
-            Some(changes) => changes,
-            None => Changes::since(run, times[self.middle])?,
-        };
-        let changed = changes.around(run, times[place], &from)?;
         self.changes = Some(changes);
         let mut moves: Vec<f32> = changed
             .into_iter()

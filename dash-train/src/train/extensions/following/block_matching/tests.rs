@@ -139,6 +139,7 @@ fn ahead() -> Ahead {
         known: vec![0.75, 0.5],
         before: vec![at(WAY), at(Vec3::ZERO)],
         expected: at(2.0 * WAY),
+        reach: vec![0.0; N],
     }
 }
 
@@ -153,14 +154,22 @@ fn a_body_that_did_not_go_on_as_it_went_is_found() {
 }
 
 #[test]
-fn slow_bodies_and_the_first_new_frame_are_not_searched() {
+fn slow_bodies_are_not_searched() {
     let slow = trainer(0.03 * SCALE, 1.0);
     assert_eq!(find(&slow.run, &ahead()).expect("pictures"), []);
+}
+
+#[test]
+fn at_the_first_new_frame_a_body_is_searched_as_far_as_is_said() {
+    // From the middle to the fourth frame.
     let mut first = ahead();
-    first.known.truncate(1);
-    first.before.truncate(1);
-    assert_eq!(
-        find(&trainer(SCALE, 1.0).run, &first).expect("pictures"),
-        []
-    );
+    (first.time, first.known) = (0.75, vec![0.5]);
+    first.before = vec![cloud()];
+    first.expected = cloud();
+    let run = &trainer(SCALE, 1.0).run;
+    assert_eq!(find(run, &first).expect("pictures"), []);
+    first.reach = vec![0.3; N];
+    let found = find(run, &first).expect("pictures");
+    let mean = found.iter().map(|&(_, shift)| shift).sum::<Vec3>() / N as f32;
+    assert!(found.len() == N && mean.distance(WAY) < 0.1, "{mean}");
 }
