@@ -30,7 +30,7 @@ const CELLS: [u32; 2] = [16, 128];
 const LOG2_ENTRIES: u32 = 15;
 /// Features of a level, the first three of which are an offset; levels add up.
 const FEATURES: usize = 4;
-/// Learning rate of the offsets, in shares of the image's width, and what is left of it at a frame's last step.
+/// Learning rate of the offsets, in shares of the image's width, and its factor at a frame's last step.
 const RATE: f32 = 3e-4;
 const RATE_LEFT: f32 = 0.1;
 /// Part of the typical gradient that is added to Adam's denominator: cells that hardly matter should hardly move.
