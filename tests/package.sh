@@ -18,7 +18,8 @@ trap 'rm -rf "$scratch"' EXIT
     echo '[patch.crates-io]'
 } > "$scratch/Cargo.toml"
 for crate in dash-kernels dash-model dash-train; do
-    tar -xzf "${CARGO_TARGET_DIR:-target}/package/$crate-$version.crate" -C "$scratch"
+    # With today's times: packed files have one time, and cargo would take what it compiled of an older package for this.
+    tar -xzmf "${CARGO_TARGET_DIR:-target}/package/$crate-$version.crate" -C "$scratch"
     echo "$crate = { path = \"$crate-$version\" }" >> "$scratch/Cargo.toml"
 done
 cp Cargo.lock "$scratch"

@@ -13,6 +13,7 @@ use super::finding::Finding;
 use crate::Error;
 use crate::dataset::Dataset;
 use crate::numbers::median;
+use crate::train::core::is_synchronized;
 use crate::train::{Keep, Preset, TrainConfig, Trainer};
 
 /// Gaussians of the two runs.
@@ -86,6 +87,7 @@ pub(super) fn check(dataset: &Dataset, on: TimedOn) -> Finding {
             &config.for_capture(&dataset),
             n_given,
             dataset.is_static(),
+            is_synchronized(&dataset),
         );
         let name = format!("{preset:?}").to_lowercase();
         format!("{} with --preset {name}", in_words(low, high))
@@ -154,7 +156,13 @@ fn time(
 }
 
 /// The least and the most seconds that a run takes.
-fn range(runs: &[Timed], config: &TrainConfig, n_given: usize, is_static: bool) -> [f64; 2] {
+fn range(
+    runs: &[Timed],
+    config: &TrainConfig,
+    n_given: usize,
+    is_static: bool,
+    is_rig: bool,
+) -> [f64; 2] {
     let [fewest, most] = config.initial_points;
     let first = n_given.clamp(fewest.min(most), most);
     let [n_static, n_dynamic] = [
@@ -165,7 +173,10 @@ fn range(runs: &[Timed], config: &TrainConfig, n_given: usize, is_static: bool) 
     let many = first.max((n_static + n_dynamic).min(GROWTH * first));
     let [warmup, decomposition] = config.method.stages;
     let following = config.extensions.following.as_ref();
-    let handover = following.map_or(1.0, |following| following.handover);
+    let handover = following.map_or(1.0, |following| match is_rig {
+        true => following.flow_handover,
+        false => following.handover,
+    });
     let handover = warmup + handover * (decomposition - warmup);
     let ends = [warmup, handover, decomposition, 1.0];
     let total = |n: usize, moves: bool| -> f64 {
@@ -266,10 +277,10 @@ mod tests {
             following.handover = 0.5;
         }
         // 100, 200, 200 and 500 steps.
-        let [low, high] = range(&runs, &config, 0, false);
+        let [low, high] = range(&runs, &config, 0, false, false);
         assert!((low - (1.0 + 4.0 + 8.0 + 5.0)).abs() < 1e-3, "{low}");
         assert!((high - (1.0 + 4.0 + 8.0 + 40.0)).abs() < 1e-3, "{high}");
-        let [low, high] = range(&runs, &config, 0, true);
+        let [low, high] = range(&runs, &config, 0, true, false);
         assert!((low - 10.0).abs() < 1e-3 && (high - 10.0).abs() < 1e-3);
     }
 

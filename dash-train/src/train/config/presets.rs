@@ -93,10 +93,11 @@ impl TrainConfig {
         static_set.max_gaussians = 10_000;
         dynamic.opacity_reset_interval = Some(800);
         dynamic.max_gaussians = 4_000;
-        // Every step that scene flow gets is one that the warm-up and the coming to rest lack.
+        // What each Gaussian learns of its own, before the 4D field joins in, tears bodies apart.
         self.extensions.following = Some(FollowingConfig {
-            handover: 0.6,
-            min_steps: 0,
+            handover: 0.95,
+            flow_handover: 0.6,
+            min_steps: 800,
         });
         self.extensions.gaps = Some(GapsConfig {
             coarsen: 0.25,
@@ -301,6 +302,7 @@ fn our_extensions() -> ExtensionsConfig {
         prune: Some(PruneConfig::default()),
         following: Some(FollowingConfig {
             handover: 0.7,
+            flow_handover: 0.6,
             min_steps: 1_000,
         }),
         gaps: Some(GapsConfig {
@@ -309,8 +311,9 @@ fn our_extensions() -> ExtensionsConfig {
         }),
         exposure: Some(ExposureConfig { rate: 2e-3 }),
         rest_cost: Some(RestCostConfig {
-            field: 0.3,
-            gaussians: 20.0,
+            field: 0.1,
+            gaussians: 2.5,
+            flow: [0.3, 20.0],
         }),
         floaters: Some(FloatersConfig {
             opacity: 0.01,

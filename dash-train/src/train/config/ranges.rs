@@ -87,6 +87,11 @@ impl TrainConfig {
         ];
         if let Some(following) = &self.extensions.following {
             values.push(("extensions.following.handover", following.handover));
+            let flow = (
+                "extensions.following.flow_handover",
+                following.flow_handover,
+            );
+            values.push(flow);
         }
         if let Some(averaging) = &self.extensions.averaging {
             values.push(("extensions.averaging.share", averaging.share));
@@ -126,6 +131,10 @@ impl TrainConfig {
         if let Some(rest) = &extensions.rest_cost {
             values.push(("extensions.rest_cost.field", rest.field));
             values.push(("extensions.rest_cost.gaussians", rest.gaussians));
+            values.extend(
+                rest.flow
+                    .map(|weight| ("extensions.rest_cost.flow", weight)),
+            );
         }
         if let Some(floaters) = &extensions.floaters {
             values.push(("extensions.floaters.opacity", floaters.opacity));

@@ -9,6 +9,7 @@ pub(crate) fn small(assignments: &[&str]) -> TrainConfig {
         "method.stages=[0.1, 0.3]",
         "extensions.following.min_steps=0",
         "extensions.following.handover=0.5",
+        "extensions.following.flow_handover=0.5",
         "method.motion_floor=0",
         "method.static_quantile=0.5",
         "method.motion_field.log2_hashmap_size=8",

@@ -24,6 +24,8 @@ pub struct RestCostConfig {
     pub field: f32,
     /// The same once every Gaussian has a trajectory of its own. Source: ours.
     pub gaussians: f32,
+    /// Both where scene flow finds motion, as of a rig: what it moves in error has to come to rest. Source: ours.
+    pub flow: [f32; 2],
 }
 
 /// See [`RestCostConfig`].
@@ -50,10 +52,14 @@ impl Extension<Dash> for RestCost {
         let (Some(motion), Some(_)) = (&forward.motion, run.method.motion_space) else {
             return Ok(Vec::new());
         };
+        let [looking, alone] = match run.suits_scene_flow() {
+            true => self.0.flow,
+            false => [self.0.field, self.0.gaussians],
+        };
         let looks = run.method.motion.is_some() || run.method.displacement.is_some();
         let (weight, far) = match looks {
-            true => (self.0.field, FAR_IN_FIELD),
-            false => (self.0.gaussians, FAR_ALONE),
+            true => (looking, FAR_IN_FIELD),
+            false => (alone, FAR_ALONE),
         };
         // A cost of no weight is not worked out.
         let cost = (weight > 0.0).then(|| {

@@ -108,6 +108,11 @@ impl Run<Dash> {
             && !self.method.nothing_moves
     }
 
+    /// Whether Gaussians can be registered to each time by itself, and have trajectories that follow.
+    pub fn suits_scene_flow(&self) -> bool {
+        self.is_synchronized() && self.method.config.trajectories == Trajectories::Polyline
+    }
+
     /// Whether the step that begins has made Gaussians dynamic.
     pub fn has_just_decomposed(&self) -> bool {
         self.may_move() && self.step == self.stages().end && self.scene.dynamic.is_some()

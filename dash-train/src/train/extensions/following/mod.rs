@@ -24,7 +24,7 @@ use crate::Error;
 use crate::dataset::View;
 use crate::train::core::loss::weighted_error;
 use crate::train::core::{Extension, Forward, RowEdit, Run, Saved, Set, to_host};
-use crate::train::paper::{Dash, Trajectories};
+use crate::train::paper::Dash;
 
 /// Part of the typical gradient that is added to Adam's denominator in the coarse field's networks.
 const DAMPING: f32 = 1.0;
@@ -33,11 +33,14 @@ const DAMPING: f32 = 1.0;
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct FollowingConfig {
-    /// Share of the decomposition after which scene flow or the coarse field hands over to trajectories of the
-    /// Gaussians' own. Source: ours.
+    /// Share of the decomposition after which the coarse field hands over to trajectories of the Gaussians' own.
+    /// Source: ours.
     pub handover: f32,
+    /// The same where scene flow finds motion, as of a rig: it takes fewer steps than the field, and leaves more for what
+    /// does not move to come to rest. Source: ours.
+    pub flow_handover: f32,
     /// Steps from the end of the warm-up to the handover, at least: a run in which they are fewer gives them a larger
-    /// share, from a shorter warm-up and a later decomposition. Source: ours.
+    /// share, from a shorter warm-up and a later decomposition. Not with scene flow. Source: ours.
     pub min_steps: usize,
 }
 
@@ -96,7 +99,10 @@ impl Extension<Dash> for Following {
 
     /// Trajectories start from where things are in the middle of the span that following starts from.
     fn init(&mut self, run: &mut Run<Dash>) {
-        run.method.handover = self.config.handover;
+        run.method.handover = match run.suits_scene_flow() {
+            true => self.config.flow_handover,
+            false => self.config.handover,
+        };
         run.method.damping = DAMPING;
         if let Some(span) = run.start {
             // A line is a polyline of one span.
@@ -109,7 +115,7 @@ impl Extension<Dash> for Following {
     }
 
     fn begin(&mut self, run: &mut Run<Dash>) -> Result<(), Error> {
-        if run.start.is_some() && run.may_move() {
+        if run.start.is_some() && run.may_move() && !run.suits_scene_flow() {
             room::make_room(run, self.config.min_steps);
         }
         Ok(())
@@ -119,7 +125,7 @@ impl Extension<Dash> for Following {
         let stages = run.stages();
         let steps = [stages.warmup, stages.handover];
         run.method.displacement = None;
-        if has_flow(run) && (steps[0]..steps[1]).contains(&run.step) {
+        if run.may_move() && run.suits_scene_flow() && (steps[0]..steps[1]).contains(&run.step) {
             // The coarse field is not asked.
             run.method.motion = None;
             let flow = self.flow.get_or_insert_with(|| SceneFlow::new(run));
@@ -199,13 +205,6 @@ impl Extension<Dash> for Following {
         };
         Ok(())
     }
-}
-
-/// Whether scene flow is what finds motion: each time shows where everything is, and trajectories follow it.
-fn has_flow(run: &Run<Dash>) -> bool {
-    run.may_move()
-        && run.is_synchronized()
-        && run.method.config.trajectories == Trajectories::Polyline
 }
 
 /// Gives every Gaussian the trajectory that the coarse field has for it.
