@@ -66,7 +66,7 @@ mod tests {
         for assignment in ["extensions.prune=none"].iter().chain(set) {
             config.set(assignment).expect("a known key");
         }
-        let dataset = Arc::new(synth::loaded(4, 24, [32, 24]));
+        let dataset = Arc::new(synth::loaded(6, 24, [32, 24]));
         let mut trainer = Trainer::new(config, dataset, &Device::flex()).expect("valid");
         for _ in 0..2 {
             // A resumed run begins again: its stages change no more.
