@@ -30,6 +30,7 @@ use training::Training;
 
 use crate::Error;
 use crate::dataset::{Dataset, Partition};
+use crate::evaluate::Perceptual;
 use crate::files::claim;
 use crate::numbers::median_and_range;
 use crate::results::{Results, scored};
@@ -100,7 +101,8 @@ pub trait Observer {
 }
 
 impl Comparison {
-    /// Trains what is not there yet of `methods` with seeds `0..seeds`, into folders below `out`.
+    /// Trains what is not there yet of `methods` with seeds `0..seeds`, into folders below `out`, and scores it, with LPIPS
+    /// for the networks that are given.
     ///
     /// # Errors
     /// When `out` holds another comparison, the dataset has no test views, or training fails; runs
@@ -112,6 +114,7 @@ impl Comparison {
         out: &Path,
         dataset: &Arc<Dataset>,
         device: &Device,
+        perceptual: &Perceptual,
         observer: &mut dyn Observer,
     ) -> Result<Vec<ComparedRun>, Error> {
         if dataset.views_of(Partition::Test).next().is_none() {
@@ -128,6 +131,7 @@ impl Comparison {
             out,
             dataset,
             device,
+            perceptual,
             observer,
             gauge: None,
         };

@@ -13,6 +13,7 @@ use super::gauge::Gauge;
 use super::{Budget, Comparison, Length, Method, Observer};
 use crate::Error;
 use crate::dataset::Dataset;
+use crate::evaluate::Perceptual;
 use crate::results::{Results, train_and_score};
 use crate::train::{RunConfig, RunFolder, StepReport, TrainConfig, TrainOptions};
 
@@ -30,6 +31,7 @@ pub(super) struct Training<'a> {
     pub(super) out: &'a Path,
     pub(super) dataset: &'a Arc<Dataset>,
     pub(super) device: &'a Device,
+    pub(super) perceptual: &'a Perceptual,
     pub(super) observer: &'a mut dyn Observer,
     /// The machine's speed, from the first run that is trained on.
     pub(super) gauge: Option<Gauge>,
@@ -118,13 +120,12 @@ impl Training<'_> {
             stop: &|| false,
             additions: Default::default(),
         };
-        let perceptual = Default::default();
         let results = train_and_score(
             &run,
             &config,
             self.dataset,
             self.device,
-            &perceptual,
+            self.perceptual,
             options,
         )?;
         Ok((run, results))

@@ -15,6 +15,7 @@ use crate::Shared;
 use crate::configuration::{ConfigFile, Overrides};
 use crate::data::DataArgs;
 use crate::failure::Failure;
+use crate::lpips::LpipsArgs;
 use crate::progress::RunsProgress;
 use crate::summary;
 use crate::values;
@@ -63,6 +64,8 @@ pub struct CompareArgs {
     #[arg(long, value_name = "KEY=VALUE")]
     set: Vec<String>,
     #[command(flatten)]
+    lpips: LpipsArgs,
+    #[command(flatten)]
     data: DataArgs,
     /// The data had a say in the choice of a method's values: the tables are marked
     #[arg(long)]
@@ -73,6 +76,8 @@ pub struct CompareArgs {
 const HAD_A_SAY: &str = "This data had a say in the choice of a method's values.";
 
 pub fn run(args: &CompareArgs, shared: &Shared) -> Result<String, Failure> {
+    let files = args.lpips.files();
+    files.check()?;
     let file = ConfigFile::read(args.config.as_deref())?;
     let overrides = Overrides {
         preset: Some(args.preset),
@@ -85,6 +90,7 @@ pub fn run(args: &CompareArgs, shared: &Shared) -> Result<String, Failure> {
     let preset = overrides.resolve(&file)?;
     let choice = shared.device.unwrap_or_default().resolved();
     let device = choice.device()?;
+    let perceptual = files.load(&device)?;
     let (data, dataset) = args.data.load(&args.dataset, &file.data, choice)?;
     let dataset = Arc::new(dataset);
     let length = match args.budget {
@@ -113,7 +119,13 @@ pub fn run(args: &CompareArgs, shared: &Shared) -> Result<String, Failure> {
         "the same command goes on with the runs that are missing".into(),
     ));
     let runs = comparison.run(
-        &methods, args.seeds, &args.out, &dataset, &device, &mut told,
+        &methods,
+        args.seeds,
+        &args.out,
+        &dataset,
+        &device,
+        &perceptual,
+        &mut told,
     )?;
     told.progress.end();
     let mut groups: Vec<RunGroup> = Vec::new();
@@ -171,7 +183,7 @@ impl Observer for Told<'_> {
 /// One line per method: medians over its seeds.
 fn table(methods: &[Method], runs: &[ComparedRun]) -> String {
     let mut lines = vec![
-        "method       seeds    secs   steps   PSNR  moving   SSIM  static + dynamic    fps      size"
+        "method       seeds    secs   steps   PSNR  moving   SSIM  LPIPS  static + dynamic    fps      size"
             .to_string(),
     ];
     for &method in methods {
@@ -181,7 +193,7 @@ fn table(methods: &[Method], runs: &[ComparedRun]) -> String {
             value.map_or("-".to_string(), |value| format!("{value:.digits$}"))
         };
         lines.push(format!(
-            "{:12} {:5} {:>7} {:>7} {:>6} {:>7} {:>6} {:>8} + {:<7} {:>6} {:>9}",
+            "{:12} {:5} {:>7} {:>7} {:>6} {:>7} {:>6} {:>6} {:>8} + {:<7} {:>6} {:>9}",
             method.name(),
             of.len(),
             shown(median(|run| run.results.train_seconds), 1),
@@ -189,6 +201,13 @@ fn table(methods: &[Method], runs: &[ComparedRun]) -> String {
             shown(median(|run| run.results.evaluation.psnr), 2),
             shown(median(|run| run.results.evaluation.psnr_dynamic), 2),
             shown(median(|run| run.results.evaluation.ssim), 3),
+            shown(
+                median(|run| {
+                    let scores = &run.results.evaluation;
+                    scores.lpips_alex.or(scores.lpips_vgg)
+                }),
+                3
+            ),
             shown(
                 median(|run| Some(run.results.evaluation.n_static as f64)),
                 0

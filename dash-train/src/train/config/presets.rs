@@ -96,7 +96,7 @@ impl TrainConfig {
         // What each Gaussian learns of its own, before the 4D field joins in, tears bodies apart.
         self.extensions.following = Some(FollowingConfig {
             handover: 0.95,
-            flow_handover: 0.6,
+            flow_handover: 0.8,
             min_steps: 800,
         });
         self.extensions.gaps = Some(GapsConfig {
@@ -302,7 +302,7 @@ fn our_extensions() -> ExtensionsConfig {
         prune: Some(PruneConfig::default()),
         following: Some(FollowingConfig {
             handover: 0.7,
-            flow_handover: 0.6,
+            flow_handover: 0.8,
             min_steps: 1_000,
         }),
         gaps: Some(GapsConfig {
@@ -313,7 +313,7 @@ fn our_extensions() -> ExtensionsConfig {
         rest_cost: Some(RestCostConfig {
             field: 0.1,
             gaussians: 2.5,
-            flow: [0.3, 20.0],
+            flow: [0.3, 10.0],
         }),
         floaters: Some(FloatersConfig {
             opacity: 0.01,

@@ -2,6 +2,7 @@
 
 use crate::train::core::hold_out::{MAX_VALIDATION_VIEWS, VIEWS_PER_VALIDATION_VIEW};
 use crate::train::core::initial::{BOX_MARGIN, BOX_TAIL, CHANGING_SHARE, EXTENT_TAIL, NEAR_SHARE};
+use crate::train::extensions::{FLOW_END, FLOW_REST, FLOW_WARMUP, FRAME_STEPS};
 use crate::train::paper::{
     FEATURES_PER_LEVEL, Form, GROWN, KEPT_BACK, LAYERS, MASK_INTERVAL, STEP,
 };
@@ -178,6 +179,19 @@ fn decomposition() -> Vec<InCode> {
                    Eq. 5"
                 .into(),
             why: "One field loses an old frame while it learns a new one.",
+        },
+        InCode {
+            what: "stages of a rig",
+            presets: OURS,
+            said: "shares of the run",
+            here: format!(
+                "the warm-up has {FLOW_WARMUP} steps at most, coming to rest {} to {}; scene flow has the others. With fewer \
+                 than {FRAME_STEPS} for a frame, the decomposition waits until {} of the run",
+                FLOW_REST[0],
+                FLOW_REST[1],
+                percent(FLOW_END)
+            ),
+            why: "More steps around scene flow bring nothing on real captures, more within it do.",
         },
         InCode {
             what: "rates of a rig's trajectories in the 4D stage",

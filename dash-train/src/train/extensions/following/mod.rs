@@ -12,6 +12,8 @@ mod scene_flow;
 mod small_motion;
 mod window;
 
+pub(crate) use self::room::{FLOW_END, FLOW_REST, FLOW_WARMUP, FRAME_STEPS};
+
 use burn::tensor::{Gradients, Tensor};
 use dash_model::{Gaussians, TrajectoryBasis};
 use schemars::JsonSchema;
@@ -36,8 +38,8 @@ pub struct FollowingConfig {
     /// Share of the decomposition after which the coarse field hands over to trajectories of the Gaussians' own.
     /// Source: ours.
     pub handover: f32,
-    /// The same where scene flow finds motion, as of a rig: it takes fewer steps than the field, and leaves more for what
-    /// does not move to come to rest. Source: ours.
+    /// The same where scene flow finds motion, as of a rig: what does not move then comes to rest. Long runs need a
+    /// smaller part for that. Source: ours.
     pub flow_handover: f32,
     /// Steps from the end of the warm-up to the handover, at least: a run in which they are fewer gives them a larger
     /// share, from a shorter warm-up and a later decomposition. Not with scene flow. Source: ours.
@@ -115,7 +117,9 @@ impl Extension<Dash> for Following {
     }
 
     fn begin(&mut self, run: &mut Run<Dash>) -> Result<(), Error> {
-        if run.start.is_some() && run.may_move() && !run.suits_scene_flow() {
+        if run.may_move() && run.suits_scene_flow() {
+            room::make_room_for_flow(run);
+        } else if run.may_move() && run.start.is_some() {
             room::make_room(run, self.config.min_steps);
         }
         Ok(())

@@ -48,6 +48,29 @@ pub(super) fn make_room(run: &mut Run<Dash>, min_steps: usize) {
     }
 }
 
+/// Most steps that scene flow leaves to the warm-up, which sees one frame.
+pub(crate) const FLOW_WARMUP: usize = 480;
+/// Fewest and most steps in which Gaussians come to rest behind it; the fewest give way in the shortest runs.
+pub(crate) const FLOW_REST: [usize; 2] = [210, 840];
+const SHORTEST_REST: f32 = 0.4;
+/// Steps for each frame for which scene flow puts off the decomposition, and the latest that it is put off to.
+pub(crate) const FRAME_STEPS: usize = 12;
+pub(crate) const FLOW_END: f32 = 0.5;
+
+/// Moves the stages so that scene flow has the steps that the stages around it do not need.
+pub(super) fn make_room_for_flow(run: &mut Run<Dash>) {
+    let share = |steps: usize| steps as f32 / run.config.iterations as f32;
+    let [warmup, end] = run.method.config.stages;
+    let [fewest, most] = FLOW_REST.map(share);
+    let fewest = fewest.min(SHORTEST_REST * (end - warmup));
+    let rest = ((1.0 - run.method.handover) * (end - warmup)).clamp(fewest, most.max(fewest));
+    let warmup = warmup.min(share(FLOW_WARMUP));
+    let flow = share(FRAME_STEPS * run.times.all().len());
+    let end = (warmup + flow + rest).clamp(end, end.max(FLOW_END));
+    run.method.config.stages = [warmup, end];
+    run.method.handover = 1.0 - rest / (end - warmup);
+}
+
 #[cfg(test)]
 mod tests {
     use std::sync::Arc;
@@ -60,13 +83,17 @@ mod tests {
 
     /// A run of a synchronised rig of 24 frames, with extensions told that it begins.
     fn begun(preset: Preset, iterations: usize, set: &[&str]) -> Trainer {
+        begun_with(24, preset, iterations, set)
+    }
+
+    fn begun_with(frames: usize, preset: Preset, iterations: usize, set: &[&str]) -> Trainer {
         let mut config = TrainConfig::preset(preset);
         config.iterations = iterations;
         config.initial_points = [50, 50];
         for assignment in ["extensions.prune=none"].iter().chain(set) {
             config.set(assignment).expect("a known key");
         }
-        let dataset = Arc::new(synth::loaded(6, 24, [32, 24]));
+        let dataset = Arc::new(synth::loaded(6, frames, [32, 24]));
         let mut trainer = Trainer::new(config, dataset, &Device::flex()).expect("valid");
         for _ in 0..2 {
             // A resumed run begins again: its stages change no more.
@@ -153,16 +180,24 @@ mod tests {
         );
     }
 
+    /// The last steps of the warm-up, of scene flow, and before the decomposition.
+    fn flow_stages(frames: usize, iterations: usize, set: &[&str]) -> [usize; 3] {
+        let stages = begun_with(frames, Preset::Quick, iterations, set)
+            .run
+            .stages();
+        [stages.warmup, stages.handover, stages.end]
+    }
+
     #[test]
-    fn scene_flow_has_a_share_of_its_own_and_no_least_number_of_steps() {
-        for iterations in [200, 6_000] {
-            let run = begun(Preset::Quick, iterations, &[]).run;
-            let (config, stages) = (TrainConfig::preset(Preset::Quick), run.stages());
-            assert_eq!(run.method.config.stages, config.method.stages);
-            let following = config.extensions.following.expect("on");
-            let share =
-                (stages.handover - stages.warmup) as f32 / (stages.end - stages.warmup) as f32;
-            assert!((share - following.flow_handover).abs() < 0.02, "{share}");
-        }
+    fn scene_flow_has_what_the_stages_around_it_do_not_need() {
+        // Few steps are shared out: 0.1, 0.45, and between them 210 to come to rest.
+        assert_eq!(flow_stages(24, 2_000, &[]), [200, 690, 900]);
+        // 480 steps before it and 840 after it are enough.
+        assert_eq!(flow_stages(24, 20_000, &[]), [480, 8_160, 9_000]);
+        // 12 steps for each of 60 frames put off the decomposition, but not beyond half of the run.
+        assert_eq!(flow_stages(60, 2_400, &[]), [240, 960, 1_170]);
+        assert_eq!(flow_stages(60, 1_000, &[]), [100, 360, 500]);
+        let late = flow_stages(60, 1_000, &["method.stages=[0.1, 0.7]"]);
+        assert_eq!(late, [100, 490, 700]);
     }
 }
