@@ -69,6 +69,16 @@ pub struct Comparison {
     pub preset: TrainConfig,
 }
 
+/// Which runs a comparison has, and what scores them.
+pub struct RunOptions<'a> {
+    /// What is trained.
+    pub methods: &'a [Method],
+    /// Runs of each method, of seeds from 0.
+    pub seeds: u64,
+    /// Networks of LPIPS.
+    pub perceptual: &'a Perceptual,
+}
+
 /// A run of a comparison.
 #[derive(Debug, Clone)]
 pub struct ComparedRun {
@@ -101,20 +111,17 @@ pub trait Observer {
 }
 
 impl Comparison {
-    /// Trains what is not there yet of `methods` with seeds `0..seeds`, into folders below `out`, and scores it, with LPIPS
-    /// for the networks that are given.
+    /// Trains and scores what is not there yet, in folders below `out`.
     ///
     /// # Errors
     /// When `out` holds another comparison, the dataset has no test views, or training fails; runs
     /// finished until then remain and are taken as they are next time.
     pub fn run(
         &self,
-        methods: &[Method],
-        seeds: u64,
+        options: &RunOptions<'_>,
         out: &Path,
         dataset: &Arc<Dataset>,
         device: &Device,
-        perceptual: &Perceptual,
         observer: &mut dyn Observer,
     ) -> Result<Vec<ComparedRun>, Error> {
         if dataset.views_of(Partition::Test).next().is_none() {
@@ -131,18 +138,18 @@ impl Comparison {
             out,
             dataset,
             device,
-            perceptual,
+            perceptual: options.perceptual,
             observer,
             gauge: None,
         };
         let mut runs = Vec::new();
-        for &method in methods {
+        for &method in options.methods {
             // All seeds of a method take the same number of steps.
             let mut iterations = match self.length {
                 Length::Steps(steps) => Some(steps),
                 Length::Seconds(_) => None,
             };
-            for seed in 0..seeds {
+            for seed in 0..options.seeds {
                 let root = out.join(method.folder()).join(format!("seed-{seed}"));
                 let (run, results) = match scored(&root)? {
                     Some(finished) => finished,

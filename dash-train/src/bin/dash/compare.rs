@@ -5,7 +5,7 @@ use std::sync::Arc;
 
 use clap::{ArgGroup, Args};
 use dash_train::compare::{
-    ComparedRun, Comparison, Length, Method, Observer, median_over_seeds, tables,
+    ComparedRun, Comparison, Length, Method, Observer, RunOptions, median_over_seeds, tables,
 };
 use dash_train::process::stop;
 use dash_train::report::{Block, RunGroup, compared, read_run};
@@ -118,15 +118,12 @@ pub fn run(args: &CompareArgs, shared: &Shared) -> Result<String, Failure> {
     stop::set_way_on(Some(
         "the same command goes on with the runs that are missing".into(),
     ));
-    let runs = comparison.run(
-        &methods,
-        args.seeds,
-        &args.out,
-        &dataset,
-        &device,
-        &perceptual,
-        &mut told,
-    )?;
+    let options = RunOptions {
+        methods: &methods,
+        seeds: args.seeds,
+        perceptual: &perceptual,
+    };
+    let runs = comparison.run(&options, &args.out, &dataset, &device, &mut told)?;
     told.progress.end();
     let mut groups: Vec<RunGroup> = Vec::new();
     for run in &runs {

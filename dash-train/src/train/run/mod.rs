@@ -138,7 +138,11 @@ pub fn train(
 fn tell_of_stages(config: &TrainConfig, trainer: &Trainer) {
     let [warmup, end] = config.method.stages;
     let following = config.extensions.following.as_ref();
-    let handover = following.map_or(1.0, |following| following.handover);
+    let is_rig = trainer.run.suits_scene_flow();
+    let handover = following.map_or(1.0, |following| match is_rig {
+        true => following.flow_handover,
+        false => following.handover,
+    });
     let asked = [warmup, warmup + handover * (end - warmup), end];
     let taken = trainer.run.method.stage_shares();
     if !trainer.run.may_move() || config.method.stages == trainer.run.method.config.stages {
@@ -157,11 +161,13 @@ fn tell_of_stages(config: &TrainConfig, trainer: &Trainer) {
         .filter(|(_, asked, taken)| asked != taken)
         .map(|(name, asked, taken)| format!("{name} after {taken} % instead of {asked} %"))
         .collect();
-    if !changes.is_empty() {
-        tracing::info!(
-            "{} steps are few: {} (extensions.following.min_steps=0 keeps the stages)",
-            config.iterations,
-            changes.join(", "),
-        );
+    let changes = changes.join(", ");
+    let steps = config.iterations;
+    match is_rig {
+        _ if changes.is_empty() => {}
+        true => tracing::info!("stages of {steps} steps of a rig: {changes}"),
+        false => tracing::info!(
+            "{steps} steps are few: {changes} (extensions.following.min_steps=0 keeps the stages)"
+        ),
     }
 }
