@@ -50,9 +50,9 @@ pub(super) fn make_room(run: &mut Run<Dash>, min_steps: usize) {
 
 /// Most steps that scene flow leaves to the warm-up, which sees one frame.
 pub(crate) const FLOW_WARMUP: usize = 480;
-/// Fewest and most steps in which Gaussians come to rest behind it; the fewest give way in the shortest runs.
+/// Fewest and most steps in which Gaussians come to rest behind it, and the share of the shortest runs that is enough.
 pub(crate) const FLOW_REST: [usize; 2] = [210, 840];
-const SHORTEST_REST: f32 = 0.4;
+const SHORTEST_REST: f32 = 0.14;
 /// Steps for each frame for which scene flow puts off the decomposition, and the latest that it is put off to.
 pub(crate) const FRAME_STEPS: usize = 12;
 pub(crate) const FLOW_END: f32 = 0.5;
@@ -62,13 +62,13 @@ pub(super) fn make_room_for_flow(run: &mut Run<Dash>) {
     let share = |steps: usize| steps as f32 / run.config.iterations as f32;
     let [warmup, end] = run.method.config.stages;
     let [fewest, most] = FLOW_REST.map(share);
-    let fewest = fewest.min(SHORTEST_REST * (end - warmup));
+    let fewest = fewest.min(SHORTEST_REST);
     let rest = ((1.0 - run.method.handover) * (end - warmup)).clamp(fewest, most.max(fewest));
     let warmup = warmup.min(share(FLOW_WARMUP));
     let flow = share(FRAME_STEPS * run.times.all().len());
     let end = (warmup + flow + rest).clamp(end, end.max(FLOW_END));
     run.method.config.stages = [warmup, end];
-    run.method.handover = 1.0 - rest / (end - warmup);
+    run.method.handover = (1.0 - rest / (end - warmup).max(f32::MIN_POSITIVE)).max(0.0);
 }
 
 #[cfg(test)]
@@ -198,6 +198,6 @@ mod tests {
         assert_eq!(flow_stages(60, 2_400, &[]), [240, 960, 1_170]);
         assert_eq!(flow_stages(60, 1_000, &[]), [100, 360, 500]);
         let late = flow_stages(60, 1_000, &["method.stages=[0.1, 0.7]"]);
-        assert_eq!(late, [100, 490, 700]);
+        assert_eq!(late, [100, 560, 700]);
     }
 }
