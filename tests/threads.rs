@@ -14,9 +14,10 @@ use dash_train::train::{Preset, TrainConfig, Trainer};
 const STEPS: usize = 500;
 /// Steps on a GPU, which may be emulated in software: past the decomposition.
 #[cfg(feature = "wgpu")]
-const WGPU_STEPS: usize = 200;
-/// Steps that reset opacities of the static and of the dynamic set, as [`config`] has them.
-const RESETS: [usize; 2] = [240, 260];
+const WGPU_STEPS: usize = 240;
+/// Steps that reset opacities of the static and of the dynamic set, as [`config`] has them: the decomposition waits until
+/// step 216, so that each frame has 12 steps.
+const RESETS: [usize; 2] = [240, 301];
 
 /// `quick`, with every event of a run within [`STEPS`] steps.
 fn config(seed: u64) -> TrainConfig {
