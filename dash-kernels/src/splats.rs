@@ -82,8 +82,8 @@ pub const ALPHA_MAX: f64 = 0.99;
 pub const TRANSMITTANCE_STOP: f64 = 1e-4;
 
 /// Ratio of the variances along and across a splat at which it is a needle: from there on rounding may change the
-/// exponent in single precision by 1e-3.
-pub const NEEDLE: f64 = 1e4;
+/// exponent in single precision by 1e-4, and the gradient of a length that is mostly seen end-on by a hundred times as much.
+pub const NEEDLE: f64 = 1e3;
 
 /// On a splat's long axis, where it is opaquest, rounding of the exponent's terms may make it negative by as much; the
 /// largest of them are those of splats that are nearly needles.

@@ -21,9 +21,6 @@ const FAMILY: &str = "precision";
 const PICTURE: f64 = 1.778e-3;
 /// Relative error of a whole gradient.
 const GRADIENT: f64 = 1e-3;
-/// The same of scales. A needle's length is far more than the picture shows and its width far less than the low-pass
-/// filter: what they change is next to nothing, and differences are left of sums.
-const SCALE_GRADIENT: f64 = 5e-3;
 /// Pixels nearer than this to a threshold of drawing, relatively, have no gradient here: rounding may decide them.
 const BAND: f64 = 1e-2;
 const BACKGROUND: [f32; 3] = [0.25, 0.5, 0.125];
@@ -286,11 +283,7 @@ fn judge(all: &[Off]) -> Measured {
     );
     for (k, (name, _)) in all[0].gradients.iter().enumerate() {
         let worst = worst_of(all.iter().map(|off| off.gradients[k].1));
-        let tolerance = match *name {
-            "scales" => SCALE_GRADIENT,
-            _ => GRADIENT,
-        };
-        measured.judge(format!("gradient of {name}"), worst, tolerance);
+        measured.judge(format!("gradient of {name}"), worst, GRADIENT);
     }
     measured
 }

@@ -6,7 +6,7 @@ use crate::splats::{ALPHA_MAX, TRANSMITTANCE_STOP};
 
 use super::super::tiles::TILE;
 use super::super::{CHANNEL_ALPHA, CHANNEL_DEPTH, N_CHANNELS, RasterizeOptions};
-use super::band::{Band, Record, TILE_PIXELS};
+use super::band::{Band, NeedleInTile, Record, TILE_PIXELS};
 use super::lanes::{Conic, ConicLanes, Exponents, NeedleLanes, SplatLanes, TilePixels, any, exp2};
 
 /// Draws a band's splats into its rows of the image.
@@ -31,6 +31,37 @@ struct Tile {
     depth: TilePixels<f32>,
     /// One past the place of the last splat blended.
     last: TilePixels<i32>,
+}
+
+/// Draws one needle as [`Tile::draw_splat`] does.
+struct DrawNeedle<'a> {
+    tile: &'a mut Tile,
+    record: &'a Record,
+    shape: NeedleInTile,
+    place: i32,
+    alive: &'a mut [u32],
+}
+
+impl WithSimd for DrawNeedle<'_> {
+    type Output = u32;
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, simd: S) -> u32 {
+        self.tile.draw_splat::<S, NeedleLanes<S>>(
+            simd,
+            self.record,
+            &self.shape,
+            self.place,
+            self.alive,
+        )
+    }
+}
+
+/// Needles are few: the loop over splats has no code of theirs.
+#[cold]
+#[inline(never)]
+fn draw_needle<S: Simd>(simd: S, needle: DrawNeedle) -> u32 {
+    simd.vectorize(needle)
 }
 
 impl WithSimd for BlendBand<'_> {
@@ -105,12 +136,15 @@ impl Tile {
                         &mut alive[..per_row],
                     )
                 }
-                Some(shape) => self.draw_splat::<S, NeedleLanes<S>>(
+                Some(shape) => draw_needle(
                     simd,
-                    record,
-                    &shape,
-                    place,
-                    &mut alive[..per_row],
+                    DrawNeedle {
+                        tile: self,
+                        record,
+                        shape,
+                        place,
+                        alive: &mut alive[..per_row],
+                    },
                 ),
             };
             if any_alive == 0 {

@@ -37,6 +37,35 @@ struct TileVjp {
     row_last: [i32; TILE],
 }
 
+/// Takes one needle off a tile.
+struct ReplayNeedle<'a> {
+    tile: &'a mut TileVjp,
+    record: &'a Record,
+    shape: NeedleInTile,
+    place: i32,
+    v_splat: &'a mut SplatGradient,
+}
+
+impl WithSimd for ReplayNeedle<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, simd: S) {
+        let (record, shape) = (self.record, &self.shape);
+        let tile = self.tile;
+        if let Some(sums) = tile.replay::<S, NeedleLanes<S>>(simd, record, shape, self.place) {
+            sums.add_needle_to(simd, record, shape, self.v_splat);
+        }
+    }
+}
+
+/// Needles are few: the loop over splats has no code of theirs.
+#[cold]
+#[inline(never)]
+fn replay_needle<S: Simd>(simd: S, needle: ReplayNeedle) {
+    simd.vectorize(needle)
+}
+
 impl WithSimd for BlendBandVjp<'_> {
     type Output = Vec<SplatGradient>;
 
@@ -62,11 +91,15 @@ impl WithSimd for BlendBandVjp<'_> {
                         }
                     }
                     Some(shape) => {
-                        if let Some(sums) =
-                            state.replay::<S, NeedleLanes<S>>(simd, record, &shape, place)
-                        {
-                            sums.add_needle_to(simd, record, &shape, v_splat);
-                        }
+                        let tile = &mut state;
+                        let needle = ReplayNeedle {
+                            tile,
+                            record,
+                            shape,
+                            place,
+                            v_splat,
+                        };
+                        replay_needle(simd, needle);
                     }
                 }
             }
