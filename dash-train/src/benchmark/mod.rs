@@ -137,7 +137,7 @@ impl Benchmark {
                         device,
                         options,
                     };
-                    observer.begin(scene, seed, self.train.iterations);
+                    observer.begin(scene, seed, training.iterations());
                     let told = &mut |report: &StepReport, secs| observer.step(report, secs);
                     training.run(seed, &root, told)?;
                 }

@@ -21,6 +21,7 @@ fn scene(root: &Path, name: &str, layout: SynthLayout, cameras: usize, size: [us
 fn benchmark(protocol: ProtocolName, data: &Path, iterations: usize) -> Benchmark {
     let mut train = TrainConfig::preset(Preset::Quick);
     train.iterations = iterations;
+    train.visits = None;
     train.initial_points = [0, 200];
     train.checkpoint_interval = 2;
     Benchmark {

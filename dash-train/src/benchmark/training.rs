@@ -23,6 +23,11 @@ pub(super) struct Training<'a> {
 }
 
 impl Training<'_> {
+    /// Steps of a run.
+    pub(super) fn iterations(&self) -> usize {
+        self.benchmark.train.steps_for(&self.dataset)
+    }
+
     /// Trains and scores a run, from its newest checkpoint where it was interrupted.
     pub(super) fn run(
         self,
@@ -33,6 +38,7 @@ impl Training<'_> {
         check_dataset(&self.dataset)?;
         let config = TrainConfig {
             seed,
+            iterations: self.iterations(),
             ..self.benchmark.train.clone()
         };
         let config = RunConfig::new(self.data.clone(), config);

@@ -14,6 +14,7 @@ use crate::Error;
 use crate::dataset::Dataset;
 use crate::numbers::median;
 use crate::train::core::is_synchronized;
+use crate::train::extensions::stages_of_flow;
 use crate::train::{Keep, Preset, TrainConfig, Trainer};
 
 /// Gaussians of the two runs.
@@ -81,13 +82,14 @@ pub(super) fn check(dataset: &Dataset, on: TimedOn) -> Finding {
     };
     let n_given = dataset.points.as_ref().map_or(0, |p| p.positions.len());
     let told = PRESETS.map(|preset| {
-        let config = TrainConfig::preset(preset);
+        let mut config = TrainConfig::preset(preset).for_capture(&dataset);
+        config.iterations = config.steps_for(&dataset);
         let [low, high] = range(
             &runs,
-            &config.for_capture(&dataset),
+            &config,
             n_given,
             dataset.is_static(),
-            is_synchronized(&dataset),
+            is_synchronized(&dataset).then_some(dataset.n_frames),
         );
         let name = format!("{preset:?}").to_lowercase();
         format!("{} with --preset {name}", in_words(low, high))
@@ -155,13 +157,13 @@ fn time(
     })
 }
 
-/// The least and the most seconds that a run takes.
+/// The least and the most seconds that a run takes; of a rig the number of times is known.
 fn range(
     runs: &[Timed],
     config: &TrainConfig,
     n_given: usize,
     is_static: bool,
-    is_rig: bool,
+    rig: Option<usize>,
 ) -> [f64; 2] {
     let [fewest, most] = config.initial_points;
     let first = n_given.clamp(fewest.min(most), most);
@@ -171,12 +173,15 @@ fn range(
     ];
     let few = first.min(n_static);
     let many = first.max((n_static + n_dynamic).min(GROWTH * first));
-    let [warmup, decomposition] = config.method.stages;
+    let asked = config.method.stages;
     let following = config.extensions.following.as_ref();
-    let handover = following.map_or(1.0, |following| match is_rig {
-        true => following.flow_handover,
-        false => following.handover,
-    });
+    let handover = following.map_or(1.0, |following| following.handover_of(rig.is_some()));
+    let ([warmup, decomposition], handover) = match rig {
+        Some(n_times) if following.is_some() => {
+            stages_of_flow(asked, handover, config.iterations, n_times)
+        }
+        _ => (asked, handover),
+    };
     let handover = warmup + handover * (decomposition - warmup);
     let ends = [warmup, handover, decomposition, 1.0];
     let total = |n: usize, moves: bool| -> f64 {
@@ -275,13 +280,18 @@ mod tests {
         config.method.stages = [0.1, 0.5];
         if let Some(following) = &mut config.extensions.following {
             following.handover = 0.5;
+            following.flow_handover = 0.5;
         }
         // 100, 200, 200 and 500 steps.
-        let [low, high] = range(&runs, &config, 0, false, false);
+        let [low, high] = range(&runs, &config, 0, false, None);
         assert!((low - (1.0 + 4.0 + 8.0 + 5.0)).abs() < 1e-3, "{low}");
         assert!((high - (1.0 + 4.0 + 8.0 + 40.0)).abs() < 1e-3, "{high}");
-        let [low, high] = range(&runs, &config, 0, true, false);
+        let [low, high] = range(&runs, &config, 0, true, None);
         assert!((low - 10.0).abs() < 1e-3 && (high - 10.0).abs() < 1e-3);
+        // 12 steps for each of a rig's 20 frames put off the decomposition: 100, 240, 150 and 510 steps.
+        config.method.stages = [0.1, 0.4];
+        let [low, _] = range(&runs, &config, 0, false, Some(20));
+        assert!((low - (1.0 + 4.8 + 6.0 + 5.1)).abs() < 1e-3, "{low}");
     }
 
     #[test]

@@ -126,6 +126,14 @@ impl ConfigFile {
 }
 
 impl Overrides<'_> {
+    /// Whether the number of steps is asked for: a capture's views are not asked then.
+    fn has_iterations(&self, file: &ConfigFile) -> bool {
+        let assigned = |text: &String| matches!(text.split_once('='), Some((key, _)) if key.trim() == "iterations");
+        self.iterations.is_some()
+            || file.train.contains_key("iterations")
+            || self.assignments.iter().any(assigned)
+    }
+
     /// The configuration of a new run.
     pub fn resolve(&self, file: &ConfigFile) -> Result<TrainConfig, Failure> {
         let path = self
@@ -147,7 +155,11 @@ impl Overrides<'_> {
             }
             (asked, found) => asked.or(found).unwrap_or(Preset::Default),
         };
-        self.apply(TrainConfig::preset(preset), file)
+        let mut config = self.apply(TrainConfig::preset(preset), file)?;
+        if self.has_iterations(file) {
+            config.visits = None;
+        }
+        Ok(config)
     }
 
     /// `config` with the file's values, then the command line's.
@@ -231,6 +243,24 @@ mod tests {
             seed: None,
             keep: None,
         }
+    }
+
+    #[test]
+    fn a_number_of_steps_that_is_asked_for_is_taken_for_any_capture() {
+        let visits = |over: &Overrides| {
+            let file = ConfigFile::read(over.file).expect("read");
+            over.resolve(&file).expect("valid").visits
+        };
+        assert_eq!(visits(&overrides(None, &[])), Some(4));
+        assert_eq!(visits(&overrides(None, &["seed=6".into()])), Some(4));
+        assert_eq!(visits(&overrides(None, &["iterations = 9".into()])), None);
+        let asked = Overrides {
+            iterations: Some(15_000),
+            ..overrides(None, &[])
+        };
+        assert_eq!(visits(&asked), None);
+        let (_folder, path) = file("preset = \"quick\"\niterations = 70\n");
+        assert_eq!(visits(&overrides(Some(&path), &[])), None);
     }
 
     #[test]

@@ -186,6 +186,16 @@ fn start(
     if let Some(budget) = args.budget {
         RunFolder::check_free(&args.out)?;
         config.train.iterations = steps_of(budget, &config.train, &dataset, &device, shared)?;
+        config.train.visits = None;
+    } else {
+        let asked = config.train.iterations;
+        config.train.iterations = config.train.steps_for(&dataset);
+        if let (Some(visits), true) = (config.train.visits, config.train.iterations > asked) {
+            tracing::info!(
+                "{} steps instead of {asked}: {visits} for each training view; --iterations or --budget choose others",
+                config.train.iterations,
+            );
+        }
     }
     let run = RunFolder::create(&args.out, &config)?;
     tell_held_out(&dataset);

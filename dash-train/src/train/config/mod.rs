@@ -14,7 +14,7 @@ use serde::{Deserialize, Serialize};
 use super::core::{DensifySets, OptimizerConfig, ScheduleConfig, is_synchronized};
 use super::extensions::ExtensionsConfig;
 use super::paper::MethodConfig;
-use crate::dataset::Dataset;
+use crate::dataset::{Dataset, Partition};
 pub use deviations::deviations;
 pub use reference::reference;
 
@@ -53,6 +53,10 @@ pub struct TrainConfig {
     /// Optimisation steps, one view each. Stages are shares of it, so a shorter run keeps its form, as long as there are
     /// enough steps to follow motion in. Source: 3DGS, 30,000.
     pub iterations: usize,
+    /// Steps for each training view, at least: where there are more views than `iterations` has steps for, a run that is not
+    /// told its number of steps takes more. Absent: as many steps for any capture. Source: ours.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub visits: Option<usize>,
     /// Seed of everything random.
     pub seed: u64,
     /// Largest spherical-harmonics degree, 0 to 3. Source: 3DGS, 3.
@@ -88,6 +92,12 @@ impl TrainConfig {
     /// The step at a share of the run.
     pub fn step_at(&self, share: f32) -> usize {
         (share * self.iterations as f32).round() as usize
+    }
+
+    /// The steps that a capture is given where nobody says how many.
+    pub fn steps_for(&self, dataset: &Dataset) -> usize {
+        let views = dataset.views_of(Partition::Train).count();
+        self.iterations.max(self.visits.unwrap_or(0) * views)
     }
 
     /// Sets whether parts that the scene does not need are left out.

@@ -33,6 +33,7 @@ impl TrainConfig {
         Self {
             preset: Preset::Default,
             iterations: 15_000,
+            visits: Some(4),
             seed: 0,
             sh_degree: 3,
             sh_interval: 1.0 / 15.0,
@@ -71,6 +72,7 @@ impl TrainConfig {
 
     fn shorten(&mut self) {
         self.iterations = 6_000;
+        self.visits = Some(2);
         self.sh_degree = 1;
         self.initial_points = [6_000, 20_000];
         self.method.stages[1] = 0.45;
@@ -118,6 +120,7 @@ impl TrainConfig {
     fn as_in_the_paper(&mut self) {
         // As long as 3DGS trains.
         self.iterations = 30_000;
+        self.visits = None;
         self.sh_interval = 1_000.0 / 30_000.0;
         self.near_plane = Some(NEAR_PLANE);
         self.extensions = ExtensionsConfig::default();
@@ -199,6 +202,7 @@ impl TrainConfig {
 
     fn as_released(&mut self) {
         self.iterations = 50_000;
+        self.visits = None;
         self.sh_interval = 1_000.0 / 50_000.0;
         self.dssim = 0.0;
         self.near_plane = Some(NEAR_PLANE);

@@ -187,6 +187,7 @@ impl TrainConfig {
                 self.method.smoothness_interval,
             ),
         ];
+        values.extend(self.visits.map(|visits| ("visits", visits)));
         let names = [
             [
                 "densify.static.interval",

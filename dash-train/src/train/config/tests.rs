@@ -183,3 +183,18 @@ fn only_what_several_cameras_show_at_once_has_more_gaussians_for_larger_pictures
         .retain(|view| view.camera_index % 3 == view.frame);
     assert_eq!(most(&in_turns), 4_000);
 }
+
+#[test]
+fn many_views_are_given_more_steps() {
+    // 5 training cameras of 6, less a view held out for validation.
+    let dataset = synth::loaded(6, 8, [32, 24]);
+    let views = dataset.views_of(Partition::Train).count();
+    let mut config = TrainConfig::preset(Preset::Quick);
+    assert_eq!(config.steps_for(&dataset), 6_000);
+    config.iterations = 50;
+    assert_eq!(config.steps_for(&dataset), 2 * views);
+    config.visits = None;
+    assert_eq!(config.steps_for(&dataset), 50);
+    config.visits = Some(0);
+    config.validate().expect_err("at least 1");
+}

@@ -23,7 +23,7 @@ pub use crowding::{Crowding, CrowdingConfig};
 pub use demotion::{Demotion, DemotionConfig};
 pub use exposure::{Exposure, ExposureConfig};
 pub use floaters::{Floaters, FloatersConfig};
-pub(crate) use following::{FLOW_END, FLOW_REST, FLOW_WARMUP, FRAME_STEPS};
+pub(crate) use following::{FLOW_END, FLOW_REST, FLOW_WARMUP, FRAME_STEPS, stages_of_flow};
 pub use following::{Following, FollowingConfig};
 pub use gaps::{GapsConfig, TimeGaps};
 pub use prune::{Prune, PruneConfig};

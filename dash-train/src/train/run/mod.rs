@@ -139,13 +139,10 @@ fn tell_of_stages(config: &TrainConfig, trainer: &Trainer) {
     let [warmup, end] = config.method.stages;
     let following = config.extensions.following.as_ref();
     let is_rig = trainer.run.suits_scene_flow();
-    let handover = following.map_or(1.0, |following| match is_rig {
-        true => following.flow_handover,
-        false => following.handover,
-    });
+    let handover = following.map_or(1.0, |following| following.handover_of(is_rig));
     let asked = [warmup, warmup + handover * (end - warmup), end];
     let taken = trainer.run.method.stage_shares();
-    if !trainer.run.may_move() || config.method.stages == trainer.run.method.config.stages {
+    if !trainer.run.may_move() {
         return;
     }
     let percent = |share: f32| (100.0 * share).round();

@@ -8,6 +8,10 @@ const FEWER_STEPS: &str = "`quick` has fewer steps.";
 /// Keys in which `default` or `quick` differ from `paper`, and why.
 pub(super) const OURS: &[(&str, &str)] = &[
     ("iterations", "A CPU's time."),
+    (
+        "visits",
+        "A long capture of many cameras would be seen once or less.",
+    ),
     ("sh_degree", "`quick`: fewer values per Gaussian."),
     ("sh_interval", "1,000 steps of `default`."),
     ("near_plane", "Measured: scenes come in any unit."),

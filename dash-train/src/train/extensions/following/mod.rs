@@ -12,7 +12,7 @@ mod scene_flow;
 mod small_motion;
 mod window;
 
-pub(crate) use self::room::{FLOW_END, FLOW_REST, FLOW_WARMUP, FRAME_STEPS};
+pub(crate) use self::room::{FLOW_END, FLOW_REST, FLOW_WARMUP, FRAME_STEPS, stages_of_flow};
 
 use burn::tensor::{Gradients, Tensor};
 use dash_model::{Gaussians, TrajectoryBasis};
@@ -44,6 +44,16 @@ pub struct FollowingConfig {
     /// Steps from the end of the warm-up to the handover, at least: a run in which they are fewer gives them a larger
     /// share, from a shorter warm-up and a later decomposition. Not with scene flow. Source: ours.
     pub min_steps: usize,
+}
+
+impl FollowingConfig {
+    /// The handover of a capture that scene flow finds motion in, or of another.
+    pub(crate) fn handover_of(&self, has_scene_flow: bool) -> f32 {
+        match has_scene_flow {
+            true => self.flow_handover,
+            false => self.handover,
+        }
+    }
 }
 
 /// See [`FollowingConfig`].
@@ -101,10 +111,7 @@ impl Extension<Dash> for Following {
 
     /// Trajectories start from where things are in the middle of the span that following starts from.
     fn init(&mut self, run: &mut Run<Dash>) {
-        run.method.handover = match run.suits_scene_flow() {
-            true => self.config.flow_handover,
-            false => self.config.handover,
-        };
+        run.method.handover = self.config.handover_of(run.suits_scene_flow());
         run.method.damping = DAMPING;
         if let Some(span) = run.start {
             // A line is a polyline of one span.

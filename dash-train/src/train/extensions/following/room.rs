@@ -57,18 +57,34 @@ const SHORTEST_REST: f32 = 0.14;
 pub(crate) const FRAME_STEPS: usize = 12;
 pub(crate) const FLOW_END: f32 = 0.5;
 
-/// Moves the stages so that scene flow has the steps that the stages around it do not need.
-pub(super) fn make_room_for_flow(run: &mut Run<Dash>) {
-    let share = |steps: usize| steps as f32 / run.config.iterations as f32;
-    let [warmup, end] = run.method.config.stages;
+/// The stages of a rig's run of `iterations` steps and the handover in them, moved so that scene flow has the steps that the
+/// stages around it do not need. They are as asked for, in shares of the run: the ends of warm-up and decomposition, and the
+/// handover between them.
+pub(crate) fn stages_of_flow(
+    [warmup, end]: [f32; 2],
+    handover: f32,
+    iterations: usize,
+    n_times: usize,
+) -> ([f32; 2], f32) {
+    let share = |steps: usize| steps as f32 / iterations as f32;
     let [fewest, most] = FLOW_REST.map(share);
     let fewest = fewest.min(SHORTEST_REST);
-    let rest = ((1.0 - run.method.handover) * (end - warmup)).clamp(fewest, most.max(fewest));
+    let rest = ((1.0 - handover) * (end - warmup)).clamp(fewest, most.max(fewest));
     let warmup = warmup.min(share(FLOW_WARMUP));
-    let flow = share(FRAME_STEPS * run.times.all().len());
+    let flow = share(FRAME_STEPS * n_times);
     let end = (warmup + flow + rest).clamp(end, end.max(FLOW_END));
-    run.method.config.stages = [warmup, end];
-    run.method.handover = (1.0 - rest / (end - warmup).max(f32::MIN_POSITIVE)).max(0.0);
+    let handover = 1.0 - rest / (end - warmup).max(f32::MIN_POSITIVE);
+    ([warmup, end], handover.max(0.0))
+}
+
+/// Moves the stages as [`stages_of_flow`] does.
+pub(super) fn make_room_for_flow(run: &mut Run<Dash>) {
+    (run.method.config.stages, run.method.handover) = stages_of_flow(
+        run.method.config.stages,
+        run.method.handover,
+        run.config.iterations,
+        run.times.all().len(),
+    );
 }
 
 #[cfg(test)]
