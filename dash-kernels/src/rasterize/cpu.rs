@@ -123,18 +123,22 @@ pub fn rasterize_vjp(saved: &Saved, v_image: &[f32]) -> Vec<f32> {
                         *sum += value;
                     }
                 }
-                if own_parts.first().is_some_and(|&(band, index)| {
-                    let band = &pass.blended[band as usize];
-                    band.needle(&band.records[index as usize]).is_some()
-                }) {
-                    v_row.copy_within(splats::CONIC_A..=splats::CONIC_C, splats::ACROSS_X);
-                    v_row[splats::CONIC_A..=splats::CONIC_C].fill(0.0);
-                }
                 if !v_row.iter().all(|&value| is_finite(value)) {
                     v_row.fill(0.0);
                 }
             }
         });
+    let bands = pass.blended.iter().enumerate();
+    let mut needles: Vec<u32> = bands
+        .flat_map(|(index, band)| band.needle_ids(pass.bands.ids(index)))
+        .collect();
+    needles.sort_unstable();
+    needles.dedup();
+    for id in needles {
+        let v_row = &mut v_splats[id as usize * N_COLUMNS..][..N_COLUMNS];
+        v_row.copy_within(splats::CONIC_A..=splats::CONIC_C, splats::ACROSS_X);
+        v_row[splats::CONIC_A..=splats::CONIC_C].fill(0.0);
+    }
     v_splats
 }
 

@@ -183,9 +183,19 @@ impl Band {
         }
     }
 
+    /// The needles among the band's splats, of which `ids` are given.
+    pub fn needle_ids(&self, ids: &[u32]) -> Vec<u32> {
+        if self.needles.is_empty() {
+            return Vec::new();
+        }
+        let records = ids.iter().zip(&self.records);
+        let needles = records.filter(|(_, record)| record.needle != NO_NEEDLE);
+        needles.map(|(&id, _)| id).collect()
+    }
+
     /// The needle of a record; `None` for other splats.
     #[inline(always)]
-    pub fn needle(&self, record: &Record) -> Option<&Needle<f32>> {
+    fn needle(&self, record: &Record) -> Option<&Needle<f32>> {
         self.needles.get(record.needle as usize)
     }
 

@@ -14,6 +14,8 @@ use crate::train::paper::Dash;
 const FAR_IN_FIELD: f32 = 0.2;
 /// The same once every Gaussian has a trajectory of its own.
 const FAR_ALONE: f32 = 0.05;
+/// The same of a rig: scene flow has found fast motion before, and a cost of it would only hold it back.
+const FAR_OF_FLOW: f32 = 0.01;
 
 /// `[extensions.rest_cost]`
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
@@ -52,14 +54,14 @@ impl Extension<Dash> for RestCost {
         let (Some(motion), Some(_)) = (&forward.motion, run.method.motion_space) else {
             return Ok(Vec::new());
         };
-        let [looking, alone] = match run.suits_scene_flow() {
-            true => self.0.flow,
-            false => [self.0.field, self.0.gaussians],
+        let ([looking, alone], far_alone) = match run.suits_scene_flow() {
+            true => (self.0.flow, FAR_OF_FLOW),
+            false => ([self.0.field, self.0.gaussians], FAR_ALONE),
         };
         let looks = run.method.motion.is_some() || run.method.displacement.is_some();
         let (weight, far) = match looks {
             true => (looking, FAR_IN_FIELD),
-            false => (alone, FAR_ALONE),
+            false => (alone, far_alone),
         };
         // A cost of no weight is not worked out.
         let cost = (weight > 0.0).then(|| {
