@@ -2,7 +2,7 @@
 //!
 //! Without it, the scene has to explain what the cameras do: with colours that depend on direction, and with veils before
 //! each camera. What the cameras have in common stays in the scene: gains are 1 and offsets 0 on average, and a
-//! held-out camera is drawn without any. A camera with one picture, of a time that no other camera shows, has none: its
+//! held-out camera is drawn without any. Cameras that turn out to be alike have none from then on. A camera with one picture, of a time that no other camera shows, has none: its
 //! exposure and the scene's colours at that time are ambiguous. Source: Dynamic 3D Gaussians (Luiten et al. 2024).
 
 use std::collections::BTreeMap;
@@ -12,6 +12,7 @@ use dash_kernels::splats::{N_COLUMNS, RED};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
+use crate::Error;
 use crate::dataset::View;
 use crate::train::core::optimizer::Moments;
 use crate::train::core::{Extension, Rate, Run, Saved, to_host};
@@ -20,6 +21,13 @@ use crate::train::core::{Extension, Rate, Run, Saved, to_host};
 const CHANNELS: usize = 3;
 /// Gains and offsets of a camera.
 const VALUES: usize = 2 * CHANNELS;
+
+/// Share of the run after which it is decided whether cameras differ.
+const DECIDED: f32 = 0.4;
+/// Steps of a camera from which on its values are known well enough for that, as a mean over cameras.
+const KNOWN: u64 = 20;
+/// Cameras that change a medium gray by less than one level of 8 bits, root mean square, do not differ.
+const LEAST: f32 = 1.0 / 255.0;
 
 /// `[extensions.exposure]`
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
@@ -87,6 +95,19 @@ impl Exposure {
     }
 }
 
+impl Exposure {
+    /// Whether all cameras are known to be alike: what they seem to do then is what the scene does not fit yet.
+    fn are_alike(&self) -> bool {
+        let cameras = || self.cameras.values();
+        let n = self.cameras.len();
+        let steps: u64 = cameras().map(|r| r.moments.steps).sum();
+        let gray = |r: &Response, channel| 0.5 * r.values[channel] + r.values[CHANNELS + channel];
+        let squares = cameras().flat_map(|r| (0..CHANNELS).map(|c| gray(r, c).powi(2)));
+        let mean = squares.sum::<f32>() / (n * CHANNELS) as f32;
+        n > 0 && steps >= KNOWN * n as u64 && mean.sqrt() < LEAST
+    }
+}
+
 impl<M> Extension<M> for Exposure {
     fn name(&self) -> &'static str {
         "exposure"
@@ -143,6 +164,15 @@ impl<M> Extension<M> for Exposure {
         }
     }
 
+    fn after_step(&mut self, run: &mut Run<M>) -> Result<(), Error> {
+        if run.step == (DECIDED * run.config.iterations as f32).round() as usize && self.are_alike()
+        {
+            tracing::info!("all cameras have the same exposure");
+            self.cameras.clear();
+        }
+        Ok(())
+    }
+
     fn save(&self) -> Saved {
         let mut saved = Saved::default();
         let numbers = self
@@ -160,6 +190,9 @@ impl<M> Extension<M> for Exposure {
     fn restore(&mut self, run: &Run<M>, mut saved: Saved) -> Result<(), String> {
         const EACH: usize = 3 * VALUES + 1;
         let numbers = saved.take("cameras")?;
+        if numbers.is_empty() {
+            self.cameras.clear();
+        }
         if numbers.len() != EACH * self.cameras.len() {
             return Err(format!(
                 "{} numbers of {} cameras, of {EACH} each",

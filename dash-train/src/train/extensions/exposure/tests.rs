@@ -174,3 +174,34 @@ fn a_camera_whose_only_picture_is_all_there_is_of_a_time_is_left_as_it_is() {
     );
     assert_eq!(of_views(|camera, frame| frame == camera), 0);
 }
+
+#[test]
+fn cameras_that_are_alike_lose_their_exposures() {
+    // What is left after so many steps of each camera, and offsets of so much up and down.
+    let left = |steps: u64, offset: f32| {
+        let mut trainer = trainer(dataset());
+        let run = &mut trainer.run;
+        let mut exposure = Exposure::new(ExposureConfig { rate: 0.1 });
+        Extension::<_>::init(&mut exposure, run);
+        for (k, response) in exposure.cameras.values_mut().enumerate() {
+            let sign = if k % 2 == 0 { 1.0 } else { -1.0 };
+            response.values = vec![sign * offset; VALUES];
+            response.moments.steps = steps;
+        }
+        run.step = 159;
+        exposure.after_step(run).expect("nothing to read");
+        assert_eq!(exposure.cameras.len(), GAINS.len());
+        run.step = 160;
+        exposure.after_step(run).expect("nothing to read");
+        let n = exposure.cameras.len();
+        let mut again = Exposure::new(ExposureConfig { rate: 0.1 });
+        Extension::<_>::init(&mut again, run);
+        let saved = Extension::<crate::train::paper::Dash>::save(&exposure);
+        again.restore(run, saved).expect("its own");
+        assert_eq!(again.cameras.len(), n);
+        n
+    };
+    assert_eq!(left(20, 0.002), 0);
+    assert_eq!(left(19, 0.002), GAINS.len(), "not known yet");
+    assert_eq!(left(20, 0.003), GAINS.len(), "0.0045 of a medium gray");
+}
