@@ -128,7 +128,7 @@ impl ConfigFile {
 impl Overrides<'_> {
     /// Whether the number of steps is asked for: a capture's views are not asked then.
     fn has_iterations(&self, file: &ConfigFile) -> bool {
-        let assigned = |text: &String| matches!(text.split_once('='), Some((key, _)) if key.trim() == "iterations");
+        let assigned = |text: &String| matches!(text.split_once('='), Some(("iterations", _)));
         self.iterations.is_some()
             || file.train.contains_key("iterations")
             || self.assignments.iter().any(assigned)
@@ -253,7 +253,7 @@ mod tests {
         };
         assert_eq!(visits(&overrides(None, &[])), Some(4));
         assert_eq!(visits(&overrides(None, &["seed=6".into()])), Some(4));
-        assert_eq!(visits(&overrides(None, &["iterations = 9".into()])), None);
+        assert_eq!(visits(&overrides(None, &["iterations=9".into()])), None);
         let asked = Overrides {
             iterations: Some(15_000),
             ..overrides(None, &[])

@@ -177,7 +177,7 @@ fn a_camera_whose_only_picture_is_all_there_is_of_a_time_is_left_as_it_is() {
 
 #[test]
 fn cameras_that_are_alike_lose_their_exposures() {
-    // What is left after so many steps of each camera, and offsets of so much up and down.
+    // How many cameras keep an exposure, of so many steps and of offsets of so much up and down.
     let left = |steps: u64, offset: f32| {
         let mut trainer = trainer(dataset());
         let run = &mut trainer.run;
