@@ -91,9 +91,9 @@ impl TrainConfig {
             ..
         } = &mut self.densify;
         *pixels = Some(20_000);
-        static_set.opacity_reset_interval = Some(2_000);
+        static_set.opacity_reset_interval = None;
         static_set.max_gaussians = 10_000;
-        dynamic.opacity_reset_interval = Some(800);
+        dynamic.opacity_reset_interval = None;
         dynamic.max_gaussians = 4_000;
         // What each Gaussian learns of its own, before the 4D field joins in, tears bodies apart.
         self.extensions.following = Some(FollowingConfig {

@@ -3,6 +3,7 @@
 const SMALL_FIELD: &str =
     "A field for a CPU. The Gaussians' own trajectories carry most of the motion.";
 const EXTENSION: &str = "[An extension](../explanation/beyond-the-paper.md).";
+const NO_RESETS: &str = "`quick`: real captures are as good or better without.";
 const FEWER_STEPS: &str = "`quick` has fewer steps.";
 
 /// Keys in which `default` or `quick` differ from `paper`, and why.
@@ -75,11 +76,11 @@ pub(super) const OURS: &[(&str, &str)] = &[
         "After step 500 of `default`; longer, since runs are shorter.",
     ),
     ("densify.static.max_gaussians", "`quick`: steps of a CPU."),
-    ("densify.static.opacity_reset_interval", FEWER_STEPS),
+    ("densify.static.opacity_reset_interval", NO_RESETS),
     (
         "densify.dynamic.during",
         "After a later decomposition; longer, since runs are shorter.",
     ),
     ("densify.dynamic.max_gaussians", "`quick`: steps of a CPU."),
-    ("densify.dynamic.opacity_reset_interval", FEWER_STEPS),
+    ("densify.dynamic.opacity_reset_interval", NO_RESETS),
 ];
