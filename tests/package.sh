@@ -1,5 +1,5 @@
 #!/usr/bin/env bash
-# Packs the three crates as the registry would get them, and checks what was packed in a workspace of its own, where profile
+# Packs the crates as the registry would get them, and checks what was packed in a workspace of its own, where profile
 # and compiled dependencies are those of this one. `--publish` has cargo go through all steps of publishing but the upload;
 # it compiles the packed crates in its development profile, so here with the smallest backend alone.
 set -euo pipefail
@@ -17,7 +17,7 @@ trap 'rm -rf "$scratch"' EXIT
     sed -n '/^\[profile/,/^$/p' Cargo.toml
     echo '[patch.crates-io]'
 } > "$scratch/Cargo.toml"
-for crate in dash-kernels dash-model dash-train; do
+for crate in dash-kernels dash-model dash-view dash-train; do
     # With today's times: packed files have one time, and cargo would take what it compiled of an older package for this.
     tar -xzmf "${CARGO_TARGET_DIR:-target}/package/$crate-$version.crate" -C "$scratch"
     echo "$crate = { path = \"$crate-$version\" }" >> "$scratch/Cargo.toml"

@@ -23,6 +23,9 @@ pub enum ModelError {
     /// A kernel refused its input.
     #[error(transparent)]
     Kernel(#[from] KernelError),
+    /// The device failed while it computed or copied.
+    #[error("the device failed: {0}")]
+    Device(String),
     /// A configuration value is out of range.
     #[error("model configuration: `{key}`: expected {expected}, found {found}")]
     Config {

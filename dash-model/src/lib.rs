@@ -17,13 +17,14 @@
 //! | items | are |
 //! | --- | --- |
 //! | [`Gaussians`], [`GaussianRows`] | a set of 3D Gaussians on a device, and its rows on the host for densify and prune |
-//! | [`read_splat_ply`], [`write_splat_ply`] | the standard 3DGS PLY file; SuperSplat's compressed one is read, too |
+//! | [`read_splats`], [`write_splats`] | files of Gaussians: 3DGS PLY (SuperSplat's compressed one is read, too), SPZ, `.splat`, GLB |
 //! | [`HashEncoder`], [`mlp`] | building blocks of fields |
 //! | [`SpaceBox`], [`TrajectoryBasis`] | the box that a field covers; coarse trajectories |
 //! | [`MotionField`], [`decomposition`] | the first stage: coarse motion, and which Gaussians are dynamic (DASH Eqs. 3-5) |
 //! | [`DeformationField`], [`Representation`] | the second stage: offsets over space and time (Eqs. 7-11), with DASH's encoder or those of other papers |
 //! | [`Gaps`] | time gaps: where to interpolate and extrapolate |
 //! | [`DynamicPart`], [`DynamicScene`] | deformation, rendering (Eqs. 1-2, 10), pruning of the field |
+//! | [`Picture`] | a rendering in host memory |
 //! | [`scene_file`] | the scene on disk |
 //! | [`unfinished`] | files and folders that are not complete yet |
 //! | [`parameters`] | parameters of any Burn module by name |
@@ -74,14 +75,6 @@
 //! assert!(picture.num_params() > 0);
 //! # Ok::<(), ModelError>(())
 //! ```
-//!
-//! # Features
-//! | feature | brings | default |
-//! | --- | --- | --- |
-//! | `flex` | the CPU through burn-flex | yes |
-//! | `ndarray` | the CPU through burn-ndarray | yes |
-//! | `wgpu` | GPUs through Vulkan, Metal or DX12 | yes |
-//! | `cuda` | NVIDIA GPUs through CUDA; its build downloads LLVM | no |
 
 pub mod decomposition;
 mod deformation;
@@ -93,9 +86,11 @@ mod hash_encoder;
 pub mod mlp;
 mod motion;
 pub mod parameters;
+mod picture;
 mod scene;
 pub mod scene_file;
 mod space_box;
+mod splat_file;
 mod splat_ply;
 mod time_gaps;
 mod trajectory;
@@ -109,8 +104,10 @@ pub use error::{ModelError, io_remedy};
 pub use gaussians::{GaussianRows, Gaussians, SH_C0, gather_rows, logit};
 pub use hash_encoder::{HashEncoder, HashEncoderConfig};
 pub use motion::MotionField;
+pub use picture::{NO_SURFACE_ALPHA, Picture, rgb8};
 pub use scene::{DynamicScene, Layer, OffsetPlacement, Rendering, SceneSettings};
 pub use space_box::SpaceBox;
+pub use splat_file::{SplatFormat, read_splats, write_splats};
 pub use splat_ply::{LeftOut, SplatFile, is_splat_ply, read_splat_ply, write_splat_ply};
 pub use time_gaps::{GapExtrapolation, GapInterpolation, Gaps};
 pub use trajectory::TrajectoryBasis;

@@ -198,6 +198,19 @@ impl DynamicScene {
         time: f32,
         layer: Layer,
     ) -> Result<Rendering, ModelError> {
+        self.rasterize(self.splats(camera, time, layer)?, camera)
+    }
+
+    /// Packed splats of one layer at `time` in [0, 1], static rows first.
+    ///
+    /// # Errors
+    /// When a shape does not fit.
+    pub fn splats(
+        &self,
+        camera: &Camera,
+        time: f32,
+        layer: Layer,
+    ) -> Result<Tensor<2>, ModelError> {
         let static_splats = match layer {
             Layer::Dynamic => None,
             Layer::Full | Layer::Static => Some(self.static_splats(camera)?),
@@ -206,14 +219,13 @@ impl DynamicScene {
             Layer::Static => None,
             Layer::Full | Layer::Dynamic => self.dynamic_splats(camera, time)?,
         };
-        let splats = match (static_splats, dynamic_splats) {
+        Ok(match (static_splats, dynamic_splats) {
             (Some(static_splats), Some(dynamic_splats)) => {
                 join_rows(static_splats, dynamic_splats)?
             }
             (Some(splats), None) | (None, Some(splats)) => splats,
             (None, None) => Tensor::zeros([0, N_COLUMNS], &self.static_set.means.device()),
-        };
-        self.rasterize(splats, camera)
+        })
     }
 
     /// All Gaussians at `time`, static rows first.

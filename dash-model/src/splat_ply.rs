@@ -29,6 +29,18 @@ pub struct SplatFile {
     pub left_out: LeftOut,
 }
 
+impl SplatFile {
+    /// What a file's rows are as drawn.
+    pub(crate) fn of(rows: GaussianRows, near_plane: f64, path: &Path) -> Result<Self, ModelError> {
+        let (rows, left_out) = values::settled(rows, path)?;
+        Ok(Self {
+            rows,
+            near_plane,
+            left_out,
+        })
+    }
+}
+
 /// Higher SH coefficients per channel of degrees 0 to 3.
 const REST_COUNTS: [usize; 4] = [0, 3, 8, 15];
 
@@ -68,12 +80,7 @@ pub fn read_splat_ply(path: &Path) -> Result<SplatFile, ModelError> {
         Some(compressed::CHUNK) => compressed::read(&mut reader, path)?,
         _ => read_standard(&mut reader, path)?,
     };
-    let (rows, left_out) = values::settled(rows, path)?;
-    Ok(SplatFile {
-        rows,
-        near_plane,
-        left_out,
-    })
+    SplatFile::of(rows, near_plane, path)
 }
 
 /// Whether a PLY file is one of Gaussians, whole or damaged, and not one of points: by the names in its header. `false`

@@ -5,7 +5,7 @@ use std::fs;
 use std::path::Path;
 
 use burn::tensor::Device;
-use dash_model::{DynamicScene, read_splat_ply};
+use dash_model::{DynamicScene, read_splats};
 
 pub use crate::dataset::fuzzing::{
     colmap_cameras_binary, colmap_cameras_text, colmap_images_binary, colmap_images_text,
@@ -23,7 +23,7 @@ pub struct Parser {
 }
 
 /// Every parser.
-pub const PARSERS: [Parser; 20] = [
+pub const PARSERS: [Parser; 23] = [
     parser("npy", npy),
     parser("points_npy", points_npy),
     parser("technicolor", technicolor),
@@ -40,6 +40,9 @@ pub const PARSERS: [Parser; 20] = [
     parser("image_header", image_header),
     parser("image", image),
     parser("splat_ply", splat_ply),
+    parser("splat_spz", splat_spz),
+    parser("splat_raw", splat_raw),
+    parser("splat_glb", splat_glb),
     parser("cameras_json", cameras_json),
     parser("scene", scene),
     parser("checkpoint_state", checkpoint_state),
@@ -63,9 +66,19 @@ pub(crate) fn placed<T>(
 }
 
 fn splat_ply(scratch: &Path, bytes: &[u8]) -> bool {
-    placed(scratch, "splat.ply", bytes, |path| {
-        read_splat_ply(path).is_ok()
-    })
+    placed(scratch, "a.ply", bytes, |path| read_splats(path).is_ok())
+}
+
+fn splat_spz(scratch: &Path, bytes: &[u8]) -> bool {
+    placed(scratch, "a.spz", bytes, |path| read_splats(path).is_ok())
+}
+
+fn splat_raw(scratch: &Path, bytes: &[u8]) -> bool {
+    placed(scratch, "a.splat", bytes, |path| read_splats(path).is_ok())
+}
+
+fn splat_glb(scratch: &Path, bytes: &[u8]) -> bool {
+    placed(scratch, "a.glb", bytes, |path| read_splats(path).is_ok())
 }
 
 fn cameras_json(scratch: &Path, bytes: &[u8]) -> bool {

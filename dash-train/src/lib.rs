@@ -11,6 +11,7 @@
 //! - `compare`: methods on the same data at the same cost.
 //! - `published`: the field's protocols and figures; `benchmark`: runs of a protocol, beside what others published.
 //! - `evaluate`: scores of a scene; `results`: scores of a run, its `results.json`; `render`: pictures of a scene.
+//! - `splat_scene`: files of Gaussians as scenes.
 //! - `process`: set-up and memory of the process; `device`: devices by name.
 //! - `bench`: errors and times of kernels; `report`: measurements as a page, CSV and PNG.
 //! - `metrics`: picture quality; `video`: pictures and videos on disk.
@@ -49,6 +50,7 @@ pub mod reconstruct;
 pub mod render;
 pub mod report;
 pub mod results;
+mod splat_scene;
 pub mod stress;
 pub mod synth;
 #[cfg(test)]
@@ -57,6 +59,7 @@ pub mod train;
 pub mod video;
 
 pub use error::Error;
+pub use splat_scene::{splat_files, splat_scene};
 
 #[cfg(doctest)]
 #[doc = include_str!("../README.md")]

@@ -8,8 +8,9 @@ mod overview;
 mod picture;
 mod shots;
 
+pub use dash_model::{NO_SURFACE_ALPHA, Picture};
 pub use output::{PictureFormat, RenderJob, write_pictures, write_video};
 pub use overview::write_overview;
 pub(crate) use picture::render_timed;
-pub use picture::{NO_SURFACE_ALPHA, Picture, PictureLayer, render};
+pub use picture::{PictureLayer, render};
 pub use shots::{Shot, at_times, file_shots, spiral_shots, test_shots};

@@ -4,9 +4,9 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 use dash_model::unfinished::Unfinished;
-use dash_model::{DynamicScene, Layer};
+use dash_model::{DynamicScene, Layer, Picture};
 
-use super::picture::{Picture, PictureLayer, render};
+use super::picture::{PictureLayer, render};
 use super::shots::Shot;
 use crate::Error;
 use crate::cameras::{CameraEntry, cameras_text, write_cameras};
@@ -199,27 +199,8 @@ fn shown(picture: &Picture, layer: PictureLayer) -> Vec<u8> {
     match layer {
         PictureLayer::Full | PictureLayer::Static | PictureLayer::Dynamic => rgb8(&picture.rgb),
         PictureLayer::Alpha => gray(&picture.alpha),
-        PictureLayer::Depth => gray(&nearness(&picture.depth)),
+        PictureLayer::Depth => gray(&picture.nearness()),
     }
-}
-
-/// 1 for the nearest surface, 0 for the farthest and for none.
-fn nearness(depth: &[f32]) -> Vec<f32> {
-    let surfaces = || depth.iter().copied().filter(|d| *d > 0.0 && d.is_finite());
-    let near = surfaces().fold(f32::INFINITY, f32::min);
-    let far = surfaces().fold(0.0, f32::max);
-    // A flat wall is all near.
-    let range = if far > near { far - near } else { 1.0 };
-    depth
-        .iter()
-        .map(|&d| {
-            if d > 0.0 {
-                1.0 - (d - near) / range
-            } else {
-                0.0
-            }
-        })
-        .collect()
 }
 
 /// A scratch folder on the file system of `out`.
@@ -278,13 +259,6 @@ fn file_name(camera: &str) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn nearness_spans_the_surfaces() {
-        assert_eq!(nearness(&[0.0, 2.0, 4.0, 3.0]), [0.0, 1.0, 0.0, 0.5]);
-        assert_eq!(nearness(&[5.0, 5.0]), [1.0, 1.0]);
-        assert_eq!(nearness(&[0.0; 2]), [0.0; 2]);
-    }
 
     #[test]
     fn a_list_of_other_cameras_is_not_replaced() {

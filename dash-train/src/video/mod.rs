@@ -24,6 +24,7 @@ mod picture;
 mod probe;
 pub(crate) mod stamps;
 
+pub use dash_model::rgb8;
 pub(crate) use decode::{VideoFrame, frame_size};
 pub(crate) use encode::Encoding;
 pub use encode::{VideoWriter, write_mp4};
@@ -31,6 +32,6 @@ pub(crate) use extract::write_frames;
 pub(crate) use ffmpeg::version_status;
 pub use ffmpeg::{FFMPEG, FFMPEG_VARIABLE, ffmpeg_available, ffmpeg_program, ffprobe_program};
 pub(crate) use image_files::write_whole;
-pub use image_files::{rgb8, write_exr_plane, write_exr_rgb, write_png};
+pub use image_files::{write_exr_plane, write_exr_rgb, write_png};
 pub(crate) use index::VideoIndex;
 pub(crate) use picture::MAX_IMAGE_SIDE;

@@ -8,7 +8,7 @@ use dash_kernels::splats::NEAR_PLANE;
 use dash_model::{
     DeformationConfig, DeformationField, DynamicPart, DynamicScene, Gaps, GaussianRows, Gaussians,
     HashEncoderConfig, Heads, OffsetPlacement, Representation, SceneSettings, SpaceBox,
-    TrajectoryBasis, write_splat_ply,
+    TrajectoryBasis, write_splat_ply, write_splats,
 };
 use dash_train::cameras::{CameraEntry, write_cameras};
 use dash_train::ply::{PointCloud, write_points};
@@ -37,6 +37,9 @@ pub fn fixtures(parser: &str) -> Vec<Vec<u8>> {
         "points_ply" => points_ply(),
         "image_header" | "image" => images(),
         "splat_ply" => splat_ply(),
+        "splat_spz" => vec![splats("spz")],
+        "splat_raw" => vec![splats("splat")],
+        "splat_glb" => vec![splats("glb")],
         "cameras_json" => vec![cameras_json()],
         "scene" => vec![
             scene(Some(Tables::Whole)),
@@ -217,6 +220,12 @@ fn splat_ply() -> Vec<Vec<u8>> {
          1 2 3 0.5 0.5 0.5 -1 -3 -3 -3 1 0 0 0\n4 5 6 1 1 1 2.5 -3 -3 -3 0.5 0.5 0.5 0.5\n"
     );
     vec![binary, ascii.into(), compressed::two_gaussians()]
+}
+
+fn splats(extension: &str) -> Vec<u8> {
+    written(&format!("a.{extension}"), |path| {
+        write_splats(path, &rows(2, 0), NEAR_PLANE).expect("writes");
+    })
 }
 
 fn cameras_json() -> Vec<u8> {

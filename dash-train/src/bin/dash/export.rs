@@ -1,21 +1,45 @@
-//! `dash export`: one instant as a standard 3DGS PLY.
+//! `dash export`: instants as files of Gaussians, for other programs.
 
-use std::path::PathBuf;
+use std::fs;
+use std::path::{Path, PathBuf};
 
+use burn::tensor::Device;
 use clap::Args;
-use dash_model::write_splat_ply;
+use dash_kernels::Camera;
+use dash_model::unfinished::Unfinished;
+use dash_model::{DynamicScene, Gaussians, ModelError, SplatFormat, read_splats, write_splats};
+use dash_train::metrics::psnr;
+use dash_train::render::{Picture, test_shots};
 use dash_train::train::RunFolder;
 
 use crate::Shared;
+use crate::data::dataset_of;
 use crate::failure::Failure;
+use crate::summary::bytes;
 use crate::values;
 
-/// Write the scene at one instant as a standard 3DGS PLY file
-#[derive(Args)]
-#[command(after_help = "Example:
-  dash export runs/room --time 0.5 --out room_at_half.ply
+/// Pictures that a file is compared on.
+const COMPARED: usize = 4;
+/// Digits of the names of files.
+const DIGITS: usize = 4;
 
-A 3DGS PLY can't say that a run leaves out of its pictures what is nearer to a camera than anything that was
+/// Write the scene at one instant, or at several, as files of Gaussians for other programs
+#[derive(Args)]
+#[command(after_help = "Examples:
+  dash export runs/room --time 0.5 --out room_at_half.ply
+  dash export runs/room --time 0.5 --out room_at_half.spz
+  dash export runs/room --frames 60 --out out/plys
+
+The name's ending says the format:
+  .ply    standard 3DGS, all values: SuperSplat, gsplat, the authors' viewers
+  .spz    Niantic's, rounded, about a tenth of a PLY: SuperSplat, Spark, PlayCanvas, Scaniverse
+  .splat  32 bytes a Gaussian, one colour for all directions: viewers in browsers
+  .glb    glTF with KHR_gaussian_splatting, all values: PlayCanvas, Babylon.js, Cesium
+With --frames --out is a folder, of PLY files unless --format says another. dash render, info and view read all of these.
+
+How near a file is to the scene is measured on held-out cameras, where the run's dataset is there.
+
+Only a PLY can say that a run leaves out of its pictures what is nearer to a camera than anything that was
 seen. The file names this limit in a comment, which dash render FILE.ply heeds. Other viewers don't: what hangs
 before the training cameras may show there. There are as many f_rest_* columns as the scene's degree of colours
 needs (0, 9, 24 or 45); the viewers of the 3DGS authors read 45 only: --sh-degree 3.")]
@@ -23,42 +47,185 @@ pub struct ExportArgs {
     /// A run's folder
     run: PathBuf,
     /// The instant, from 0 (the clip's start) to 1 (its end)
-    #[arg(long, value_name = "T", value_parser = values::time)]
-    time: f32,
-    /// File to write; one that exists is replaced
-    #[arg(long, value_name = "FILE.ply")]
+    #[arg(long, value_name = "T", value_parser = values::time, required_unless_present = "frames")]
+    time: Option<f32>,
+    /// So many instants, evenly from the clip's start to its end, a file each
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..), conflicts_with = "time")]
+    frames: Option<u16>,
+    /// File to write, one that exists is replaced; with --frames a folder to make
+    #[arg(long, value_name = "FILE|DIR")]
     out: PathBuf,
+    /// Format of the files, with --frames [default: ply]
+    #[arg(long, value_name = "FORMAT", value_parser = format, requires = "frames")]
+    format: Option<SplatFormat>,
     /// Colour coefficients up to this degree, zeros where the scene has none [default: the scene's degree]
     #[arg(long, value_name = "0..3", value_parser = clap::value_parser!(u8).range(0..=3))]
     sh_degree: Option<u8>,
 }
 
+fn format(text: &str) -> Result<SplatFormat, String> {
+    let found = SplatFormat::ALL
+        .into_iter()
+        .find(|format| format.extension() == text);
+    found.ok_or_else(|| format!("expected {}, found `{text}`", listed("")))
+}
+
+/// The formats, each after `dot`.
+fn listed(dot: &str) -> String {
+    SplatFormat::ALL
+        .map(|format| format!("{dot}{format}"))
+        .join(", ")
+}
+
 pub fn run(args: &ExportArgs, shared: &Shared) -> Result<String, Failure> {
-    if !values::has_extension(&args.out, "ply") {
+    if args.frames.is_none() && SplatFormat::of(&args.out).is_none() {
         return Err(Failure::usage(format!(
-            "--out {}: expected a name that ends in .ply",
-            args.out.display()
+            "--out {}: expected a name that ends in one of {}",
+            args.out.display(),
+            listed(".")
         )));
     }
     let device = shared.device.unwrap_or_default().device()?;
-    let scene = RunFolder::open(&args.run)?.scene(&device)?;
-    let mut rows = scene.at(args.time)?;
-    if let Some(degree) = args.sh_degree.map(usize::from) {
-        let least = rows.sh_degree();
-        if degree < least {
-            return Err(Failure::usage(format!(
-                "--sh-degree {degree}: {} has colours of degree {least}; expected {least} to 3",
-                args.run.display()
+    let run = RunFolder::open(&args.run)?;
+    let scene = run.scene(&device)?;
+    let export = Export {
+        run: &args.run,
+        scene: &scene,
+        sh_degree: args.sh_degree.map(usize::from),
+    };
+    let (first, time, size, what) = match args.frames {
+        None => {
+            let time = args.time.unwrap_or(0.0);
+            let n = export.write(time, &args.out)?;
+            let (n_static, n_dynamic) = scene.counts();
+            let what =
+                format!("{n} Gaussians ({n_static} static, {n_dynamic} dynamic) at time {time}");
+            (args.out.clone(), time, size_of(&args.out)?, what)
+        }
+        Some(n_frames) => {
+            let n_frames = usize::from(n_frames);
+            let format = args.format.unwrap_or(SplatFormat::Ply);
+            export.write_all(n_frames, format, &args.out)?;
+            let names = (0..n_frames).map(|frame| args.out.join(name(frame, format)));
+            let size = names
+                .clone()
+                .map(|path| size_of(&path))
+                .sum::<Result<u64, _>>()?;
+            let what = format!("{n_frames} files, {format}");
+            (args.out.join(name(0, format)), 0.0, size, what)
+        }
+    };
+    let cameras = held_out(&run)?;
+    let near = fidelity(&scene, &first, time, &cameras, &device)?;
+    let near = near.map_or_else(String::new, |db| {
+        let cameras = match cameras.len() {
+            1 => "1 held-out camera".to_string(),
+            n => format!("{n} held-out cameras"),
+        };
+        format!("; {db:.1} dB from the scene's own pictures ({cameras})")
+    });
+    Ok(format!(
+        "{}: {what}, {}{near}",
+        args.out.display(),
+        bytes(size)
+    ))
+}
+
+fn name(frame: usize, format: SplatFormat) -> String {
+    format!("{frame:0DIGITS$}.{format}")
+}
+
+fn size_of(path: &Path) -> Result<u64, Failure> {
+    let found = fs::metadata(path).map_err(|e| ModelError::io(path, "read", e))?;
+    Ok(found.len())
+}
+
+struct Export<'a> {
+    run: &'a Path,
+    scene: &'a DynamicScene,
+    sh_degree: Option<usize>,
+}
+
+impl Export<'_> {
+    /// Writes one instant; its number of Gaussians.
+    fn write(&self, time: f32, path: &Path) -> Result<usize, Failure> {
+        let mut rows = self.scene.at(time)?;
+        if let Some(degree) = self.sh_degree {
+            let least = rows.sh_degree();
+            if degree < least {
+                return Err(Failure::usage(format!(
+                    "--sh-degree {degree}: {} has colours of degree {least}; expected {least} to 3",
+                    self.run.display()
+                )));
+            }
+            rows = rows.with_sh_degree(degree);
+        }
+        write_splats(path, &rows, self.scene.settings.near_plane)?;
+        Ok(rows.len())
+    }
+
+    /// Writes a file for each of so many instants into a folder, which appears when it is complete.
+    fn write_all(&self, n_frames: usize, format: SplatFormat, out: &Path) -> Result<(), Failure> {
+        if fs::symlink_metadata(out).is_ok() {
+            return Err(Failure::new(format!(
+                "{}: expected no such folder, found something there; remove it or choose another --out",
+                out.display()
             )));
         }
-        rows = rows.with_sh_degree(degree);
+        if let Some(parent) = out.parent().filter(|parent| *parent != Path::new("")) {
+            fs::create_dir_all(parent).map_err(|e| ModelError::io(parent, "create", e))?;
+        }
+        let scratch = Unfinished::folder(out).map_err(|e| ModelError::io(out, "write", e))?;
+        for frame in 0..n_frames {
+            let time = frame as f64 / n_frames.saturating_sub(1).max(1) as f64;
+            self.write(time as f32, &scratch.path().join(name(frame, format)))?;
+        }
+        scratch
+            .finish(|scratch| fs::rename(scratch, out))
+            .map_err(|e| ModelError::io(out, "write", e).into())
     }
-    write_splat_ply(&args.out, &rows, scene.settings.near_plane)?;
-    let (n_static, n_dynamic) = scene.counts();
-    Ok(format!(
-        "{}: {} Gaussians ({n_static} static, {n_dynamic} dynamic) at time {}",
-        args.out.display(),
-        rows.len(),
-        args.time
-    ))
+}
+
+/// A few of the run's held-out cameras; none where its dataset is gone.
+fn held_out(run: &RunFolder) -> Result<Vec<Camera>, Failure> {
+    let data = run.config()?.data;
+    if !data.dataset.is_dir() {
+        return Ok(Vec::new());
+    }
+    let mut cameras: Vec<Camera> = Vec::new();
+    for shot in test_shots(&dataset_of(&data, None, true)?) {
+        if !cameras.contains(&shot.camera) {
+            cameras.push(shot.camera);
+        }
+    }
+    let stride = cameras.len().div_ceil(COMPARED).max(1);
+    Ok(cameras.into_iter().step_by(stride).collect())
+}
+
+/// dB between pictures of a file and of the scene, in all pixels together; `None` without cameras.
+fn fidelity(
+    scene: &DynamicScene,
+    path: &Path,
+    time: f32,
+    cameras: &[Camera],
+    device: &Device,
+) -> Result<Option<f64>, Failure> {
+    if cameras.is_empty() {
+        return Ok(None);
+    }
+    let file = read_splats(path)?;
+    let static_set = Gaussians::from_rows(&file.rows, device);
+    let mut settings = scene.settings.clone();
+    settings.sh_degree = static_set.sh_degree();
+    let frozen = DynamicScene {
+        static_set,
+        dynamic: None,
+        settings,
+    };
+    let (mut own, mut files) = (Vec::new(), Vec::new());
+    for camera in cameras {
+        own.extend(Picture::of(scene.render(camera, time)?)?.rgb);
+        files.extend(Picture::of(frozen.render(camera, time)?)?.rgb);
+    }
+    Ok(Some(psnr(&own, &files)))
 }

@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use burn::tensor::Device;
 use clap::Args;
 use dash_kernels::splats::NEAR_PLANE;
-use dash_model::{SplatFile, is_splat_ply, read_splat_ply};
+use dash_model::{SplatFile, is_splat_ply, read_splats};
 use dash_train::dataset::{Dataset, FrameRange, Layout, LoadOptions, Partition, load};
 use dash_train::evaluate::storage_bytes;
 use dash_train::ply::{PointCloud, read_points};
@@ -19,13 +19,13 @@ use crate::failure::Failure;
 use crate::summary::{Table, add_scores, bytes, duration, listed};
 use crate::values;
 
-/// Say what a run, a dataset or a PLY file holds
+/// Say what a run, a dataset or a file of Gaussians holds
 #[derive(Args)]
 #[command(
     after_help = "Examples:\n  dash info runs/room\n  dash info out/room\n  dash info room_at_half.ply"
 )]
 pub struct InfoArgs {
-    /// A run's folder, a dataset's folder, or a PLY file of Gaussians or points
+    /// A run's folder, a dataset's folder, a file of Gaussians (.ply, .spz, .splat, .glb), or a PLY of points
     path: PathBuf,
     /// Force the dataset's layout instead of recognising it by its files
     #[arg(long, value_enum)]
@@ -37,8 +37,8 @@ pub struct InfoArgs {
 
 pub fn run(args: &InfoArgs, shared: &Shared) -> Result<String, Failure> {
     let path = &args.path;
-    let table = if values::has_extension(path, "ply") {
-        ply(path)?
+    let table = if values::is_splat_file(path) {
+        file(path)?
     } else if path.join("config.toml").is_file() {
         finished_or_not(
             &RunFolder::open(path)?,
@@ -229,12 +229,14 @@ fn dataset(dataset: &Dataset) -> Table {
     table
 }
 
-fn ply(path: &Path) -> Result<Table, Failure> {
+fn file(path: &Path) -> Result<Table, Failure> {
     let mut table = Table::default();
     table.row("file", path.display());
-    match read_splat_ply(path) {
+    match read_splats(path) {
         Ok(file) => splats(&mut table, &file),
-        Err(damaged) if is_splat_ply(path) => return Err(damaged.into()),
+        Err(damaged) if !values::has_extension(path, "ply") || is_splat_ply(path) => {
+            return Err(damaged.into());
+        }
         // A file without the columns of Gaussians may hold plain points.
         Err(not_splats) => match read_points(path) {
             Ok(points) => cloud(&mut table, &points),

@@ -27,6 +27,8 @@ mod summary;
 mod synth;
 mod train;
 mod values;
+#[cfg(feature = "view")]
+mod view;
 
 use std::io::{IsTerminal, Write};
 use std::num::NonZeroUsize;
@@ -100,6 +102,8 @@ enum Command {
     Info(info::InfoArgs),
     Config(config::ConfigArgs),
     Stress(stress::StressArgs),
+    #[cfg(feature = "view")]
+    View(view::ViewArgs),
 }
 
 fn main() -> ExitCode {
@@ -126,6 +130,11 @@ fn run(cli: &Cli) -> Result<String, Failure> {
     start_log(shared);
     dash_kernels::set_deterministic(shared.deterministic);
     start_threads(shared.threads)?;
+    // Systems want windows on a program's first thread.
+    #[cfg(feature = "view")]
+    if let Command::View(args) = &cli.command {
+        return view::run(args, shared);
+    }
     // On one of them: from outside, every parallel loop would wake a thread and wait for it.
     rayon::scope(|_| carry_out(cli))
 }
@@ -163,6 +172,8 @@ fn carry_out(cli: &Cli) -> Result<String, Failure> {
         Command::Info(args) => info::run(args, shared),
         Command::Config(args) => config::run(args),
         Command::Stress(args) => stress::run(args, shared),
+        #[cfg(feature = "view")]
+        Command::View(args) => view::run(args, shared),
     }
 }
 

@@ -4,16 +4,13 @@ use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 
 use clap::Args;
-use dash_model::{
-    DynamicScene, Gaps, Gaussians, OffsetPlacement, SceneSettings, SplatFile, TrajectoryBasis,
-    read_splat_ply,
-};
 use dash_train::cameras::{CameraFile, DatasetTerms};
 use dash_train::dataset::Dataset;
 use dash_train::render::{
     PictureFormat, PictureLayer, RenderJob, Shot, at_times, file_shots, spiral_shots, test_shots,
     write_pictures, write_video,
 };
+use dash_train::splat_scene;
 use dash_train::train::RunFolder;
 
 use crate::Shared;
@@ -27,7 +24,7 @@ const SPIRAL_CAMERAS: usize = 60;
 /// Extensions of videos of kinds that are not written.
 const OTHER_VIDEOS: [&str; 6] = ["mov", "mkv", "webm", "avi", "gif", "m4v"];
 
-/// Render pictures or a video of a run, or of the Gaussians in a PLY file
+/// Render pictures or a video of a run, or of a file of Gaussians
 #[derive(Args)]
 #[command(after_help = "Examples:
   dash render runs/room --cameras test --out out/pictures
@@ -44,13 +41,13 @@ there is nearly nothing.
 --cameras F.json is the cameras.json of 3DGS, with optional id, img_name, cx, cy and time, or a transforms*.json
 of NeRF, D-NeRF, Blender or nerfstudio. Pictures of the latter have the size that it states (w, h), also where
 the run's dataset was loaded with --downscale; else that of the dataset's pictures as loaded, else that of the
-image that file_path names. Its times are those of the run's dataset; for a PLY file they are from 0 to 1.")]
+image that file_path names. Its times are those of the run's dataset; for a file of Gaussians they are from 0 to 1.")]
 pub struct RenderArgs {
-    /// A run's folder, or a 3DGS PLY file
-    #[arg(value_name = "RUN|FILE.ply")]
+    /// A run's folder, or a file of Gaussians: .ply, .spz, .splat, .glb
+    #[arg(value_name = "RUN|FILE")]
     scene: PathBuf,
     /// test (the dataset's test views), spiral (a path around them), or a file: cameras.json or
-    /// transforms*.json [default: test; a PLY file needs a file]
+    /// transforms*.json [default: test; a file of Gaussians needs one]
     #[arg(long, value_name = "F.json|test|spiral")]
     cameras: Option<String>,
     /// Where the run's dataset is, if it was moved
@@ -71,7 +68,7 @@ pub struct RenderArgs {
     /// File format of pictures
     #[arg(long, value_enum, default_value = "png")]
     format: PictureFormat,
-    /// Colour behind everything, each from 0 to 1 [default: the run's; black for a PLY file]
+    /// Colour behind everything, each from 0 to 1 [default: the run's; black for a file]
     #[arg(long, value_name = "R,G,B")]
     background: Option<Color>,
 }
@@ -79,24 +76,24 @@ pub struct RenderArgs {
 /// What is rendered.
 enum Source {
     Run(RunFolder),
-    Ply(PathBuf),
+    File(PathBuf),
 }
 
 pub fn run(args: &RenderArgs, shared: &Shared) -> Result<String, Failure> {
     if let Some(out) = &args.out {
         refuse_other_videos(out)?;
     }
-    let source = if values::has_extension(&args.scene, "ply") {
-        Source::Ply(args.scene.clone())
+    let source = if values::is_splat_file(&args.scene) {
+        Source::File(args.scene.clone())
     } else {
         Source::Run(RunFolder::open(&args.scene)?)
     };
     let out = match (&args.out, &source) {
         (Some(out), _) => out.clone(),
         (None, Source::Run(run)) => run.root().join("renders"),
-        (None, Source::Ply(_)) => {
+        (None, Source::File(_)) => {
             return Err(Failure::usage(
-                "a PLY file has no folder for renders: give --out DIR",
+                "a file of Gaussians has no folder for renders: give --out DIR",
             ));
         }
     };
@@ -118,7 +115,7 @@ pub fn run(args: &RenderArgs, shared: &Shared) -> Result<String, Failure> {
     let device = shared.device.unwrap_or_default().device()?;
     let mut scene = match &source {
         Source::Run(run) => run.scene(&device)?,
-        Source::Ply(path) => ply_scene(path, &device)?,
+        Source::File(path) => splat_scene(path, &device)?,
     };
     if let Some(Color(background)) = args.background {
         scene.settings.background = background;
@@ -156,45 +153,18 @@ fn refuse_other_videos(out: &Path) -> Result<(), Failure> {
     }
 }
 
-/// The Gaussians of a PLY file as a scene in which nothing moves.
-fn ply_scene(path: &Path, device: &burn::tensor::Device) -> Result<DynamicScene, Failure> {
-    let SplatFile {
-        rows,
-        near_plane,
-        left_out,
-    } = read_splat_ply(path)?;
-    if left_out.count() > 0 {
-        tracing::warn!("{}: left out Gaussians: {left_out}", path.display());
-    }
-    let static_set = Gaussians::from_rows(&rows, device);
-    let settings = SceneSettings {
-        background: [0.0; 3],
-        sh_degree: static_set.sh_degree(),
-        near_plane,
-        // Nothing moves, so that these two change nothing.
-        trajectory_basis: TrajectoryBasis::polyline(4),
-        offsets: OffsetPlacement::BeforeActivation,
-        gaps: Gaps::default(),
-    };
-    Ok(DynamicScene {
-        static_set,
-        dynamic: None,
-        settings,
-    })
-}
-
 fn shots(args: &RenderArgs, source: &Source) -> Result<Vec<Shot>, Failure> {
     let named = args.cameras.as_deref().unwrap_or("test");
     let elsewhere = args.dataset.as_deref();
     let frames = args.frames.map(|n| n as usize);
     let shots = match (named, source) {
-        ("test" | "spiral", Source::Ply(path)) => {
+        ("test" | "spiral", Source::File(path)) => {
             return Err(Failure::usage(format!(
                 "--cameras {named}: {} names no dataset to take cameras from; give a file of cameras",
                 path.display()
             )));
         }
-        (_, Source::Ply(path)) if elsewhere.is_some() => {
+        (_, Source::File(path)) if elsewhere.is_some() => {
             return Err(Failure::usage(format!(
                 "--dataset: expected a run to go with it, found {}; leave it out",
                 path.display()

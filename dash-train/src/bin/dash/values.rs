@@ -3,6 +3,8 @@
 use std::path::{Path, PathBuf};
 use std::str::FromStr;
 
+use dash_model::SplatFormat;
+
 use crate::failure::Failure;
 
 /// `WxH` in pixels.
@@ -100,6 +102,11 @@ pub fn absolute(path: &Path) -> Result<PathBuf, Failure> {
             path.display()
         ))
     })
+}
+
+/// Whether a path is named as a file of Gaussians, and is no folder.
+pub fn is_splat_file(path: &Path) -> bool {
+    SplatFormat::of(path).is_some() && !path.is_dir()
 }
 
 /// Whether a path ends in this extension, in either case.

@@ -1,0 +1,293 @@
+//! `dash view`: a window on a run, or on files of Gaussians.
+
+use std::path::{Path, PathBuf};
+
+use burn::tensor::Device;
+use clap::Args;
+use dash_kernels::Camera;
+use dash_model::{DynamicScene, rgb8};
+use dash_train::cameras::{CameraEntry, focus_point, write_cameras};
+use dash_train::dataset::{Dataset, Partition, View};
+use dash_train::render::{PictureLayer, RenderJob, Shot, write_video};
+use dash_train::train::RunFolder;
+use dash_train::video::write_png;
+use dash_train::{splat_files, splat_scene};
+use dash_view::camera_path::PathCamera;
+use dash_view::draw::Frame;
+use dash_view::{Content, FrameSource, Host, NamedCamera, Source, ViewError, open_window};
+
+use crate::Shared;
+use crate::data::dataset_of;
+use crate::failure::Failure;
+use crate::values;
+
+/// Frames of the time line where the dataset, which would say, is gone.
+const UNKNOWN_FRAMES: usize = 101;
+/// Where pictures, paths and videos go in a run's folder.
+const OUT: &str = "view";
+
+/// Look at a scene in a window: play, orbit, layers, captured pictures beside
+#[derive(Args)]
+#[command(after_help = "Examples:
+  dash view runs/room
+  dash view room_at_half.ply
+  dash view out/plys --fps 15
+
+A folder of files is played, one a frame, in the order of their numbers. Press ? in the window for its keys.
+Pictures, camera paths and videos that are saved go to RUN/view; of a file, to the folder that the command runs in. A saved path
+is a file for dash render --cameras.")]
+pub struct ViewArgs {
+    /// A run's folder, a file of Gaussians (.ply, .spz, .splat, .glb), or a folder of them
+    #[arg(value_name = "RUN|FILE|FOLDER")]
+    scene: PathBuf,
+    /// Where the run's dataset is, if it was moved
+    #[arg(long, value_name = "DIR")]
+    dataset: Option<PathBuf>,
+    /// Frames per second
+    #[arg(long, value_name = "N", default_value_t = 30.0, value_parser = frame_rate)]
+    fps: f64,
+}
+
+fn frame_rate(text: &str) -> Result<f64, String> {
+    let rate = text.parse().ok();
+    rate.filter(|rate| (0.01..=1000.0).contains(rate))
+        .ok_or_else(|| format!("expected frames per second from 0.01 to 1000, found `{text}`"))
+}
+
+pub fn run(args: &ViewArgs, shared: &Shared) -> Result<String, Failure> {
+    let device = shared.device.unwrap_or_default().device()?;
+    let mut desk = Desk {
+        device,
+        fps: args.fps,
+        out: PathBuf::new(),
+        captured: None,
+    };
+    let content = desk.content(&args.scene, args.dataset.as_deref())?;
+    let name = content.name.clone();
+    open_window(content, Box::new(desk)).map_err(|error| Failure::new(error.to_string()))?;
+    Ok(format!("{name}: closed"))
+}
+
+/// What the window asks of datasets and files.
+struct Desk {
+    device: Device,
+    fps: f64,
+    /// Where files are written.
+    out: PathBuf,
+    captured: Option<Captured>,
+}
+
+/// The captured pictures of a run's dataset.
+struct Captured {
+    dataset: Dataset,
+    /// The views of each camera, by their place in the dataset.
+    by_camera: Vec<Vec<usize>>,
+}
+
+impl Desk {
+    fn content(&mut self, path: &Path, elsewhere: Option<&Path>) -> Result<Content, Failure> {
+        let is_run = path.join("config.toml").is_file();
+        if !is_run && elsewhere.is_some() {
+            return Err(Failure::usage(format!(
+                "--dataset: expected a run to go with it, found {}; leave it out",
+                path.display()
+            )));
+        }
+        let mut content = match is_run {
+            true => self.run(path, elsewhere)?,
+            false => self.splats(path)?,
+        };
+        content.frame_rate = self.fps;
+        Ok(content)
+    }
+
+    fn run(&mut self, path: &Path, elsewhere: Option<&Path>) -> Result<Content, Failure> {
+        let run = RunFolder::open(path)?;
+        let scene = run.scene(&self.device)?;
+        let data = run.config()?.data;
+        self.out = path.join(OUT);
+        let is_static = scene.counts().1 == 0;
+        let source = Source::Scene(Box::new(scene));
+        let name = name_of(path);
+        if elsewhere.is_none() && !data.dataset.is_dir() {
+            tracing::warn!(
+                "{}: the run's dataset is not there: no cameras and no captured pictures; if it was moved, say \
+                 where it is with --dataset DIR",
+                data.dataset.display()
+            );
+            self.captured = None;
+            let n_frames = if is_static { 1 } else { UNKNOWN_FRAMES };
+            return Ok(Content::new(&name, source, n_frames));
+        }
+        let captured = Captured::of(dataset_of(&data, elsewhere, true)?);
+        let cameras = captured.cameras();
+        let poses: Vec<Camera> = cameras.iter().map(|c| c.camera.clone()).collect();
+        let n_frames = captured.dataset.n_frames;
+        self.captured = Some(captured);
+        Ok(Content {
+            focus: Some(focus_point(&poses)),
+            cameras,
+            ..Content::new(&name, source, n_frames)
+        })
+    }
+
+    fn splats(&mut self, path: &Path) -> Result<Content, Failure> {
+        let name = name_of(path);
+        let content = match path.is_dir() {
+            true => {
+                let files = splat_files(path)?;
+                let n_frames = files.len();
+                let frames = Files {
+                    files,
+                    device: self.device.clone(),
+                };
+                Content::new(&name, Source::Frames(Box::new(frames)), n_frames)
+            }
+            false if values::is_splat_file(path) => {
+                let scene = splat_scene(path, &self.device)?;
+                Content::new(&name, Source::Scene(Box::new(scene)), 1)
+            }
+            false => {
+                return Err(Failure::usage(format!(
+                    "{}: expected a run's folder, a file of Gaussians (.ply, .spz, .splat, .glb), or a folder of them",
+                    path.display()
+                )));
+            }
+        };
+        (self.out, self.captured) = (PathBuf::from("."), None);
+        Ok(content)
+    }
+
+    /// A name that is not taken, in the folder of what is written.
+    fn free(&self, kind: &str, extension: &str) -> Result<PathBuf, ViewError> {
+        std::fs::create_dir_all(&self.out).map_err(|error| {
+            ViewError::Host(format!("{}: cannot create it: {error}", self.out.display()))
+        })?;
+        let names = (0..).map(|k| self.out.join(format!("{kind}_{k:04}.{extension}")));
+        let mut free = names.filter(|path| !path.exists());
+        Ok(free.next().expect("numbers do not end"))
+    }
+}
+
+impl Captured {
+    fn of(dataset: Dataset) -> Self {
+        let mut by_camera: Vec<Vec<usize>> = Vec::new();
+        for (place, view) in dataset.views.iter().enumerate() {
+            if by_camera.len() <= view.camera_index {
+                by_camera.resize(view.camera_index + 1, Vec::new());
+            }
+            by_camera[view.camera_index].push(place);
+        }
+        by_camera.retain(|views| !views.is_empty());
+        Self { dataset, by_camera }
+    }
+
+    fn cameras(&self) -> Vec<NamedCamera> {
+        let named = |views: &Vec<usize>| {
+            let view = &self.dataset.views[views[0]];
+            let is_one_of_many = views.len() == 1 && self.dataset.n_frames > 1;
+            NamedCamera {
+                name: match is_one_of_many {
+                    true => view.name.clone(),
+                    false => view.camera_name.clone(),
+                },
+                camera: view.camera.clone(),
+                time: is_one_of_many.then_some(view.time),
+                held_out: view.partition == Partition::Test,
+            }
+        };
+        self.by_camera.iter().map(named).collect()
+    }
+
+    /// The view of a camera nearest to a time, within half a frame.
+    fn view(&self, camera: usize, time: f32) -> Option<&View> {
+        let half_frame = 0.5 / self.dataset.n_frames.saturating_sub(1).max(1) as f32;
+        let off = |view: &View| (view.time - time).abs();
+        let views = self.by_camera.get(camera)?.iter();
+        let views = views.map(|&place| &self.dataset.views[place]);
+        let nearest = views.min_by(|a, b| off(a).total_cmp(&off(b)))?;
+        (off(nearest) <= 1.01 * half_frame).then_some(nearest)
+    }
+}
+
+fn name_of(path: &Path) -> String {
+    let name = path.file_name().unwrap_or(path.as_os_str());
+    name.to_string_lossy().into_owned()
+}
+
+/// A file for each frame.
+struct Files {
+    files: Vec<PathBuf>,
+    device: Device,
+}
+
+impl FrameSource for Files {
+    fn scene(&mut self, frame: usize) -> Result<DynamicScene, ViewError> {
+        splat_scene(&self.files[frame], &self.device).map_err(told)
+    }
+}
+
+fn told(error: dash_train::Error) -> ViewError {
+    ViewError::Host(Failure::from(error).line())
+}
+
+impl Host for Desk {
+    fn captured(&mut self, camera: usize, time: f32) -> Result<Option<Vec<u8>>, ViewError> {
+        let view = self
+            .captured
+            .as_ref()
+            .and_then(|captured| captured.view(camera, time));
+        let background = self
+            .captured
+            .as_ref()
+            .and_then(|captured| captured.dataset.background);
+        let rgb = view.map(|view| view.rgb(background.unwrap_or_default()));
+        Ok(rgb.transpose().map_err(told)?.map(|rgb| rgb8(&rgb)))
+    }
+
+    fn open(&mut self, path: &Path) -> Result<Content, ViewError> {
+        self.content(path, None)
+            .map_err(|failure| ViewError::Host(failure.line()))
+    }
+
+    fn save_picture(&mut self, frame: &Frame) -> Result<PathBuf, ViewError> {
+        let path = self.free("picture", "png")?;
+        write_png(&path, frame.width, frame.height, &frame.rgb).map_err(told)?;
+        Ok(path)
+    }
+
+    fn save_path(&mut self, path: &[PathCamera]) -> Result<PathBuf, ViewError> {
+        let entry = |(index, at): (usize, &PathCamera)| CameraEntry {
+            id: index as u64,
+            img_name: format!("path{index:04}"),
+            camera: at.camera.clone(),
+            time: Some(f64::from(at.time)),
+        };
+        let entries: Vec<CameraEntry> = path.iter().enumerate().map(entry).collect();
+        let file = self.free("path", "json")?;
+        write_cameras(&file, &entries).map_err(told)?;
+        Ok(file)
+    }
+
+    fn render_path(
+        &mut self,
+        scene: &DynamicScene,
+        path: &[PathCamera],
+    ) -> Result<PathBuf, ViewError> {
+        let shot = |at: &PathCamera| Shot {
+            camera_name: "path".into(),
+            name: "path".into(),
+            camera: at.camera.clone(),
+            time: at.time,
+        };
+        let shots: Vec<Shot> = path.iter().map(shot).collect();
+        let file = self.free("path", "mp4")?;
+        let job = RenderJob {
+            scene,
+            shots: &shots,
+            on_shot: &mut |_| {},
+        };
+        write_video(job, PictureLayer::Full, &file).map_err(told)?;
+        Ok(file)
+    }
+}

@@ -1,0 +1,52 @@
+//! A window to look at dynamic Gaussian scenes.
+//!
+//! [`open_window`] shows a [`Content`]: a [`DynamicScene`](dash_model::DynamicScene), or one set of Gaussians for each frame,
+//! and the cameras that captured it. The scene is drawn on its own device by the kernels that trained it: a picture in the
+//! window is the picture of [`DynamicScene::render_layer`](dash_model::DynamicScene::render_layer), rounded to 8 bits.
+//! What the window asks of the world around it (captured pictures, files to write or to open) goes through a [`Host`].
+//!
+//! # Map
+//! | module | holds |
+//! | --- | --- |
+//! | `content` | what is shown, and the [`Host`] |
+//! | [`navigator`] | the eye: orbit, pan, zoom, fly |
+//! | [`playback`] | the time: play, step, seek, loop |
+//! | [`camera_path`] | cameras between keyframes |
+//! | [`draw`] | one layer at one time in 8 bits |
+//! | [`pace`] | how large pictures are while something moves |
+//! | [`worker`] | the thread that draws |
+//! | `window` | the window: picture, time line, side panel, keys |
+//!
+//! Only `window` knows egui; the others can be used without a window.
+//!
+//! # Example
+//! ```no_run
+//! use burn::tensor::Device;
+//! use dash_model::{DynamicScene, GaussianRows, Gaussians, SceneSettings};
+//! use dash_view::{Content, NoHost, Source, open_window};
+//!
+//! let rows = GaussianRows::from_points(&[[0.0; 3], [0.3, 0.0, 0.2]], &[[0.9, 0.2, 0.1]; 2], 0, 0.1);
+//! let scene = DynamicScene {
+//!     static_set: Gaussians::from_rows(&rows, &Device::flex()),
+//!     dynamic: None,
+//!     settings: SceneSettings::default(),
+//! };
+//! open_window(Content::new("two spheres", Source::Scene(Box::new(scene)), 1), Box::new(NoHost))?;
+//! # Ok::<(), dash_view::ViewError>(())
+//! ```
+
+pub mod camera_path;
+mod content;
+pub mod draw;
+mod error;
+pub mod navigator;
+pub mod pace;
+pub mod playback;
+mod speed;
+mod tracks;
+mod window;
+pub mod worker;
+
+pub use content::{Content, FrameSource, Host, NamedCamera, NoHost, Source};
+pub use error::ViewError;
+pub use window::open_window;

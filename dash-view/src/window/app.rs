@@ -1,0 +1,508 @@
+//! The window's state, and what happens in a frame.
+
+use std::collections::VecDeque;
+use std::sync::Arc;
+
+use dash_kernels::Camera;
+use eframe::egui::{
+    CentralPanel, ColorImage, Context, Frame as Margin, Key, Panel, TextureHandle, TextureOptions,
+    Ui, ViewportCommand,
+};
+use glam::DVec3;
+
+use super::actions::{Action, pressed};
+use super::{help, panel, picture, timeline, title};
+use crate::camera_path::{PathCamera, between};
+use crate::draw::{Frame, ViewLayer};
+use crate::navigator::Navigator;
+use crate::pace::Pace;
+use crate::playback::Playback;
+use crate::tracks::Tracks;
+use crate::worker::{Drawn, Opened, Reply, Request, Task, Worker};
+
+/// Seconds after which an eye that stopped is at rest, and its picture sharp.
+const REST_SECS: f64 = 0.15;
+/// Distances to the target that a flight covers in a second, and how much faster it is with Shift.
+const FLIGHT: [f64; 2] = [0.8, 4.0];
+/// By what a key changes the field of view.
+const WIDER: f64 = 1.1;
+/// Distance of the first eye, by the radius of the middle half of the Gaussians.
+const FIRST_DISTANCE: f64 = 4.0;
+/// Cameras from one keyframe to the next: two seconds.
+const SEGMENT: usize = 60;
+/// Drawn pictures that the rate is measured over.
+const RATE_WINDOW: usize = 20;
+
+/// How the captured picture is shown.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum CapturedView {
+    /// Not at all.
+    #[default]
+    Hidden,
+    /// At the right of the drawn one.
+    Beside,
+    /// At the right of a line that can be moved.
+    Slider,
+    /// As how far both are apart.
+    Difference,
+}
+
+impl CapturedView {
+    pub const ALL: [Self; 4] = [Self::Hidden, Self::Beside, Self::Slider, Self::Difference];
+
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Hidden => "hidden",
+            Self::Beside => "beside",
+            Self::Slider => "slider",
+            Self::Difference => "difference",
+        }
+    }
+}
+
+/// Directions that may be up.
+const UP_AXES: [(&str, DVec3); 6] = [
+    ("-y", DVec3::NEG_Y),
+    ("y", DVec3::Y),
+    ("z", DVec3::Z),
+    ("-z", DVec3::NEG_Z),
+    ("x", DVec3::X),
+    ("-x", DVec3::NEG_X),
+];
+
+/// The picture in the window.
+pub struct Shown {
+    pub drawn: Drawn,
+    pub picture: TextureHandle,
+    pub captured: Option<TextureHandle>,
+    pub difference: Option<TextureHandle>,
+}
+
+/// A line below the picture.
+pub struct Message {
+    pub text: String,
+    pub is_error: bool,
+}
+
+/// The window's state.
+pub struct App {
+    worker: Worker,
+    pub opened: Option<Opened>,
+    pub eye: Navigator,
+    /// The camera that is looked through.
+    pub through: Option<usize>,
+    pub playback: Playback,
+    pub layer: ViewLayer,
+    pub captured: CapturedView,
+    /// Where the line between the drawn and the captured picture is, of the width.
+    pub split: f32,
+    pub show_cameras: bool,
+    background: Option<[f32; 3]>,
+    pub tracks: Option<Arc<Tracks>>,
+    /// Dynamic Gaussians whose ways are drawn.
+    pub picked: Vec<usize>,
+    /// A click that waits for the tracks.
+    pending_pick: Option<(Camera, f32, [f64; 2])>,
+    pub keyframes: Vec<PathCamera>,
+    pace: Pace,
+    /// The full size of the picture in the window, pixels.
+    full: [usize; 2],
+    asked: Option<Request>,
+    pub shown: Option<Shown>,
+    pub message: Option<Message>,
+    pub show_panel: bool,
+    show_help: bool,
+    /// When the eye moved last, seconds.
+    moved_at: f64,
+    /// When pictures came, seconds.
+    drawn_at: VecDeque<f64>,
+}
+
+impl App {
+    pub fn new(worker: Worker) -> Self {
+        Self {
+            worker,
+            opened: None,
+            eye: Navigator::new(DVec3::ZERO, 1.0),
+            through: None,
+            playback: Playback::new(1, 1.0),
+            layer: ViewLayer::default(),
+            captured: CapturedView::default(),
+            split: 0.5,
+            show_cameras: false,
+            background: None,
+            tracks: None,
+            picked: Vec::new(),
+            pending_pick: None,
+            keyframes: Vec::new(),
+            pace: Pace::default(),
+            full: [1, 1],
+            asked: None,
+            shown: None,
+            message: None,
+            show_panel: true,
+            show_help: false,
+            moved_at: f64::NEG_INFINITY,
+            drawn_at: VecDeque::new(),
+        }
+    }
+
+    /// One frame of the window.
+    pub fn ui(&mut self, ui: &mut Ui) {
+        let ctx = ui.ctx().clone();
+        self.take_replies(&ctx);
+        if !ctx.egui_wants_keyboard_input() {
+            for action in ctx.input(pressed) {
+                self.act(action);
+            }
+            self.fly(&ctx);
+        }
+        if let Some(file) = ctx.input(|input| input.raw.dropped_files.first().cloned()) {
+            self.ask(Task::Open(file.path().to_path_buf()));
+        }
+        let asked = Panel::bottom("time")
+            .show(ui, |ui| timeline::show(ui, &mut self.playback))
+            .inner;
+        asked.into_iter().for_each(|action| self.act(action));
+        if self.show_panel {
+            Panel::right("panel")
+                .default_size(250.0)
+                .show(ui, |ui| panel::show(ui, self));
+        }
+        CentralPanel::default()
+            .frame(Margin::NONE)
+            .show(ui, |ui| picture::show(ui, self));
+        help::show(&ctx, &mut self.show_help);
+        self.pass_time(&ctx);
+        self.request(&ctx);
+    }
+
+    fn take_replies(&mut self, ctx: &Context) {
+        let replies: Vec<Reply> = self.worker.replies().collect();
+        for reply in replies {
+            match reply {
+                Reply::Opened(opened) => self.open(ctx, *opened),
+                Reply::Drawn(drawn) => self.take_picture(ctx, *drawn),
+                Reply::Tracks(tracks) => {
+                    self.tracks = tracks;
+                    if self.tracks.is_none() {
+                        self.say("nothing is dynamic here", false);
+                    }
+                    if let Some((camera, time, pixel)) = self.pending_pick.take() {
+                        self.pick(&camera, time, pixel);
+                    }
+                }
+                Reply::Saved(path) => self.say(&format!("written: {}", path.display()), false),
+                Reply::Failed(why) => self.say(&why, true),
+            }
+        }
+    }
+
+    fn say(&mut self, text: &str, is_error: bool) {
+        self.message = Some(Message {
+            text: text.into(),
+            is_error,
+        });
+    }
+
+    fn open(&mut self, ctx: &Context, opened: Opened) {
+        ctx.send_viewport_cmd(ViewportCommand::Title(title(&opened.name)));
+        self.playback = Playback::new(opened.n_frames, opened.frame_rate);
+        let focus = DVec3::from(opened.focus);
+        self.eye = Navigator::new(focus, FIRST_DISTANCE * opened.radius);
+        let down: DVec3 = opened
+            .cameras
+            .iter()
+            .map(|entry| DVec3::from(entry.camera.rotation[1]))
+            .sum();
+        self.eye.set_up(-down);
+        (self.tracks, self.pending_pick, self.asked) = (None, None, None);
+        (self.picked, self.keyframes) = (Vec::new(), Vec::new());
+        self.message = None;
+        let first = opened.cameras.iter().position(|camera| camera.held_out);
+        let first = first.or((!opened.cameras.is_empty()).then_some(0));
+        self.opened = Some(opened);
+        if let Some(first) = first {
+            let playing = self.playback.playing;
+            self.look_through(first);
+            self.playback.playing = playing;
+        }
+        self.eye.set_home();
+    }
+
+    fn take_picture(&mut self, ctx: &Context, drawn: Drawn) {
+        self.drawn_at.push_back(ctx.input(|input| input.time));
+        if self.drawn_at.len() > RATE_WINDOW {
+            self.drawn_at.pop_front();
+        }
+        let size = [drawn.frame.width, drawn.frame.height];
+        self.pace.saw(size, self.full, drawn.secs);
+        if self
+            .message
+            .as_ref()
+            .is_some_and(|message| message.is_error)
+        {
+            self.message = None;
+        }
+        let texture = |name: &str, frame: &Frame| {
+            let image = ColorImage::from_rgb([frame.width, frame.height], &frame.rgb);
+            ctx.load_texture(name, image, TextureOptions::LINEAR)
+        };
+        self.shown = Some(Shown {
+            picture: texture("picture", &drawn.frame),
+            captured: drawn
+                .beside
+                .as_ref()
+                .map(|b| texture("captured", &b.captured)),
+            difference: drawn
+                .beside
+                .as_ref()
+                .map(|b| texture("difference", &b.difference)),
+            drawn,
+        });
+    }
+
+    /// Pictures per second, of the last ones.
+    pub fn rate(&self) -> Option<f64> {
+        let (first, last) = (self.drawn_at.front()?, self.drawn_at.back()?);
+        (last > first).then(|| (self.drawn_at.len() - 1) as f64 / (last - first))
+    }
+
+    pub fn ask(&self, task: Task) {
+        self.worker.ask(task);
+    }
+
+    /// Does what a key or a button asks for.
+    pub fn act(&mut self, action: Action) {
+        let playback = &mut self.playback;
+        match action {
+            Action::Play => playback.toggle(),
+            Action::StepBack => playback.step(-1),
+            Action::StepForward => playback.step(1),
+            Action::Start => playback.seek(0.0),
+            Action::End => {
+                playback.playing = false;
+                playback.seek(1.0);
+            }
+            Action::Loop => playback.looping = !playback.looping,
+            Action::Slower => playback.change_speed(-1),
+            Action::Faster => playback.change_speed(1),
+            Action::Reset => {
+                self.through = None;
+                self.eye.reset();
+            }
+            Action::PreviousCamera => self.next_camera(-1),
+            Action::NextCamera => self.next_camera(1),
+            Action::UpAxis => self.next_up(),
+            Action::Narrower => self.widen(WIDER.recip()),
+            Action::Wider => self.widen(WIDER),
+            Action::Layer(layer) => self.layer = layer,
+            Action::Captured => {
+                let all = CapturedView::ALL;
+                let now = all.iter().position(|view| *view == self.captured);
+                self.captured = all[(now.unwrap_or(0) + 1) % all.len()];
+            }
+            Action::Cameras => self.show_cameras = !self.show_cameras,
+            Action::Background => {
+                self.background = match self.background {
+                    None => Some([0.0; 3]),
+                    Some([0.0, ..]) => Some([1.0; 3]),
+                    Some(_) => None,
+                };
+            }
+            Action::DropTracks => self.picked.clear(),
+            Action::Screenshot => {
+                if let Some(shown) = &self.shown {
+                    self.ask(Task::SavePicture(Box::new(shown.drawn.frame.clone())));
+                }
+            }
+            Action::AddKeyframe => self.add_keyframe(),
+            Action::DropKeyframes => self.keyframes.clear(),
+            Action::SavePath => self.with_path(Task::SavePath),
+            Action::RenderPath => self.with_path(Task::RenderPath),
+            Action::Panel => self.show_panel = !self.show_panel,
+            Action::Help => self.show_help = !self.show_help,
+        }
+    }
+
+    fn next_camera(&mut self, by: isize) {
+        let n = self
+            .opened
+            .as_ref()
+            .map_or(0, |opened| opened.cameras.len());
+        if n == 0 {
+            self.say("there are no cameras here", false);
+            return;
+        }
+        let next = match self.through {
+            Some(now) => (now + n).saturating_add_signed(by) % n,
+            None => 0,
+        };
+        self.look_through(next);
+    }
+
+    /// Looks through one of the cameras, and at its time where it has only one.
+    pub fn look_through(&mut self, index: usize) {
+        let Some(opened) = &self.opened else {
+            return;
+        };
+        let Some(entry) = opened.cameras.get(index) else {
+            return;
+        };
+        self.eye
+            .look_through(&entry.camera, DVec3::from(opened.focus));
+        if let Some(time) = entry.time {
+            self.playback.playing = false;
+            self.playback.seek(f64::from(time));
+        }
+        self.through = Some(index);
+    }
+
+    fn next_up(&mut self) {
+        let up = self.eye.up();
+        let now = UP_AXES
+            .iter()
+            .position(|(_, axis)| axis.distance(up) < 1e-6);
+        let (name, axis) = UP_AXES[now.map_or(0, |now| (now + 1) % UP_AXES.len())];
+        self.through = None;
+        self.eye.set_up(axis);
+        self.say(&format!("{name} is up"), false);
+    }
+
+    fn widen(&mut self, factor: f64) {
+        self.through = None;
+        self.eye
+            .set_field_of_view(self.eye.field_of_view() * factor);
+    }
+
+    fn add_keyframe(&mut self) {
+        let keyframe = PathCamera {
+            camera: self.camera(self.full),
+            time: self.playback.time(),
+        };
+        self.keyframes.push(keyframe);
+        let n = self.keyframes.len();
+        self.say(&format!("keyframe {n} of the camera path"), false);
+    }
+
+    fn with_path(&mut self, task: impl FnOnce(Vec<PathCamera>) -> Task) {
+        match self.keyframes.is_empty() {
+            true => self.say("a camera path needs keyframes: K adds one", true),
+            false => {
+                let n_turns = (self.keyframes.len() - 1).max(1);
+                self.ask(task(between(&self.keyframes, SEGMENT * n_turns + 1)));
+            }
+        }
+    }
+
+    /// The eye was moved by hand: it looks through no camera any longer.
+    pub fn moved(&mut self, ctx: &Context) {
+        self.through = None;
+        self.moved_at = ctx.input(|input| input.time);
+    }
+
+    fn fly(&mut self, ctx: &Context) {
+        let (direction, fast, secs) = ctx.input(|input| {
+            let axis =
+                |back, on| f64::from(i8::from(input.key_down(on)) - i8::from(input.key_down(back)));
+            let direction = [
+                axis(Key::A, Key::D),
+                axis(Key::E, Key::Q),
+                axis(Key::S, Key::W),
+            ];
+            let plain = !(input.modifiers.ctrl || input.modifiers.alt || input.modifiers.command);
+            let direction = direction.map(|value| if plain { value } else { 0.0 });
+            (direction, input.modifiers.shift, f64::from(input.stable_dt))
+        });
+        if direction == [0.0; 3] {
+            return;
+        }
+        let speed = if fast {
+            FLIGHT[0] * FLIGHT[1]
+        } else {
+            FLIGHT[0]
+        };
+        let [right, down, forward] = direction.map(|value| value * speed * secs);
+        self.eye.fly(right, down, forward);
+        self.moved(ctx);
+        ctx.request_repaint();
+    }
+
+    /// Finds the dynamic Gaussian at a pixel of a camera's picture; looks for the tracks first.
+    pub fn pick(&mut self, camera: &Camera, time: f32, pixel: [f64; 2]) {
+        let Some(tracks) = &self.tracks else {
+            let is_dynamic = self.opened.as_ref().is_some_and(|o| o.counts.1 > 0);
+            if is_dynamic {
+                self.pending_pick = Some((camera.clone(), time, pixel));
+                self.ask(Task::Track);
+            }
+            return;
+        };
+        if let Some(gaussian) = tracks.pick(camera, time, pixel)
+            && !self.picked.contains(&gaussian)
+        {
+            self.picked.push(gaussian);
+        }
+    }
+
+    fn pass_time(&mut self, ctx: &Context) {
+        if self.playback.playing {
+            self.playback
+                .advance(f64::from(ctx.input(|input| input.stable_dt)));
+            ctx.request_repaint();
+        }
+    }
+
+    /// The camera that is looked through, if its picture is to be compared with the captured one.
+    fn compared(&self) -> Option<usize> {
+        self.through
+            .filter(|_| self.captured != CapturedView::Hidden)
+    }
+
+    /// The eye as a camera of this size, or of the shape of the camera that is looked through.
+    fn camera(&self, [width, height]: [usize; 2]) -> Camera {
+        let through = self.through.zip(self.opened.as_ref());
+        let Some(own) = through.and_then(|(index, opened)| opened.cameras.get(index)) else {
+            return self.eye.camera(width, height);
+        };
+        let own = &own.camera;
+        if self.compared().is_some() {
+            return own.clone();
+        }
+        let (w, h) = (own.width as f64, own.height as f64);
+        let scale = (width as f64 / w).min(height as f64 / h);
+        let side = |side: f64| ((side * scale).round() as usize).max(1);
+        own.resized(side(w), side(h))
+    }
+
+    /// Takes in the size of the picture's place in the window, pixels.
+    pub fn set_full(&mut self, full: [usize; 2]) {
+        self.full = full.map(|side| side.max(1));
+    }
+
+    /// Asks for the picture, unless it is the last one that was asked for.
+    fn request(&mut self, ctx: &Context) {
+        if self.opened.is_none() {
+            return;
+        }
+        let now = ctx.input(|input| input.time);
+        let resting = now - self.moved_at;
+        let moving = self.playback.playing || resting < REST_SECS;
+        if moving && !self.playback.playing {
+            let rest = std::time::Duration::from_secs_f64(REST_SECS - resting + 0.01);
+            ctx.request_repaint_after(rest);
+        }
+        let request = Request {
+            camera: self.camera(self.pace.size(self.full, moving)),
+            time: self.playback.time(),
+            frame: self.playback.frame(),
+            layer: self.layer,
+            background: self.background,
+            beside: self.compared(),
+        };
+        if self.asked.as_ref() != Some(&request) {
+            self.worker.draw(request.clone());
+            self.asked = Some(request);
+        }
+    }
+}

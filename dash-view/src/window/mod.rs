@@ -1,0 +1,58 @@
+//! The window.
+//!
+//! `app`: its state and what happens in a frame. `actions`: what can be done, and by which key. `picture`: the picture, the
+//! hand on it, and what is drawn over it. `timeline`: the bar below. `panel`: the bar at the side. `help`: the page of keys.
+
+mod actions;
+mod app;
+mod help;
+mod panel;
+mod picture;
+#[cfg(test)]
+mod tests;
+mod timeline;
+
+use eframe::egui;
+
+use crate::worker::Worker;
+use crate::{Content, Host, ViewError};
+use app::App;
+
+/// The window's size when it opens, points.
+const SIZE: [f32; 2] = [1280.0, 800.0];
+
+/// Opens a window on a content, and returns when it is closed. Systems want it on the program's first thread.
+///
+/// # Errors
+/// When the system can't open a window.
+pub fn open_window(content: Content, host: Box<dyn Host>) -> Result<(), ViewError> {
+    let title = title(&content.name);
+    let viewport = egui::ViewportBuilder::default()
+        .with_title(&title)
+        .with_app_id("dash-view")
+        .with_inner_size(SIZE)
+        .with_drag_and_drop(true);
+    let options = eframe::NativeOptions {
+        viewport,
+        ..Default::default()
+    };
+    let create = move |creation: &eframe::CreationContext<'_>| {
+        let ctx = creation.egui_ctx.clone();
+        let worker = Worker::start(content, host, move || ctx.request_repaint())?;
+        Ok(Box::new(Window(App::new(worker))) as Box<dyn eframe::App>)
+    };
+    eframe::run_native(&title, options, Box::new(create))
+        .map_err(|error| ViewError::Window(error.to_string()))
+}
+
+fn title(name: &str) -> String {
+    format!("{name} - dash view")
+}
+
+struct Window(App);
+
+impl eframe::App for Window {
+    fn ui(&mut self, ui: &mut egui::Ui, _frame: &mut eframe::Frame) {
+        self.0.ui(ui);
+    }
+}
