@@ -104,7 +104,7 @@ pub use error::{ModelError, io_remedy};
 pub use gaussians::{GaussianRows, Gaussians, SH_C0, gather_rows, logit};
 pub use hash_encoder::{HashEncoder, HashEncoderConfig};
 pub use motion::MotionField;
-pub use picture::{NO_SURFACE_ALPHA, Picture, rgb8};
+pub use picture::{NO_SURFACE_ALPHA, Picture, rgb8, to_host};
 pub use scene::{DynamicScene, Layer, OffsetPlacement, Rendering, SceneSettings};
 pub use space_box::SpaceBox;
 pub use splat_file::{SplatFormat, read_splats, write_splats};

@@ -91,13 +91,17 @@ pub fn rgb8(image: &[f32]) -> Vec<u8> {
     image.iter().map(|v| (v * 255.0).round() as u8).collect()
 }
 
-fn to_host(tensor: Tensor<3>) -> Result<Vec<f32>, ModelError> {
+/// Values of a tensor of this crate in host memory; waits for the device.
+///
+/// # Errors
+/// [`ModelError::Device`] when the device failed.
+pub fn to_host<const D: usize>(tensor: Tensor<D>) -> Result<Vec<f32>, ModelError> {
     let data = tensor
         .try_into_data()
         .map_err(|error| ModelError::Device(error.to_string()))?;
     Ok(data
         .try_into_vec::<f32>()
-        .unwrap_or_else(|error| panic!("rendered tensors are f32: {error:?}")))
+        .unwrap_or_else(|error| panic!("tensors of a model are f32: {error:?}")))
 }
 
 #[cfg(test)]

@@ -153,16 +153,6 @@ fn render_ellipsoids(
     scene.rasterize(splats * factors, camera)
 }
 
-/// Values of a tensor in host memory.
-pub(crate) fn to_host<const D: usize>(tensor: Tensor<D>) -> Result<Vec<f32>, ModelError> {
-    let data = tensor
-        .try_into_data()
-        .map_err(|error| ModelError::Device(error.to_string()))?;
-    Ok(data
-        .try_into_vec::<f32>()
-        .unwrap_or_else(|error| panic!("a scene's tensors are f32: {error:?}")))
-}
-
 /// The scene's device.
 pub(crate) fn device_of(scene: &DynamicScene) -> Device {
     scene.static_set.means.val().device()

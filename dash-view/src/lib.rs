@@ -35,10 +35,12 @@
 //! # Ok::<(), dash_view::ViewError>(())
 //! ```
 
+mod beside;
 pub mod camera_path;
 mod content;
 pub mod draw;
 mod error;
+mod middle;
 pub mod navigator;
 pub mod pace;
 pub mod playback;

@@ -5,9 +5,9 @@ use dash_kernels::Camera;
 use dash_kernels::project::ShCoeffs;
 use dash_kernels::rows::join_rows;
 use dash_kernels::splats;
-use dash_model::{DynamicScene, ModelError, Rendering, SH_C0};
+use dash_model::{DynamicScene, ModelError, Rendering, SH_C0, to_host};
 
-use crate::draw::{device_of, to_host};
+use crate::draw::device_of;
 
 /// How bright static Gaussians are beside coloured ones.
 const STATIC_BRIGHTNESS: f32 = 0.5;

@@ -1,9 +1,7 @@
 //! Where the dynamic Gaussians go.
 
 use dash_kernels::Camera;
-use dash_model::{DynamicScene, ModelError};
-
-use crate::draw::to_host;
+use dash_model::{DynamicScene, ModelError, to_host};
 
 /// Times at which the clip is looked at, at most.
 const MOST_TIMES: usize = 65;

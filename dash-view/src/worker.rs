@@ -13,17 +13,16 @@ use std::time::Instant;
 
 use burn::module::Module;
 use dash_kernels::Camera;
-use dash_model::DynamicScene;
+use dash_model::{DynamicScene, to_host};
 
+pub use crate::beside::Beside;
 use crate::camera_path::PathCamera;
 use crate::content::{Content, Host, NamedCamera, Source};
-use crate::draw::{Frame, ViewLayer, draw, to_host};
+use crate::draw::{Frame, ViewLayer, draw};
+use crate::middle::middle;
 use crate::speed::SpeedColors;
 use crate::tracks::Tracks;
 use crate::{FrameSource, ViewError};
-
-/// Gaussians that are looked at to find the middle of all.
-const SAMPLES: usize = 20_000;
 
 /// A picture that is asked for.
 #[derive(Debug, Clone, PartialEq)]
@@ -103,17 +102,6 @@ pub struct Drawn {
     pub secs: f64,
     /// The captured picture, where one was asked for and is there.
     pub beside: Option<Beside>,
-}
-
-/// A captured picture beside a drawn one.
-#[derive(Debug, Clone)]
-pub struct Beside {
-    /// The picture.
-    pub captured: Frame,
-    /// How far the drawn one is from it, black where they are alike.
-    pub difference: Frame,
-    /// Peak signal-to-noise ratio of all pixels, dB.
-    pub psnr: f64,
 }
 
 /// The thread; it ends when this is dropped.
@@ -336,7 +324,7 @@ impl Studio {
         // Of another size it is of another camera.
         let captured = captured.filter(|rgb| rgb.len() == frame.rgb.len());
         Ok(Drawn {
-            beside: captured.map(|rgb| beside(&frame, rgb)),
+            beside: captured.map(|rgb| Beside::of(&frame, rgb)),
             request,
             frame,
             secs,
@@ -374,47 +362,4 @@ fn told(panic: &(dyn Any + Send)) -> String {
     let text = panic.downcast_ref::<String>().map(String::as_str);
     let text = text.or(panic.downcast_ref::<&str>().copied());
     text.unwrap_or("drawing failed").to_string()
-}
-
-/// The median of points along each axis, and the distance from it within which half of them are; 1 where there is none.
-fn middle(points: &[[f32; 3]]) -> ([f64; 3], f64) {
-    let stride = points.len().div_ceil(SAMPLES).max(1);
-    let sample: Vec<[f32; 3]> = points.iter().copied().step_by(stride).collect();
-    let median = |mut values: Vec<f32>| {
-        let place = values.len() / 2;
-        match values.is_empty() {
-            true => 0.0,
-            false => f64::from(*values.select_nth_unstable_by(place, f32::total_cmp).1),
-        }
-    };
-    let middle =
-        [0, 1, 2].map(|axis| median(sample.iter().map(|point| point[axis]).collect::<Vec<_>>()));
-    let distances = sample.iter().map(|point| {
-        let squares = point
-            .iter()
-            .zip(middle)
-            .map(|(p, m)| (f64::from(*p) - m).powi(2));
-        squares.sum::<f64>().sqrt() as f32
-    });
-    let radius = median(distances.collect());
-    (middle, if radius > 0.0 { radius } else { 1.0 })
-}
-
-/// A captured picture beside a drawn one of its size.
-fn beside(drawn: &Frame, captured: Vec<u8>) -> Beside {
-    let pairs = || drawn.rgb.iter().zip(&captured);
-    let squares: f64 = pairs()
-        .map(|(a, b)| f64::from(a.abs_diff(*b)).powi(2))
-        .sum();
-    let mean = squares / drawn.rgb.len().max(1) as f64;
-    let frame = |rgb| Frame {
-        width: drawn.width,
-        height: drawn.height,
-        rgb,
-    };
-    Beside {
-        psnr: 10.0 * (255.0 * 255.0 / mean).log10(),
-        difference: frame(pairs().map(|(a, b)| a.abs_diff(*b)).collect()),
-        captured: frame(captured),
-    }
 }

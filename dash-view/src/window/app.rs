@@ -10,9 +10,9 @@ use eframe::egui::{
 };
 use glam::DVec3;
 
-use super::actions::{Action, pressed};
+use super::actions::pressed;
 use super::{help, panel, picture, timeline, title};
-use crate::camera_path::{PathCamera, between};
+use crate::camera_path::PathCamera;
 use crate::draw::{Frame, ViewLayer};
 use crate::navigator::Navigator;
 use crate::pace::Pace;
@@ -24,12 +24,8 @@ use crate::worker::{Drawn, Opened, Reply, Request, Task, Worker};
 const REST_SECS: f64 = 0.15;
 /// Distances to the target that a flight covers in a second, and how much faster it is with Shift.
 const FLIGHT: [f64; 2] = [0.8, 4.0];
-/// By what a key changes the field of view.
-const WIDER: f64 = 1.1;
 /// Distance of the first eye, by the radius of the middle half of the Gaussians.
 const FIRST_DISTANCE: f64 = 4.0;
-/// Cameras from one keyframe to the next: two seconds.
-const SEGMENT: usize = 60;
 /// Drawn pictures that the rate is measured over.
 const RATE_WINDOW: usize = 20;
 
@@ -60,16 +56,6 @@ impl CapturedView {
     }
 }
 
-/// Directions that may be up.
-const UP_AXES: [(&str, DVec3); 6] = [
-    ("-y", DVec3::NEG_Y),
-    ("y", DVec3::Y),
-    ("z", DVec3::Z),
-    ("-z", DVec3::NEG_Z),
-    ("x", DVec3::X),
-    ("-x", DVec3::NEG_X),
-];
-
 /// The picture in the window.
 pub struct Shown {
     pub drawn: Drawn,
@@ -97,7 +83,7 @@ pub struct App {
     /// Where the line between the drawn and the captured picture is, of the width.
     pub split: f32,
     pub show_cameras: bool,
-    background: Option<[f32; 3]>,
+    pub background: Option<[f32; 3]>,
     pub tracks: Option<Arc<Tracks>>,
     /// Dynamic Gaussians whose ways are drawn.
     pub picked: Vec<usize>,
@@ -106,12 +92,12 @@ pub struct App {
     pub keyframes: Vec<PathCamera>,
     pace: Pace,
     /// The full size of the picture in the window, pixels.
-    full: [usize; 2],
+    pub full: [usize; 2],
     asked: Option<Request>,
     pub shown: Option<Shown>,
     pub message: Option<Message>,
     pub show_panel: bool,
-    show_help: bool,
+    pub show_help: bool,
     /// When the eye moved last, seconds.
     moved_at: f64,
     /// When pictures came, seconds.
@@ -198,7 +184,7 @@ impl App {
         }
     }
 
-    fn say(&mut self, text: &str, is_error: bool) {
+    pub fn say(&mut self, text: &str, is_error: bool) {
         self.message = Some(Message {
             text: text.into(),
             is_error,
@@ -272,129 +258,6 @@ impl App {
         self.worker.ask(task);
     }
 
-    /// Does what a key or a button asks for.
-    pub fn act(&mut self, action: Action) {
-        let playback = &mut self.playback;
-        match action {
-            Action::Play => playback.toggle(),
-            Action::StepBack => playback.step(-1),
-            Action::StepForward => playback.step(1),
-            Action::Start => playback.seek(0.0),
-            Action::End => {
-                playback.playing = false;
-                playback.seek(1.0);
-            }
-            Action::Loop => playback.looping = !playback.looping,
-            Action::Slower => playback.change_speed(-1),
-            Action::Faster => playback.change_speed(1),
-            Action::Reset => {
-                self.through = None;
-                self.eye.reset();
-            }
-            Action::PreviousCamera => self.next_camera(-1),
-            Action::NextCamera => self.next_camera(1),
-            Action::UpAxis => self.next_up(),
-            Action::Narrower => self.widen(WIDER.recip()),
-            Action::Wider => self.widen(WIDER),
-            Action::Layer(layer) => self.layer = layer,
-            Action::Captured => {
-                let all = CapturedView::ALL;
-                let now = all.iter().position(|view| *view == self.captured);
-                self.captured = all[(now.unwrap_or(0) + 1) % all.len()];
-            }
-            Action::Cameras => self.show_cameras = !self.show_cameras,
-            Action::Background => {
-                self.background = match self.background {
-                    None => Some([0.0; 3]),
-                    Some([0.0, ..]) => Some([1.0; 3]),
-                    Some(_) => None,
-                };
-            }
-            Action::DropTracks => self.picked.clear(),
-            Action::Screenshot => {
-                if let Some(shown) = &self.shown {
-                    self.ask(Task::SavePicture(Box::new(shown.drawn.frame.clone())));
-                }
-            }
-            Action::AddKeyframe => self.add_keyframe(),
-            Action::DropKeyframes => self.keyframes.clear(),
-            Action::SavePath => self.with_path(Task::SavePath),
-            Action::RenderPath => self.with_path(Task::RenderPath),
-            Action::Panel => self.show_panel = !self.show_panel,
-            Action::Help => self.show_help = !self.show_help,
-        }
-    }
-
-    fn next_camera(&mut self, by: isize) {
-        let n = self
-            .opened
-            .as_ref()
-            .map_or(0, |opened| opened.cameras.len());
-        if n == 0 {
-            self.say("there are no cameras here", false);
-            return;
-        }
-        let next = match self.through {
-            Some(now) => (now + n).saturating_add_signed(by) % n,
-            None => 0,
-        };
-        self.look_through(next);
-    }
-
-    /// Looks through one of the cameras, and at its time where it has only one.
-    pub fn look_through(&mut self, index: usize) {
-        let Some(opened) = &self.opened else {
-            return;
-        };
-        let Some(entry) = opened.cameras.get(index) else {
-            return;
-        };
-        self.eye
-            .look_through(&entry.camera, DVec3::from(opened.focus));
-        if let Some(time) = entry.time {
-            self.playback.playing = false;
-            self.playback.seek(f64::from(time));
-        }
-        self.through = Some(index);
-    }
-
-    fn next_up(&mut self) {
-        let up = self.eye.up();
-        let now = UP_AXES
-            .iter()
-            .position(|(_, axis)| axis.distance(up) < 1e-6);
-        let (name, axis) = UP_AXES[now.map_or(0, |now| (now + 1) % UP_AXES.len())];
-        self.through = None;
-        self.eye.set_up(axis);
-        self.say(&format!("{name} is up"), false);
-    }
-
-    fn widen(&mut self, factor: f64) {
-        self.through = None;
-        self.eye
-            .set_field_of_view(self.eye.field_of_view() * factor);
-    }
-
-    fn add_keyframe(&mut self) {
-        let keyframe = PathCamera {
-            camera: self.camera(self.full),
-            time: self.playback.time(),
-        };
-        self.keyframes.push(keyframe);
-        let n = self.keyframes.len();
-        self.say(&format!("keyframe {n} of the camera path"), false);
-    }
-
-    fn with_path(&mut self, task: impl FnOnce(Vec<PathCamera>) -> Task) {
-        match self.keyframes.is_empty() {
-            true => self.say("a camera path needs keyframes: K adds one", true),
-            false => {
-                let n_turns = (self.keyframes.len() - 1).max(1);
-                self.ask(task(between(&self.keyframes, SEGMENT * n_turns + 1)));
-            }
-        }
-    }
-
     /// The eye was moved by hand: it looks through no camera any longer.
     pub fn moved(&mut self, ctx: &Context) {
         self.through = None;
@@ -460,7 +323,7 @@ impl App {
     }
 
     /// The eye as a camera of this size, or of the shape of the camera that is looked through.
-    fn camera(&self, [width, height]: [usize; 2]) -> Camera {
+    pub fn camera(&self, [width, height]: [usize; 2]) -> Camera {
         let through = self.through.zip(self.opened.as_ref());
         let Some(own) = through.and_then(|(index, opened)| opened.cameras.get(index)) else {
             return self.eye.camera(width, height);

@@ -1,8 +1,9 @@
 //! The window.
 //!
-//! `app`: its state and what happens in a frame. `actions`: what can be done, and by which key. `picture`: the picture, the
+//! `app`: its state and what happens in a frame. `actions`: what can be done, and by which key; `act` does it. `picture`: the picture, the
 //! hand on it, and what is drawn over it. `timeline`: the bar below. `panel`: the bar at the side. `help`: the page of keys.
 
+mod act;
 mod actions;
 mod app;
 mod help;
