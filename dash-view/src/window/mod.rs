@@ -13,6 +13,8 @@ mod picture;
 mod tests;
 mod timeline;
 
+use std::ffi::OsString;
+
 use eframe::egui;
 
 use crate::worker::Worker;
@@ -27,6 +29,10 @@ const SIZE: [f32; 2] = [1280.0, 800.0];
 /// # Errors
 /// When the system can't open a window.
 pub fn open_window(content: Content, host: Box<dyn Host>) -> Result<(), ViewError> {
+    if cfg!(target_os = "linux") && !has_display(|name| std::env::var_os(name)) {
+        let missing = "neither WAYLAND_DISPLAY nor DISPLAY is set";
+        return Err(ViewError::Window(missing.into()));
+    }
     let title = title(&content.name);
     let viewport = egui::ViewportBuilder::default()
         .with_title(&title)
@@ -44,6 +50,13 @@ pub fn open_window(content: Content, host: Box<dyn Host>) -> Result<(), ViewErro
     };
     eframe::run_native(&title, options, Box::new(create))
         .map_err(|error| ViewError::Window(error.to_string()))
+}
+
+/// Whether the environment of a Linux program names a display.
+fn has_display(variable: impl Fn(&str) -> Option<OsString>) -> bool {
+    let names = ["WAYLAND_DISPLAY", "WAYLAND_SOCKET", "DISPLAY"];
+    let mut values = names.into_iter().filter_map(variable);
+    values.any(|value| !value.is_empty())
 }
 
 fn title(name: &str) -> String {

@@ -410,3 +410,12 @@ fn another_file_takes_the_contents_place() {
             .is_some_and(|m| m.text.contains("no cameras"))
     );
 }
+
+#[test]
+fn a_program_without_a_display_has_no_window() {
+    let with = |set: &'static str, value: &'static str| {
+        super::has_display(move |name| (name == set).then(|| value.into()))
+    };
+    assert!(with("DISPLAY", ":0") && with("WAYLAND_DISPLAY", "wayland-0"));
+    assert!(!with("DISPLAY", "") && !with("HOME", "/root"));
+}
