@@ -10,10 +10,10 @@ use crate::train::{Keep, Preset, TrainConfig, Trainer};
 #[test]
 fn what_a_reset_hides_has_time_to_come_back_before_the_last_round() {
     for (iterations, expected) in [(3_428, vec![]), (6_000, vec![2_000])] {
-        let config = TrainConfig {
-            iterations,
-            ..TrainConfig::preset(Preset::Quick)
-        };
+        let mut config = TrainConfig::preset(Preset::Quick);
+        config.iterations = iterations;
+        let resets = "densify.static.opacity_reset_interval=2000";
+        config.set(resets).expect("a known key");
         let schedule = config.schedule();
         let resets: Vec<usize> = (0..iterations)
             .filter(|&step| reset_due(&schedule, &schedule.densify.static_set, 0, step))
