@@ -39,9 +39,8 @@ With --frames --out is a folder, of PLY files unless --format says another. dash
 
 How near a file is to the scene is measured on held-out cameras, where the run's dataset is there.
 
-Only a PLY can say that a run leaves out of its pictures what is nearer to a camera than anything that was
-seen. The file names this limit in a comment, which dash render FILE.ply heeds. Other viewers don't: what hangs
-before the training cameras may show there. There are as many f_rest_* columns as the scene's degree of colours
+A run has a near plane: Gaussians nearer to a camera than anything that was seen are not drawn. Only a PLY names it, in
+a comment, which dash render FILE.ply heeds. Other viewers may show floaters before the training cameras. There are as many f_rest_* columns as the scene's degree of colours
 needs (0, 9, 24 or 45); the viewers of the 3DGS authors read 45 only: --sh-degree 3.")]
 pub struct ExportArgs {
     /// A run's folder
