@@ -5,17 +5,20 @@
 //! cancels however thin the Gaussian is. The few that are needles in the picture are projected once more in double
 //! precision.
 
+mod footprint;
 mod linear;
 mod needle;
 mod vjp;
 
 use rayon::prelude::*;
 
+use crate::isa::Kernel;
 use crate::splats::{self, ALPHA_MIN, LOW_PASS_PX2, N_COLUMNS, is_finite};
 
-use super::sh::sh_basis;
+use super::sh::{N_COEFFS, sh_basis, sh_basis_vjp};
 use super::{Activation, GaussianGradients, Gaussians, View};
-use linear::{cross, dot, mat_mul, rotation_from_quat};
+use footprint::Footprint;
+use linear::{cross, dot};
 use needle::{Needle, is_needle};
 use vjp::project_one_vjp;
 
@@ -24,23 +27,44 @@ const PIECE: usize = 512;
 
 const LOW_PASS: f32 = LOW_PASS_PX2 as f32;
 
-/// Quaternions with a smaller squared length are culled.
-const MIN_QUAT_NORM_SQUARED: f32 = 1e-12;
-
 /// Packed splats `[N, C]`.
 pub fn project(gaussians: &Gaussians<f32>, view: &View<f32>) -> Vec<f32> {
     let mut splats = vec![0.0; gaussians.opacities.len() * N_COLUMNS];
     splats
         .par_chunks_mut(PIECE * N_COLUMNS)
         .enumerate()
-        .for_each(|(piece, rows)| {
-            for (k, row) in rows.chunks_exact_mut(N_COLUMNS).enumerate() {
-                if let Some(projected) = project_one(gaussians, piece * PIECE + k, view) {
-                    row.copy_from_slice(&projected);
-                }
+        .for_each(|(i, rows)| {
+            let (rows, _) = rows.as_chunks_mut();
+            match view.sh_degree {
+                0 => PieceOf::<0>(gaussians, view, i, rows).run(),
+                1 => PieceOf::<1>(gaussians, view, i, rows).run(),
+                2 => PieceOf::<2>(gaussians, view, i, rows).run(),
+                _ => PieceOf::<3>(gaussians, view, i, rows).run(),
             }
         });
     splats
+}
+
+/// A piece of Gaussians whose colours have SH up to `DEGREE`, its number and its packed splats.
+struct PieceOf<'a, const DEGREE: usize>(
+    &'a Gaussians<'a, f32>,
+    &'a View<f32>,
+    usize,
+    &'a mut [[f32; N_COLUMNS]],
+);
+
+impl<const DEGREE: usize> Kernel for PieceOf<'_, DEGREE> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run(self) {
+        let Self(gaussians, view, piece, rows) = self;
+        for (k, row) in rows.iter_mut().enumerate() {
+            if let Some(projected) = project_one::<DEGREE>(gaussians, piece * PIECE + k, view) {
+                *row = projected;
+            }
+        }
+    }
 }
 
 /// Gradients from `splats [N, C]`, the projection, and `v_splats [N, C]`, its gradient.
@@ -55,82 +79,122 @@ pub fn project_vjp(
     with_sh_coeffs: bool,
 ) -> GaussianGradients<f32> {
     let n = gaussians.opacities.len();
+    let width = match with_sh_coeffs {
+        true => 3 * (gaussians.sh_coeffs.n_coeffs() - 1),
+        false => 0,
+    };
     let mut out = GaussianGradients {
+        v_sh_rest: vec![0.0; width * n],
+        v_sh_dc: vec![0.0; if with_sh_coeffs { 3 * n } else { 0 }],
         v_means: vec![0.0; 3 * n],
         v_quats: vec![0.0; 4 * n],
         v_scales: vec![0.0; 3 * n],
         v_opacities: vec![0.0; n],
-        v_sh_dc: Vec::new(),
-        v_sh_rest: Vec::new(),
     };
-    (
-        out.v_means.par_chunks_mut(3 * PIECE),
-        out.v_quats.par_chunks_mut(4 * PIECE),
-        out.v_scales.par_chunks_mut(3 * PIECE),
-        out.v_opacities.par_chunks_mut(PIECE),
-    )
-        .into_par_iter()
-        .enumerate()
-        .for_each(|(piece, (v_means, v_quats, v_scales, v_opacities))| {
-            for (k, v_opacity) in v_opacities.iter_mut().enumerate() {
-                let i = piece * PIECE + k;
-                let (row, v_row) = (row(splats, i), row(v_splats, i));
-                let Some(v) = project_one_vjp(gaussians, i, view, row, v_row) else {
-                    continue;
-                };
-                v_means[3 * k..3 * k + 3].copy_from_slice(&v.mean);
-                v_quats[4 * k..4 * k + 4].copy_from_slice(&v.quat);
-                v_scales[3 * k..3 * k + 3].copy_from_slice(&v.scale);
-                *v_opacity = v.opacity;
-            }
-        });
-    if with_sh_coeffs {
-        [out.v_sh_dc, out.v_sh_rest] = sh_coeffs_vjp(gaussians, view, splats, v_splats);
-    }
+    let pieces: Vec<Piece> = Piece::of(&mut out, width).collect();
+    pieces.into_par_iter().enumerate().for_each(|(i, out)| {
+        let inputs = Inputs {
+            gaussians,
+            view,
+            splats,
+            v_splats,
+            first: i * PIECE,
+        };
+        match view.sh_degree {
+            0 => PieceVjp::<0>(inputs, out).run(),
+            1 => PieceVjp::<1>(inputs, out).run(),
+            2 => PieceVjp::<2>(inputs, out).run(),
+            _ => PieceVjp::<3>(inputs, out).run(),
+        }
+    });
     out
 }
 
-fn sh_coeffs_vjp(
-    gaussians: &Gaussians<f32>,
-    view: &View<f32>,
-    splats: &[f32],
-    v_splats: &[f32],
-) -> [Vec<f32>; 2] {
-    let n = gaussians.opacities.len();
-    let width = 3 * (gaussians.sh_coeffs.n_coeffs() - 1);
-    let n_active = (view.sh_degree + 1) * (view.sh_degree + 1);
-    let (mut v_dc, mut v_rest) = (vec![0.0; 3 * n], vec![0.0; width * n]);
-    // Nothing of nothing where there are only constant ones.
-    let mut pieces: Vec<&mut [f32]> = match width {
-        0 => (0..n.div_ceil(PIECE)).map(|_| Default::default()).collect(),
-        _ => v_rest.chunks_mut(width * PIECE).collect(),
-    };
-    v_dc.par_chunks_mut(3 * PIECE)
-        .zip(&mut pieces)
-        .enumerate()
-        .for_each(|(piece, (v_dc, v_rest))| {
-            for (k, v_dc) in v_dc.chunks_exact_mut(3).enumerate() {
-                let i = piece * PIECE + k;
-                let v_rest = &mut v_rest[k * width..(k + 1) * width];
-                let row = row(splats, i);
-                if row[splats::RADIUS_X] <= 0.0 {
-                    continue;
-                }
-                let v_colour = clamped_colour_vjp(row, self::row(v_splats, i));
-                if !all_finite(&[v_colour]) {
-                    continue;
-                }
-                let (direction, _) = direction(gaussians, i, view);
-                let basis = sh_basis(direction, view.sh_degree);
-                let v_coeffs = std::iter::once(v_dc).chain(v_rest.chunks_exact_mut(3));
-                for (v, b) in v_coeffs.zip(&basis[..n_active]) {
-                    for (v, v_channel) in v.iter_mut().zip(v_colour) {
-                        *v = b * v_channel;
-                    }
+/// What the gradients of a piece are made from.
+struct Inputs<'a> {
+    gaussians: &'a Gaussians<'a, f32>,
+    view: &'a View<f32>,
+    splats: &'a [f32],
+    v_splats: &'a [f32],
+    /// The piece's first Gaussian.
+    first: usize,
+}
+
+/// Where the gradients of a piece go.
+struct Piece<'a> {
+    v_means: &'a mut [f32],
+    v_quats: &'a mut [f32],
+    v_scales: &'a mut [f32],
+    v_opacities: &'a mut [f32],
+    /// Empty where the gradients of SH coefficients are not asked for; so is the next.
+    v_sh_dc: &'a mut [f32],
+    v_sh_rest: &'a mut [f32],
+}
+
+impl<'a> Piece<'a> {
+    /// The pieces of all gradients; `width` is that of a row of `v_sh_rest`.
+    fn of(all: &'a mut GaussianGradients<f32>, width: usize) -> impl Iterator<Item = Self> {
+        let mut v_sh_dc = all.v_sh_dc.chunks_mut(3 * PIECE);
+        let mut v_sh_rest = all.v_sh_rest.chunks_mut(width.max(1) * PIECE);
+        let rows = all
+            .v_means
+            .chunks_mut(3 * PIECE)
+            .zip(all.v_quats.chunks_mut(4 * PIECE))
+            .zip(all.v_scales.chunks_mut(3 * PIECE))
+            .zip(all.v_opacities.chunks_mut(PIECE));
+        rows.map(move |(((v_means, v_quats), v_scales), v_opacities)| Self {
+            v_means,
+            v_quats,
+            v_scales,
+            v_opacities,
+            v_sh_dc: v_sh_dc.next().unwrap_or_default(),
+            v_sh_rest: v_sh_rest.next().unwrap_or_default(),
+        })
+    }
+}
+
+/// The gradients of a piece whose colours have SH up to `DEGREE`.
+struct PieceVjp<'a, const DEGREE: usize>(Inputs<'a>, Piece<'a>);
+
+impl<const DEGREE: usize> Kernel for PieceVjp<'_, DEGREE> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run(self) {
+        let Self(inputs, out) = self;
+        let (v_dc, _) = out.v_sh_dc.as_chunks_mut::<3>();
+        let width = out.v_sh_rest.len() / out.v_opacities.len();
+        for (k, v_opacity) in out.v_opacities.iter_mut().enumerate() {
+            let i = inputs.first + k;
+            let (row, v_row) = (row(inputs.splats, i), row(inputs.v_splats, i));
+            if row[splats::RADIUS_X] <= 0.0 {
+                continue;
+            }
+            let sight = Sight::new(inputs.gaussians, i, inputs.view);
+            let v_colour = clamped_colour_vjp(row, v_row);
+            if let Some(v_dc) = v_dc.get_mut(k)
+                && all_finite(&[v_colour])
+            {
+                let basis = sh_basis(sight.direction, DEGREE);
+                *v_dc = v_colour.map(|v| basis[0] * v);
+                let (v_rest, _) = out.v_sh_rest[k * width..][..width].as_chunks_mut::<3>();
+                for (v, b) in v_rest.iter_mut().zip(&basis[1..N_COEFFS[DEGREE]]) {
+                    *v = v_colour.map(|v| b * v);
                 }
             }
-        });
-    [v_dc, v_rest]
+            let Inputs {
+                gaussians, view, ..
+            } = inputs;
+            let v_direction = sight.direction_vjp::<DEGREE>(gaussians, i, v_colour);
+            let Some(v) = project_one_vjp(gaussians, i, view, row, v_row, v_direction) else {
+                continue;
+            };
+            out.v_means[3 * k..3 * k + 3].copy_from_slice(&v.mean);
+            out.v_quats[4 * k..4 * k + 4].copy_from_slice(&v.quat);
+            out.v_scales[3 * k..3 * k + 3].copy_from_slice(&v.scale);
+            *v_opacity = v.opacity;
+        }
+    }
 }
 
 /// Without a branch per value, unlike [`Iterator::all`].
@@ -166,13 +230,46 @@ fn from_origin(gaussians: &Gaussians<f32>, i: usize, view: &View<f32>) -> [f32; 
     std::array::from_fn(|k| mean[k] - view.origin[k])
 }
 
-/// Unit vector from the camera's centre to the mean, and the distance.
-#[inline(always)]
-fn direction(gaussians: &Gaussians<f32>, i: usize, view: &View<f32>) -> ([f32; 3], f32) {
-    let mean = from_origin(gaussians, i, view);
-    let offset: [f32; 3] = std::array::from_fn(|k| mean[k] - view.position[k]);
-    let distance = dot(offset, offset).sqrt();
-    (offset.map(|o| o / distance), distance)
+/// How the camera sees a mean.
+struct Sight {
+    /// Unit vector from the camera's centre to the mean.
+    direction: [f32; 3],
+    distance: f32,
+}
+
+impl Sight {
+    #[inline(always)]
+    fn new(gaussians: &Gaussians<f32>, i: usize, view: &View<f32>) -> Self {
+        let mean = from_origin(gaussians, i, view);
+        let offset: [f32; 3] = std::array::from_fn(|k| mean[k] - view.position[k]);
+        let distance = dot(offset, offset).sqrt();
+        Self {
+            direction: offset.map(|o| o / distance),
+            distance,
+        }
+    }
+
+    /// Gradient of the mean through the direction it is seen from.
+    #[inline(always)]
+    fn direction_vjp<const DEGREE: usize>(
+        &self,
+        gaussians: &Gaussians<f32>,
+        i: usize,
+        v_colour: [f32; 3],
+    ) -> [f32; 3] {
+        if DEGREE == 0 {
+            return [0.0; 3];
+        }
+        let (_, rest) = gaussians.sh_coeffs.row(i, DEGREE);
+        // The constant function has no direction.
+        let mut v_basis = [0.0; 16];
+        for (v, coeffs) in v_basis[1..].iter_mut().zip(rest.as_chunks::<3>().0) {
+            *v = dot(v_colour, *coeffs);
+        }
+        let v_direction = sh_basis_vjp(self.direction, DEGREE, &v_basis);
+        let along = dot(v_direction, self.direction);
+        std::array::from_fn(|k| (v_direction[k] - along * self.direction[k]) / self.distance)
+    }
 }
 
 #[inline(always)]
@@ -182,75 +279,12 @@ fn vector<const R: usize>(rows: &[f32], i: usize) -> [f32; R] {
         .expect("the range is R long")
 }
 
-/// The projected covariance and what leads to it.
-struct Footprint {
-    point: [f32; 3],
-    /// x/z and y/z.
-    ratio: [f32; 2],
-    /// The same, no further than the Jacobian follows.
-    slope: [f32; 2],
-    unit_quat: [f32; 4],
-    inverse_quat_norm: f32,
-    scale: [f32; 3],
-    /// `W R`: the Gaussian's axes in camera coordinates, as columns.
-    axes: [[f32; 3]; 3],
-    /// The rows of `J W R S`.
-    rows: [[f32; 3]; 2],
-}
-
-impl Footprint {
-    /// `None` when the Gaussian is to be culled before anything is projected.
-    #[inline(always)]
-    fn new(gaussians: &Gaussians<f32>, i: usize, view: &View<f32>) -> Option<Self> {
-        let mean = from_origin(gaussians, i, view);
-        let w = &view.rotation;
-        let point: [f32; 3] = std::array::from_fn(|r| dot(w[r], mean) + view.translation[r]);
-        // In the positive form, so that NaN is culled too.
-        let in_front = point[2] >= view.near_plane;
-        if !in_front {
-            return None;
-        }
-        let quat: [f32; 4] = vector(gaussians.quats, i);
-        let raw_scale: [f32; 3] = vector(gaussians.scales, i);
-        if !all_finite(&[mean, raw_scale, point]) || !all_finite(&[quat]) {
-            return None;
-        }
-        let norm_squared =
-            quat[0] * quat[0] + quat[1] * quat[1] + quat[2] * quat[2] + quat[3] * quat[3];
-        if norm_squared < MIN_QUAT_NORM_SQUARED || !is_finite(norm_squared) {
-            return None;
-        }
-        let inverse_quat_norm = 1.0 / norm_squared.sqrt();
-        let unit_quat = quat.map(|q| q * inverse_quat_norm);
-        let scale = match view.activation {
-            Activation::Exp => raw_scale.map(f32::exp),
-            Activation::Linear => raw_scale,
-        };
-        let axes = mat_mul(w, &rotation_from_quat(unit_quat));
-        let inverse_z = 1.0 / point[2];
-        let ratio = [point[0] * inverse_z, point[1] * inverse_z];
-        let slope = [0, 1].map(|k| ratio[k].max(view.lowest[k]).min(view.highest[k]));
-        let rows = [0, 1].map(|k| {
-            let per_depth = view.focal[k] * inverse_z;
-            std::array::from_fn(|axis| {
-                per_depth * (axes[k][axis] - slope[k] * axes[2][axis]) * scale[axis]
-            })
-        });
-        Some(Self {
-            point,
-            ratio,
-            slope,
-            unit_quat,
-            inverse_quat_norm,
-            scale,
-            axes,
-            rows,
-        })
-    }
-}
-
 #[inline(always)]
-fn project_one(gaussians: &Gaussians<f32>, i: usize, view: &View<f32>) -> Option<[f32; N_COLUMNS]> {
+fn project_one<const DEGREE: usize>(
+    gaussians: &Gaussians<f32>,
+    i: usize,
+    view: &View<f32>,
+) -> Option<[f32; N_COLUMNS]> {
     let raw_opacity = gaussians.opacities[i];
     let opacity = match view.activation {
         Activation::Exp => 1.0 / (1.0 + (-raw_opacity).exp()),
@@ -275,12 +309,16 @@ fn project_one(gaussians: &Gaussians<f32>, i: usize, view: &View<f32>) -> Option
         }
     }
 
-    let (direction, _) = direction(gaussians, i, view);
-    let basis = sh_basis(direction, view.sh_degree);
-    let n_active = (view.sh_degree + 1) * (view.sh_degree + 1);
-    let (dc, rest) = gaussians.sh_coeffs.row(i, view.sh_degree);
+    let sight = Sight::new(gaussians, i, view);
+    let basis = sh_basis(sight.direction, DEGREE);
+    let (dc, rest) = gaussians.sh_coeffs.row(i, DEGREE);
     let mut colour = dc.map(|coeff| 0.5 + basis[0] * coeff);
-    for (coeffs, b) in rest.chunks_exact(3).zip(&basis[1..n_active]) {
+    for (coeffs, b) in rest
+        .as_chunks::<3>()
+        .0
+        .iter()
+        .zip(&basis[1..N_COEFFS[DEGREE]])
+    {
         for (value, coeff) in colour.iter_mut().zip(coeffs) {
             *value += b * coeff;
         }

@@ -15,7 +15,7 @@ use std::sync::Arc;
 
 use rayon::prelude::*;
 
-use crate::splats::{self, N_COLUMNS, is_finite};
+use crate::splats::{self, N_COLUMNS, N_DIFFERENTIABLE, is_finite};
 
 use super::tiles::{Bands, Footprint, TILE, depth_order};
 use super::{N_CHANNELS, RasterizeOptions};
@@ -114,17 +114,20 @@ pub fn rasterize_vjp(saved: &Saved, v_image: &[f32]) -> Vec<f32> {
         .par_chunks_mut(PIECE * N_COLUMNS)
         .enumerate()
         .for_each(|(piece, rows)| {
-            for (k, v_row) in rows.chunks_exact_mut(N_COLUMNS).enumerate() {
+            let (rows, _) = rows.as_chunks_mut::<N_COLUMNS>();
+            for (k, v_row) in rows.iter_mut().enumerate() {
                 let id = piece * PIECE + k;
                 let own_parts = &parts[starts[id] as usize..starts[id + 1] as usize];
+                let mut sum = [0.0; N_DIFFERENTIABLE];
                 for &(band, index) in own_parts {
                     let part = &by_band[band as usize][index as usize];
-                    for (sum, value) in v_row.iter_mut().zip(part) {
+                    for (sum, value) in sum.iter_mut().zip(part) {
                         *sum += value;
                     }
                 }
-                if !v_row.iter().all(|&value| is_finite(value)) {
-                    v_row.fill(0.0);
+                // Without a branch per value.
+                if sum.iter().fold(true, |all, &value| all & is_finite(value)) {
+                    v_row[..N_DIFFERENTIABLE].copy_from_slice(&sum);
                 }
             }
         });

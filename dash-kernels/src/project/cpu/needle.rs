@@ -3,7 +3,8 @@
 use crate::splats::{self, LOW_PASS_PX2, N_COLUMNS, NEEDLE};
 
 use super::super::{Gaussians, View};
-use super::{Footprint, vector};
+use super::footprint::Footprint;
+use super::vector;
 
 /// Beyond it the inverse is no normal number.
 const MAX_VARIANCE: f32 = 1e37;

@@ -2,11 +2,11 @@
 
 use crate::splats::{self, N_COLUMNS, is_finite};
 
-use super::super::sh::sh_basis_vjp;
 use super::super::{Activation, Gaussians, View};
+use super::footprint::Footprint;
 use super::linear::{cross, dot, mat_mul, rotation_from_quat_vjp, transpose};
 use super::needle::Needle;
-use super::{Footprint, LOW_PASS, all_finite, clamped_colour_vjp, direction};
+use super::{LOW_PASS, all_finite};
 
 /// Gradients of one Gaussian.
 pub struct Gradients {
@@ -16,7 +16,8 @@ pub struct Gradients {
     pub opacity: f32,
 }
 
-/// `None` when the Gaussian was culled, or when its gradient is not finite.
+/// Gradients of a Gaussian that is drawn, where `v_direction` is the mean's gradient through the direction it is seen
+/// from; `None` when one is not finite.
 #[inline(always)]
 pub fn project_one_vjp(
     gaussians: &Gaussians<f32>,
@@ -24,10 +25,8 @@ pub fn project_one_vjp(
     view: &View<f32>,
     row: &[f32; N_COLUMNS],
     v_row: &[f32; N_COLUMNS],
+    v_direction: [f32; 3],
 ) -> Option<Gradients> {
-    if row[splats::RADIUS_X] <= 0.0 {
-        return None;
-    }
     let footprint = Footprint::new(gaussians, i, view)?;
     let needle = match row[splats::ALONG] > 0.0 {
         true => Needle::new(gaussians, i, &footprint, view),
@@ -42,7 +41,6 @@ pub fn project_one_vjp(
         v_point[2] -= v_ratio * footprint.ratio[k] * inverse_z;
     }
     let w = &view.rotation;
-    let v_direction = direction_vjp(gaussians, i, view, clamped_colour_vjp(row, v_row));
     let mean = std::array::from_fn(|k| {
         w[0][k] * v_point[0] + w[1][k] * v_point[1] + w[2][k] * v_point[2] + v_direction[k]
     });
@@ -132,27 +130,4 @@ fn footprint_vjp(
         }
     }
     (v_point, v_axes, v_log_scale)
-}
-
-/// Gradient of the mean through the direction it is seen from.
-#[inline(always)]
-fn direction_vjp(
-    gaussians: &Gaussians<f32>,
-    i: usize,
-    view: &View<f32>,
-    v_colour: [f32; 3],
-) -> [f32; 3] {
-    if view.sh_degree == 0 {
-        return [0.0; 3];
-    }
-    let (_, rest) = gaussians.sh_coeffs.row(i, view.sh_degree);
-    // The constant function has no direction.
-    let mut v_basis = [0.0; 16];
-    for (v, coeffs) in v_basis[1..].iter_mut().zip(rest.chunks_exact(3)) {
-        *v = v_colour[0] * coeffs[0] + v_colour[1] * coeffs[1] + v_colour[2] * coeffs[2];
-    }
-    let (direction, distance) = direction(gaussians, i, view);
-    let v_direction = sh_basis_vjp(direction, view.sh_degree, &v_basis);
-    let along = dot(v_direction, direction);
-    std::array::from_fn(|k| (v_direction[k] - along * direction[k]) / distance)
 }

@@ -12,6 +12,9 @@ pub const TILE_PIXELS: usize = TILE * TILE;
 /// Exponents are kept in base 2.
 pub const LOG2_E: f32 = std::f32::consts::LOG2_E;
 
+/// Splats that are read together.
+const FETCHED: usize = 16;
+
 /// Below it `exp2` is no number: what an opacity above 1 would make visible.
 const MIN_EXPONENT: f32 = -126.0;
 
@@ -74,7 +77,8 @@ impl NeedleInTile {
 }
 
 impl Record {
-    fn new(row: &[f32], footprint: &Footprint, band: usize) -> Self {
+    #[inline(always)]
+    fn new(row: &[f32; N_COLUMNS], footprint: &Footprint, band: usize) -> Self {
         let top = band * TILE;
         let within = |y: u16| usize::from(y).saturating_sub(top).min(TILE) as u8;
         let tiles = footprint.tile_columns();
@@ -141,19 +145,23 @@ impl Band {
     ) -> Self {
         let n_tiles = options.width.div_ceil(TILE);
         let mut needles = Vec::new();
-        let records: Vec<Record> = ids
-            .iter()
-            .map(|&id| {
-                let id = id as usize;
-                let row = &splats[id * N_COLUMNS..(id + 1) * N_COLUMNS];
-                let mut record = Record::new(row, &footprints[id], index);
+        let mut records = Vec::with_capacity(ids.len());
+        let (rows, _) = splats.as_chunks::<N_COLUMNS>();
+        for ids in ids.chunks(FETCHED) {
+            // Rows in drawing order lie anywhere in memory: read together, they are waited for together.
+            let mut fetched = [([0.0; N_COLUMNS], Footprint::default()); FETCHED];
+            for (fetched, &id) in fetched.iter_mut().zip(ids) {
+                *fetched = (rows[id as usize], footprints[id as usize]);
+            }
+            for (row, footprint) in &fetched[..ids.len()] {
+                let mut record = Record::new(row, footprint, index);
                 if let Some(needle) = Needle::of(row) {
                     record.needle = needles.len() as u32;
                     needles.push(needle);
                 }
-                record
-            })
-            .collect();
+                records.push(record);
+            }
+        }
         let mut starts = vec![0u32; n_tiles + 1];
         for record in &records {
             for tile in record.tiles[0]..record.tiles[1] {
