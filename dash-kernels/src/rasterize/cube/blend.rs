@@ -32,10 +32,9 @@ const PER_ROUND: usize = 4;
 /// What the forward pass leaves of every pixel for the backward pass.
 #[derive(Debug, Clone)]
 pub(super) struct Pixels {
-    /// Transmittance behind the last splat `[H * W]`.
-    pub transmittance: Buffer,
-    /// One past the last splat drawn, as a place in the list `[H * W]`.
-    pub last: Buffer,
+    /// Bits of the transmittance behind the last splat, and one past the last splat drawn, as a place in the list
+    /// `[H, W, 2]`.
+    pub values: Buffer,
 }
 
 /// Draws the image.
@@ -49,8 +48,7 @@ pub(super) fn blend(
     let client = &splats.client;
     let n_pixels = options.width * options.height;
     let pixels = Pixels {
-        transmittance: Buffer::uninitialised(client, n_pixels),
-        last: Buffer::uninitialised(client, n_pixels),
+        values: Buffer::uninitialised(client, 2 * n_pixels),
     };
     blend_tiles::launch(
         client,
@@ -59,7 +57,7 @@ pub(super) fn blend(
         arg(splats),
         lists_arg(lists),
         arg(image),
-        pixels.arg(),
+        pixels.values.arg(),
         frame(lists, options, splats),
         TILE * TILE / units,
     );
@@ -152,26 +150,12 @@ fn blend_splat(
     any_live
 }
 
-/// A [`Pixels`] as launched.
-#[derive(CubeType, CubeLaunch)]
-pub(super) struct ForwardPixels {
-    pub transmittances: Box<[f32]>, // [H, W]
-    pub lasts: Box<[u32]>,          // [H, W]
-}
-
-impl Pixels {
-    /// The pixels as a kernel's argument.
-    pub fn arg(&self) -> ForwardPixelsLaunch {
-        ForwardPixelsLaunch::new(self.transmittance.arg(), self.last.arg())
-    }
-}
-
 #[cube(launch)]
 fn blend_tiles(
     splats: &[f32], // [N, C]
     lists: Lists,
-    image: &mut [f32], // [H, W, 5]
-    mut forward: ForwardPixels,
+    image: &mut [f32],   // [H, W, 5]
+    forward: &mut [u32], // [H, W, 2]
     frame: Frame,
     #[comptime] per_unit: usize,
 ) {
@@ -215,8 +199,8 @@ fn blend_tiles(
             image[at + 2] = finite_or_zero(pixels.blue[k] + transmittance * frame.blue);
             image[at + CHANNEL_ALPHA] = 1.0f32 - transmittance;
             image[at + CHANNEL_DEPTH] = finite_or_zero(pixels.depth[k]);
-            forward.transmittances[pixel] = transmittance;
-            forward.lasts[pixel] = pixels.last[k];
+            forward[2 * pixel] = u32::reinterpret(transmittance);
+            forward[2 * pixel + 1] = pixels.last[k];
         }
     }
 }

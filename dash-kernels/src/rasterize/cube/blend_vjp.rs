@@ -17,7 +17,6 @@ use crate::splats::{self, ALPHA_MAX, N_COLUMNS, N_DIFFERENTIABLE};
 use super::super::tiles::TILE;
 use super::super::{CHANNEL_ALPHA, CHANNEL_DEPTH, N_CHANNELS};
 use super::Saved;
-use super::blend::ForwardPixels;
 use super::moments::Moments;
 use super::slots::{Window, WindowLaunch, clear_slots, sum_window};
 use super::tile::{
@@ -70,7 +69,8 @@ fn blend_window<A: FloatAdd>(
         CubeDim::new_1d(saved.tuning.units as u32),
         arg(&saved.splats),
         lists_arg(lists),
-        saved.pixels.arg(),
+        lists.slots.arg(),
+        saved.pixels.values.arg(),
         arg(v_image),
         v_slots.arg(),
         arg(v_splats),
@@ -109,7 +109,7 @@ struct ReplayedPixels {
 
 #[cube]
 fn read_pixels(
-    forward: &ForwardPixels,
+    forward: &[u32], // [H, W, 2]
     v_image: &[f32], // [H, W, 5]
     column: u32,
     first_row: u32,
@@ -145,10 +145,10 @@ fn read_pixels(
             pixels.v_depth[k] = v_image[at + CHANNEL_DEPTH];
             // Behind all splats the background adds colour and takes away alpha.
             let background = frame.red * red + frame.green * green + frame.blue * blue;
-            let transmittance = forward.transmittances[pixel];
+            let transmittance = f32::reinterpret(forward[2 * pixel]);
             pixels.transmittance[k] = transmittance;
             pixels.accumulated[k] = transmittance * (background - v_image[at + CHANNEL_ALPHA]);
-            pixels.last[k] = forward.lasts[pixel];
+            pixels.last[k] = forward[2 * pixel + 1];
         }
     }
     pixels
@@ -243,6 +243,7 @@ fn add_up_batch<A: FloatAdd>(
     v_splats: &[Atomic<A::Word>], // [N, C]
     list: &TileList,
     lists: &Lists,
+    slots: &[u32], // [capacity]
     batch_end: usize,
     window: &Window,
     #[comptime] units: usize,
@@ -267,7 +268,7 @@ fn add_up_batch<A: FloatAdd>(
                     A::add(&v_splats[at + column], sum);
                 }
             } else {
-                let slot = lists.slots[place] - window.first;
+                let slot = slots[place] - window.first;
                 if slot < window.length {
                     v_slots[slot as usize * N_DIFFERENTIABLE + value] = sum;
                 }
@@ -280,7 +281,8 @@ fn add_up_batch<A: FloatAdd>(
 fn blend_tiles_vjp<A: FloatAdd>(
     splats: &[f32], // [N, C]
     lists: Lists,
-    forward: ForwardPixels,
+    slots: &[u32],                // [capacity]
+    forward: &[u32],              // [H, W, 2]
     v_image: &[f32],              // [H, W, 5]
     v_slots: &mut [f32],          // [slots per window, N_DIFFERENTIABLE]
     v_splats: &[Atomic<A::Word>], // [N, C]
@@ -304,7 +306,7 @@ fn blend_tiles_vjp<A: FloatAdd>(
     let (column, first_row) = first_pixel(tile, &frame, per_unit);
     let x = f32::cast_from(column) + 0.5f32;
     let y = f32::cast_from(first_row) + 0.5f32;
-    let mut pixels = read_pixels(&forward, v_image, column, first_row, &frame, per_unit);
+    let mut pixels = read_pixels(forward, v_image, column, first_row, &frame, per_unit);
     let mut own_last = 0u32;
     #[unroll]
     for k in 0..per_unit {
@@ -313,7 +315,7 @@ fn blend_tiles_vjp<A: FloatAdd>(
     let end = cube_max(own_last, units) as usize;
     let middle = middle(tile, &frame);
     let (near_x, near_y) = (x - middle.0, y - middle.1);
-    clear_slots(v_slots, &list, &lists, end, &window);
+    clear_slots(v_slots, &list, slots, end, &window);
 
     let mut sums = Shared::<[f32]>::new_slice(comptime!(BATCH_VALUES * stride));
     let mut batch_end = end;
@@ -336,7 +338,7 @@ fn blend_tiles_vjp<A: FloatAdd>(
         // A value is added up by one unit after all units have summed theirs.
         sync_cube();
         add_up_batch::<A>(
-            splats, &sums, v_slots, v_splats, &list, &lists, batch_end, &window, units,
+            splats, &sums, v_slots, v_splats, &list, &lists, slots, batch_end, &window, units,
         );
         // All are added up before the next batch overwrites them.
         sync_cube();

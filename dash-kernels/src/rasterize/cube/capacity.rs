@@ -27,6 +27,10 @@ use crate::splats::N_DIFFERENTIABLE;
 /// Capacity before a reading arrives: per splat, and at least.
 const FIRST_PER_SPLAT: usize = 8;
 const FIRST: usize = 1 << 16;
+/// Capacity where nothing is known and nothing can wait: per splat, and at least. A list that is too short costs far more
+/// than one that is too long.
+const GUESS_PER_SPLAT: usize = 16;
+const GUESS: usize = 1 << 20;
 /// Spare capacity beyond the last need, in eighths of it.
 const SPARE_EIGHTHS: usize = 2;
 /// A frame that needs less gives back this fraction of the capacity, and no more: frames of several layers and cameras
@@ -39,7 +43,8 @@ const BYTES: u64 = 4 * (7 + N_DIFFERENTIABLE as u64);
 /// Need of frames of one size on a device.
 #[derive(Default)]
 struct Need {
-    intersections: usize,
+    /// `None` before the first reading arrived.
+    intersections: Option<usize>,
     /// A reading that has not arrived.
     reading: Option<Reading>,
     /// Whether the thread of [`wait_apart`] has a reading.
@@ -78,7 +83,9 @@ pub(super) fn next(client: &Client, starts: &Buffer, n: usize, tiles: [usize; 2]
     let key = (device, tiles);
     let is_first = !needs.contains_key(&key);
     let need = needs.entry(key.clone()).or_default();
-    if is_first && let Some(needed) = try_read_sync(send_for(client, total.clone())) {
+    // A browser may not forget a reading on its way, and can't wait for it.
+    let may_wait = is_first && !cfg!(target_family = "wasm");
+    if may_wait && let Some(needed) = try_read_sync(send_for(client, total.clone())) {
         need.take(needed, most);
     } else if need.reading.is_none() && !need.is_awaited {
         let reading = send_for(client, total);
@@ -89,7 +96,10 @@ pub(super) fn next(client: &Client, starts: &Buffer, n: usize, tiles: [usize; 2]
             need.reading = Some(reading);
         }
     }
-    let wanted = need.intersections + need.intersections / 8 * SPARE_EIGHTHS;
+    let wanted = match need.intersections {
+        Some(known) => known + known / 8 * SPARE_EIGHTHS,
+        None => GUESS.max(GUESS_PER_SPLAT * n),
+    };
     fitting(wanted.max(FIRST).max(FIRST_PER_SPLAT * n), most)
 }
 
@@ -108,8 +118,8 @@ impl Need {
     fn take(&mut self, needed: Option<usize>, most: usize) {
         (self.reading, self.is_awaited) = (None, false);
         let needed = needed.unwrap_or(0);
-        let kept = self.intersections - self.intersections / DECAY;
-        self.intersections = needed.max(kept);
+        let known = self.intersections.unwrap_or(0);
+        self.intersections = Some(needed.max(known - known / DECAY));
         if needed > most && !self.warned {
             self.warned = true;
             warn_of_slow_drawing(needed, most);

@@ -32,9 +32,8 @@ pub(super) struct Intersections {
     pub order: Buffer,
     /// Number of tiles by row `[N]`; zero where nothing is drawn.
     pub tile_counts: Buffer,
-    /// Where a row's gradients start among `slots`, by row `[N]`.
-    pub firsts: Buffer,
-    /// Where the intersections of a place in `order` start, and their number at the end `[N + 1]`.
+    /// Where the intersections of a place in `order` start, and so its gradients among `slots`; their number at the end
+    /// `[N + 1]`.
     pub starts: Buffer,
     /// Most intersections that the lists can hold.
     pub capacity: usize,
@@ -42,7 +41,7 @@ pub(super) struct Intersections {
     pub rows: Buffer,
     /// For each of these where its gradient is kept: the slots of a row follow each other.
     pub slots: Buffer,
-    /// Start and end of each tile's list `[n_tiles, 2]`.
+    /// Start and end of each tile's list, and the number of intersections at the end `[2 n_tiles + 1]`.
     pub ranges: Buffer,
     /// Tiles per row and column of the image.
     pub tiles: [usize; 2],
@@ -111,7 +110,6 @@ impl Intersections {
         let capacity = capacity.unwrap_or_else(|| capacity::next(client, &starts, n, tiles));
 
         let new = |length| Buffer::uninitialised(client, length);
-        let firsts = new(n);
         let (tile_keys, slots, slot_rows) = (new(capacity), new(capacity), new(capacity));
         let (count, dim) = units(client, n);
         expand::launch(
@@ -122,7 +120,7 @@ impl Intersections {
             order.arg(),
             tile_counts.arg(),
             starts.arg(),
-            ExpandedLaunch::new(firsts.arg(), tile_keys.arg(), slots.arg(), slot_rows.arg()),
+            ExpandedLaunch::new(tile_keys.arg(), slots.arg(), slot_rows.arg()),
             image(),
             n as u32,
             capacity as u32,
@@ -134,7 +132,7 @@ impl Intersections {
         let n_tiles = tiles[0] * tiles[1];
         let key_bits = (n_tiles as u32).next_power_of_two().trailing_zeros().max(1);
         let (tile_keys, slots) = sort_pairs(client, tile_keys, slots, &total, key_bits);
-        let (rows, ranges) = (new(capacity), Buffer::zeros(client, 2 * n_tiles));
+        let (rows, ranges) = (new(capacity), Buffer::zeros(client, 2 * n_tiles + 1));
         let (count, dim) = units(client, capacity);
         finish_lists::launch(
             client,
@@ -147,12 +145,12 @@ impl Intersections {
             rows.arg(),
             ranges.arg(),
             n as u32,
+            n_tiles as u32,
             capacity as u32,
         );
         Self {
             order,
             tile_counts,
-            firsts,
             starts,
             capacity,
             rows,
@@ -215,7 +213,6 @@ fn reorder(
 /// The intersections in drawing order, with their tiles, slots and rows.
 #[derive(CubeType, CubeLaunch)]
 struct Expanded {
-    firsts: Box<[u32]>,    // [N]
     tile_keys: Box<[u32]>, // [capacity]
     slots: Box<[u32]>,     // [capacity]
     slot_rows: Box<[u32]>, // [capacity]
@@ -236,7 +233,6 @@ fn expand(
     if place < n as usize {
         let row = order[place];
         let mut slot = starts[place];
-        expanded.firsts[row as usize] = slot;
         let mut to_list = tile_counts[row as usize];
         if to_list > 0u32 {
             let splat = footprint(splats, row as usize, &image);
@@ -269,12 +265,16 @@ fn finish_lists(
     slot_rows: &[u32],  // [capacity]
     starts: &[u32],     // [N + 1]
     rows: &mut [u32],   // [capacity]
-    ranges: &mut [u32], // [n_tiles, 2]
+    ranges: &mut [u32], // [2 n_tiles + 1]
     n: u32,
+    n_tiles: u32,
     capacity: u32,
 ) {
     let i = ABSOLUTE_POS;
     let total = starts[n as usize];
+    if i == 0 {
+        ranges[2 * n_tiles as usize] = total;
+    }
     // Lists that don't hold everything are not used.
     if total <= capacity && i < total as usize {
         rows[i] = slot_rows[slots[i] as usize];

@@ -7,7 +7,7 @@ use crate::cube::{Buffer, arg, is_finite, units};
 use crate::splats::{self, N_COLUMNS, N_DIFFERENTIABLE};
 
 use super::Saved;
-use super::tile::{Lists, TileList, gradient_column};
+use super::tile::{TileList, gradient_column};
 
 /// The slots whose gradients are held at a time.
 #[derive(CubeType, CubeLaunch, Clone, Copy)]
@@ -34,8 +34,7 @@ pub(super) fn sum_window(
         dim,
         arg(&saved.splats),
         v_slots.arg(),
-        lists.firsts.arg(),
-        lists.tile_counts.arg(),
+        lists.order.arg(),
         lists.starts.arg(),
         arg(v_splats),
         window,
@@ -49,7 +48,7 @@ pub(super) fn sum_window(
 pub(super) fn clear_slots(
     v_slots: &mut [f32], // [slots per window, N_DIFFERENTIABLE]
     list: &TileList,
-    lists: &Lists,
+    slots: &[u32], // [capacity]
     end: usize,
     window: &Window,
 ) {
@@ -57,7 +56,7 @@ pub(super) fn clear_slots(
     if !list.overflowed && value < N_DIFFERENTIABLE {
         for place in usize::max(end, list.start)..list.end {
             // Wraps around for slots before the window.
-            let slot = lists.slots[place] - window.first;
+            let slot = slots[place] - window.first;
             if slot < window.length {
                 v_slots[slot as usize * N_DIFFERENTIABLE + value] = 0.0f32;
             }
@@ -65,23 +64,22 @@ pub(super) fn clear_slots(
     }
 }
 
-/// A unit owns one splat. A gradient with a value that is not finite, of colours or depths near the
+/// A unit owns one splat, by its place in the drawing order. A gradient with a value that is not finite, of colours or depths near the
 /// largest number there is, counts as zero.
 #[cube(launch)]
 fn sum_slots(
     splats: &[f32],       // [N, C]
     v_slots: &[f32],      // [slots per window, N_DIFFERENTIABLE]
-    firsts: &[u32],       // [N]
-    tile_counts: &[u32],  // [N]
+    order: &[u32],        // [N]
     starts: &[u32],       // [N + 1]
     v_splats: &mut [f32], // [N, C]
     window: Window,
     n: u32,
     capacity: u32,
 ) {
-    let row = ABSOLUTE_POS;
-    if row < n as usize {
-        let at = row * N_COLUMNS;
+    let place = ABSOLUTE_POS;
+    if place < n as usize {
+        let at = order[place] as usize * N_COLUMNS;
         let is_needle = splats[at + splats::ALONG] > 0.0f32;
         let mut sums = Array::<f32>::new(N_DIFFERENTIABLE);
         #[unroll]
@@ -91,8 +89,8 @@ fn sum_slots(
         }
         if starts[n as usize] <= capacity {
             let window_end = window.first + window.length;
-            let from = u32::clamp(firsts[row], window.first, window_end);
-            let to = u32::clamp(firsts[row] + tile_counts[row], window.first, window_end);
+            let from = u32::clamp(starts[place], window.first, window_end);
+            let to = u32::clamp(starts[place + 1], window.first, window_end);
             for slot in from - window.first..to - window.first {
                 #[unroll]
                 for value in 0..N_DIFFERENTIABLE {

@@ -44,15 +44,13 @@ pub(super) struct Frame {
     pub blue: f32,
 }
 
-/// An [`Intersections`] as launched.
+/// An [`Intersections`] as launched, as far as a picture needs it: browsers bind no more than eight buffers to a kernel.
 #[derive(CubeType, CubeLaunch)]
 pub(super) struct Lists {
     pub order: Box<[u32]>,   // [N]
     tile_counts: Box<[u32]>, // [N]
     rows: Box<[u32]>,        // [capacity]
-    pub slots: Box<[u32]>,   // [capacity]
-    ranges: Box<[u32]>,      // [n_tiles, 2]
-    starts: Box<[u32]>,      // [N + 1]
+    ranges: Box<[u32]>,      // [2 n_tiles + 1]
 }
 
 pub(super) fn lists_arg(lists: &Intersections) -> ListsLaunch {
@@ -60,9 +58,7 @@ pub(super) fn lists_arg(lists: &Intersections) -> ListsLaunch {
         lists.order.arg(),
         lists.tile_counts.arg(),
         lists.rows.arg(),
-        lists.slots.arg(),
         lists.ranges.arg(),
-        lists.starts.arg(),
     )
 }
 
@@ -76,8 +72,9 @@ pub(super) struct TileList {
 
 #[cube]
 pub(super) fn tile_list(tile: usize, lists: &Lists, frame: &Frame) -> TileList {
+    let n_tiles = (frame.tile_columns * frame.tile_rows) as usize;
     let mut list = TileList {
-        overflowed: lists.starts[frame.n_splats as usize] > frame.capacity,
+        overflowed: lists.ranges[2 * n_tiles] > frame.capacity,
         start: 0usize,
         end: frame.n_splats as usize,
     };

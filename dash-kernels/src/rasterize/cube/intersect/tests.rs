@@ -44,7 +44,7 @@ fn as_many_tiles_are_listed_as_were_counted() {
         Buffer::from_words(client, &[0, 1, 2, 3]).arg(),
         counts.arg(),
         starts.arg(),
-        ExpandedLaunch::new(new(n).arg(), tile_keys.arg(), slots.arg(), slot_rows.arg()),
+        ExpandedLaunch::new(tile_keys.arg(), slots.arg(), slot_rows.arg()),
         image(),
         n as u32,
         total,
