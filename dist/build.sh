@@ -9,7 +9,11 @@ target=${CARGO_TARGET_DIR:-target}
 name=dash-$version-$system
 stage=$target/dist/$name
 
-cargo build --release --locked -p dash-train --bin dash
+# The player of web pages is part of the program.
+dash-view/web/build.sh "$target/player"
+DASH_PLAYER=$(cd "$target/player" && pwd)
+export DASH_PLAYER
+cargo build --release --locked -p dash-train --bin dash --features player
 rm -rf "$stage" && mkdir -p "$stage"
 program=$target/release/dash
 [ -f "$program" ] || program=$program.exe

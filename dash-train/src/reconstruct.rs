@@ -97,6 +97,7 @@ pub fn reconstruct(
         resume: false,
         curve: 0,
         on_step,
+        watch: None,
         clock: None,
         stop: &|| false,
         additions: Default::default(),

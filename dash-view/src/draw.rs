@@ -2,10 +2,10 @@
 
 use std::fmt;
 
-use burn::tensor::{Device, Tensor};
+use burn::tensor::Tensor;
 use dash_kernels::Camera;
 use dash_kernels::splats;
-use dash_model::{DynamicScene, Layer, ModelError, Picture, Rendering, rgb8};
+use dash_model::{DynamicScene, Layer, ModelError, NO_SURFACE_ALPHA, Rendering, to_host};
 
 use crate::speed::{SpeedColors, render_speed};
 
@@ -15,6 +15,8 @@ const ELLIPSOID: f32 = 1.0;
 const FAINT: f32 = 0.1;
 /// How much steeper than a Gaussian its edge is.
 const EDGE: f32 = 8.0;
+/// Of red, green and blue in a packed pixel.
+const PLACES: [f32; 3] = [1.0, 256.0, 65_536.0];
 
 /// What a picture shows.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -87,7 +89,99 @@ pub struct Frame {
     pub rgb: Vec<u8>,
 }
 
-/// One layer of the scene from `camera` at `time` in [0, 1].
+/// A picture that the device draws: what it shows is on its way.
+pub struct Shown {
+    width: usize,
+    height: usize,
+    /// `[H, W, 1]`: red, 256 times green and 65,536 times blue, in whole levels of 8 bits, which f32 holds.
+    packed: Tensor<3>,
+}
+
+/// Draws one layer of the scene from `camera` at `time` in [0, 1]; does not wait for the device.
+///
+/// # Errors
+/// When a kernel refuses its input.
+pub fn show(
+    scene: &DynamicScene,
+    camera: &Camera,
+    time: f32,
+    layer: ViewLayer,
+    colors: &SpeedColors,
+) -> Result<Shown, ModelError> {
+    let rendering = match layer {
+        ViewLayer::Full | ViewLayer::Depth | ViewLayer::Alpha => scene.render(camera, time)?,
+        ViewLayer::Static => scene.render_layer(camera, time, Layer::Static)?,
+        ViewLayer::Dynamic => scene.render_layer(camera, time, Layer::Dynamic)?,
+        ViewLayer::Speed => render_speed(scene, camera, time, colors)?,
+        ViewLayer::Ellipsoids => render_ellipsoids(scene, camera, time)?,
+    };
+    let packed = match layer {
+        ViewLayer::Depth => levels(nearness(&rendering)) * PLACES.iter().sum::<f32>(),
+        ViewLayer::Alpha => levels(rendering.alpha()) * PLACES.iter().sum::<f32>(),
+        _ => {
+            let rgb = levels(rendering.rgb());
+            let places = Tensor::<1>::from_floats(PLACES, &rgb.device());
+            (rgb * places.reshape([1, 1, 3])).sum_dim(2)
+        }
+    };
+    Ok(Shown {
+        width: camera.width,
+        height: camera.height,
+        packed,
+    })
+}
+
+/// Whole levels of 8 bits.
+fn levels(values: Tensor<3>) -> Tensor<3> {
+    (values.clamp(0.0, 1.0) * 255.0 + 0.5).floor()
+}
+
+/// `[H, W, 1]`: as [`Picture::nearness`](dash_model::Picture::nearness), on the device.
+fn nearness(rendering: &Rendering) -> Tensor<3> {
+    let alpha = rendering.alpha();
+    let depth = rendering.depth() / alpha.clone().clamp_min(NO_SURFACE_ALPHA);
+    let hidden = alpha.lower_scalar(NO_SURFACE_ALPHA);
+    let near = depth.clone().mask_fill(hidden.clone(), f32::MAX).min();
+    let far = depth.clone().mask_fill(hidden.clone(), 0.0).max();
+    // A flat wall is all near.
+    let range = (far - near.clone()).clamp_min(f32::MIN_POSITIVE);
+    let from_near = (depth - near.reshape([1, 1, 1])) / range.reshape([1, 1, 1]);
+    (-from_near + 1.0).mask_fill(hidden, 0.0)
+}
+
+impl Shown {
+    /// The picture; waits for the device.
+    ///
+    /// # Errors
+    /// [`ModelError::Device`] when the device failed.
+    pub fn frame(self) -> Result<Frame, ModelError> {
+        let packed = to_host(self.packed)?;
+        let rgb = packed.iter().flat_map(|&pixel| {
+            let [red, green, blue, _] = (pixel as u32).to_le_bytes();
+            [red, green, blue]
+        });
+        Ok(Frame {
+            width: self.width,
+            height: self.height,
+            rgb: rgb.collect(),
+        })
+    }
+
+    /// The picture's pixels as RGBA, opaque, once they are there.
+    ///
+    /// # Errors
+    /// [`ModelError::Device`] when the device failed.
+    pub async fn rgba(self) -> Result<Vec<u8>, ModelError> {
+        let data = self.packed.into_data_async().await;
+        let data = data.map_err(|error| ModelError::Device(error.to_string()))?;
+        let pixels = data.iter::<f32>();
+        Ok(pixels
+            .flat_map(|pixel| ((pixel as u32) | 0xff00_0000).to_le_bytes())
+            .collect())
+    }
+}
+
+/// One layer of the scene from `camera` at `time` in [0, 1]; waits for the device.
 ///
 /// # Errors
 /// When a kernel refuses its input, or the device fails.
@@ -98,24 +192,7 @@ pub fn draw(
     layer: ViewLayer,
     colors: &SpeedColors,
 ) -> Result<Frame, ModelError> {
-    let rendering = match layer {
-        ViewLayer::Full | ViewLayer::Depth | ViewLayer::Alpha => scene.render(camera, time)?,
-        ViewLayer::Static => scene.render_layer(camera, time, Layer::Static)?,
-        ViewLayer::Dynamic => scene.render_layer(camera, time, Layer::Dynamic)?,
-        ViewLayer::Speed => render_speed(scene, camera, time, colors)?,
-        ViewLayer::Ellipsoids => render_ellipsoids(scene, camera, time)?,
-    };
-    let picture = Picture::of(rendering)?;
-    let gray = |plane: &[f32]| rgb8(plane).into_iter().flat_map(|v| [v; 3]).collect();
-    Ok(Frame {
-        width: picture.width,
-        height: picture.height,
-        rgb: match layer {
-            ViewLayer::Depth => gray(&picture.nearness()),
-            ViewLayer::Alpha => gray(&picture.alpha),
-            _ => rgb8(&picture.rgb),
-        },
-    })
+    show(scene, camera, time, layer, colors)?.frame()
 }
 
 /// Splats whose edge is steep: the opacity is as much higher as the Gaussian is narrower, and drawing clamps it.
@@ -151,9 +228,4 @@ fn render_ellipsoids(
         1,
     );
     scene.rasterize(splats * factors, camera)
-}
-
-/// The scene's device.
-pub(crate) fn device_of(scene: &DynamicScene) -> Device {
-    scene.static_set.means.val().device()
 }

@@ -16,6 +16,8 @@
 //! | [`pace`] | how large pictures are while something moves |
 //! | [`worker`] | the thread that draws |
 //! | `window` | the window: picture, time line, side panel, keys |
+//! | [`page`] | a scene as a web page |
+//! | `web` | built for browsers: what the page's JavaScript calls |
 //!
 //! Only `window` knows egui; the others can be used without a window.
 //!
@@ -35,6 +37,7 @@
 //! # Ok::<(), dash_view::ViewError>(())
 //! ```
 
+#[cfg(not(target_family = "wasm"))]
 mod beside;
 pub mod camera_path;
 mod content;
@@ -43,12 +46,18 @@ mod error;
 mod middle;
 pub mod navigator;
 pub mod pace;
+pub mod page;
 pub mod playback;
 mod speed;
 mod tracks;
+#[cfg(target_family = "wasm")]
+mod web;
+#[cfg(not(target_family = "wasm"))]
 mod window;
+#[cfg(not(target_family = "wasm"))]
 pub mod worker;
 
-pub use content::{Content, FrameSource, Host, NamedCamera, NoHost, Source};
+pub use content::{Content, FRAME_RATE, FrameSource, Host, NamedCamera, NoHost, Source};
 pub use error::ViewError;
+#[cfg(not(target_family = "wasm"))]
 pub use window::open_window;

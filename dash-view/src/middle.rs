@@ -1,10 +1,12 @@
 //! Where most Gaussians are.
 
+use dash_model::{DynamicScene, ModelError, to_host};
+
 /// Gaussians that are looked at to find the middle of all.
 const SAMPLES: usize = 20_000;
 
 /// The median of points along each axis, and the distance from it within which half of them are; 1 where there is none.
-pub fn middle(points: &[[f32; 3]]) -> ([f64; 3], f64) {
+fn middle(points: &[[f32; 3]]) -> ([f64; 3], f64) {
     let stride = points.len().div_ceil(SAMPLES).max(1);
     let sample: Vec<[f32; 3]> = points.iter().copied().step_by(stride).collect();
     let median = |mut values: Vec<f32>| {
@@ -25,6 +27,20 @@ pub fn middle(points: &[[f32; 3]]) -> ([f64; 3], f64) {
     });
     let radius = median(distances.collect());
     (middle, if radius > 0.0 { radius } else { 1.0 })
+}
+
+/// [`middle`] of a scene's Gaussians where nothing has moved yet.
+///
+/// # Errors
+/// When the device fails.
+pub fn middle_of(scene: &DynamicScene) -> Result<([f64; 3], f64), ModelError> {
+    let means = to_host(scene.static_set.means.val())?;
+    let mut points = means.as_chunks::<3>().0.to_vec();
+    if let Some(dynamic) = &scene.dynamic {
+        let means = to_host(dynamic.gaussians.means.val())?;
+        points.extend_from_slice(means.as_chunks::<3>().0);
+    }
+    Ok(middle(&points))
 }
 
 #[cfg(test)]

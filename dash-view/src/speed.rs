@@ -1,18 +1,24 @@
 //! Gaussians by their speed.
 
-use burn::tensor::{Tensor, TensorData};
+use burn::tensor::Tensor;
 use dash_kernels::Camera;
 use dash_kernels::project::ShCoeffs;
 use dash_kernels::rows::join_rows;
 use dash_kernels::splats;
-use dash_model::{DynamicScene, ModelError, Rendering, SH_C0, to_host};
-
-use crate::draw::device_of;
+use dash_model::{DynamicScene, ModelError, Rendering, SH_C0};
 
 /// How bright static Gaussians are beside coloured ones.
 const STATIC_BRIGHTNESS: f32 = 0.5;
 /// Parts of red, green and blue in brightness (Rec. 601).
 const LUMA: [f32; 3] = [0.299, 0.587, 0.114];
+
+/// Colours from the slowest to the fastest: violet, magenta, orange, yellow.
+const STOPS: [[f32; 3]; 4] = [
+    [0.25, 0.10, 0.55],
+    [0.75, 0.15, 0.50],
+    [0.98, 0.55, 0.20],
+    [1.00, 0.95, 0.45],
+];
 
 /// Which speeds have which colours.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -32,20 +38,17 @@ impl SpeedColors {
         }
     }
 
-    /// The colour of a speed, sRGB in [0, 1].
-    pub fn color(&self, speed: f32) -> [f32; 3] {
-        /// Violet, magenta, orange, yellow.
-        const STOPS: [[f32; 3]; 4] = [
-            [0.25, 0.10, 0.55],
-            [0.75, 0.15, 0.50],
-            [0.98, 0.55, 0.20],
-            [1.00, 0.95, 0.45],
-        ];
-        let last = STOPS.len() - 1;
-        let place = (speed / self.fastest).clamp(0.0, 1.0) * last as f32;
-        let from = (place as usize).min(last - 1);
-        let share = place - from as f32;
-        std::array::from_fn(|k| STOPS[from][k] + (STOPS[from + 1][k] - STOPS[from][k]) * share)
+    /// The colours of speeds `[N, 1]` as `[N, 3]`, sRGB in [0, 1].
+    pub fn colors(&self, speeds: Tensor<2>) -> Tensor<2> {
+        let device = speeds.device();
+        // Divided first: a tiny fastest speed has no finite inverse.
+        let places = (speeds / self.fastest).clamp(0.0, 1.0) * (STOPS.len() - 1) as f32;
+        let row = |color: [f32; 3]| Tensor::<2>::from_floats([color], &device);
+        let ramp = STOPS.windows(2).enumerate().map(|(from, stops)| {
+            let step = std::array::from_fn(|k| stops[1][k] - stops[0][k]);
+            (places.clone() - from as f32).clamp(0.0, 1.0) * row(step)
+        });
+        ramp.fold(row(STOPS[0]), |colors, part| colors + part)
     }
 }
 
@@ -64,15 +67,11 @@ pub(crate) fn render_speed(
     let [from, to] = [-1.0, 1.0].map(|sign| (time + sign * colors.half_interval).clamp(0.0, 1.0));
     let means = |time| Ok::<_, ModelError>(dynamic.deform(settings, time)?.means);
     let moved = (means(to)? - means(from)?).powi_scalar(2).sum_dim(1).sqrt();
-    let dc: Vec<f32> = to_host(moved)?
-        .into_iter()
-        .flat_map(|distance| colors.color(distance / (to - from)))
-        .map(|value| (value - 0.5) / SH_C0)
-        .collect();
-    let n = dc.len() / 3;
+    let dc = (colors.colors(moved / (to - from)) - 0.5) / SH_C0;
+    let n = dc.dims()[0];
     let mut deformed = dynamic.deform(settings, time)?;
     deformed.sh_coeffs = ShCoeffs {
-        dc: Tensor::from_data(TensorData::new(dc, [n, 1, 3]), &device_of(scene)),
+        dc: dc.reshape([n, 1, 3]),
         rest: deformed.sh_coeffs.rest.zeros_like(),
     };
     let splats = join_rows(static_splats, scene.deformed_splats(deformed, camera)?)?;
@@ -91,23 +90,30 @@ fn in_gray(packed: Tensor<2>) -> Tensor<2> {
 
 #[cfg(test)]
 mod tests {
+    use burn::tensor::Device;
+    use dash_model::to_host;
+
     use super::*;
 
     #[test]
     fn faster_is_brighter() {
         let colors = SpeedColors::new(2.0, 11);
         assert_eq!(colors.half_interval, 0.05);
+        let color = |colors: &SpeedColors, speed: f32| {
+            let speeds = Tensor::<2>::from_floats([[speed]], &Device::flex());
+            to_host(colors.colors(speeds)).expect("three values")
+        };
         let brightness = |speed| {
-            let color = colors.color(speed);
+            let color = color(&colors, speed);
             color.iter().zip(LUMA).map(|(c, w)| c * w).sum::<f32>()
         };
         let speeds = [0.0, 0.4, 0.8, 1.2, 1.6, 2.0];
         for pair in speeds.windows(2) {
             assert!(brightness(pair[0]) < brightness(pair[1]), "{pair:?}");
         }
-        assert_eq!(colors.color(9.0), colors.color(2.0));
+        assert_eq!(color(&colors, 9.0), color(&colors, 2.0));
         // A scene in which nothing moves has no fastest.
         let still = SpeedColors::new(0.0, 1);
-        assert_eq!(still.color(0.0), colors.color(0.0));
+        assert_eq!(color(&still, 0.0), color(&colors, 0.0));
     }
 }

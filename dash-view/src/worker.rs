@@ -13,13 +13,13 @@ use std::time::Instant;
 
 use burn::module::Module;
 use dash_kernels::Camera;
-use dash_model::{DynamicScene, to_host};
+use dash_model::DynamicScene;
 
 pub use crate::beside::Beside;
 use crate::camera_path::PathCamera;
 use crate::content::{Content, Host, NamedCamera, Source};
 use crate::draw::{Frame, ViewLayer, draw};
-use crate::middle::middle;
+use crate::middle::middle_of;
 use crate::speed::SpeedColors;
 use crate::tracks::Tracks;
 use crate::{FrameSource, ViewError};
@@ -258,13 +258,7 @@ impl Studio {
     fn describe(&mut self, content: Described) -> Result<Reply, ViewError> {
         let n_frames = self.n_frames;
         let scene = self.scene(0)?;
-        let means = to_host(scene.static_set.means.val())?;
-        let mut points = means.as_chunks::<3>().0.to_vec();
-        if let Some(dynamic) = &scene.dynamic {
-            let means = to_host(dynamic.gaussians.means.val())?;
-            points.extend_from_slice(means.as_chunks::<3>().0);
-        }
-        let (middle, radius) = middle(&points);
+        let (middle, radius) = middle_of(scene)?;
         Ok(Reply::Opened(Box::new(Opened {
             name: content.name,
             n_frames,

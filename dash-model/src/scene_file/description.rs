@@ -1,7 +1,6 @@
 //! `scene.json`: everything about a scene that is not a tensor.
 
 use std::collections::BTreeMap;
-use std::fs;
 use std::path::Path;
 
 use burn::tensor::Device;
@@ -71,15 +70,14 @@ impl SceneDescription {
         serde_json::to_vec_pretty(self).expect("every key is a string, every value plain")
     }
 
-    /// Reads and checks a description.
+    /// Reads and checks a description; `path` is for errors.
     ///
     /// # Errors
-    /// [`ModelError::Io`], [`ModelError::Format`] or [`ModelError::Version`].
-    pub(super) fn read(path: &Path) -> Result<Self, ModelError> {
-        let text = fs::read(path).map_err(|e| ModelError::io(path, "read", e))?;
+    /// [`ModelError::Format`] or [`ModelError::Version`].
+    pub(super) fn read(text: &[u8], path: &Path) -> Result<Self, ModelError> {
         let damaged =
             |e: serde_json::Error| ModelError::format(path, "a scene description", e.to_string());
-        let version: Version = serde_json::from_slice(&text).map_err(damaged)?;
+        let version: Version = serde_json::from_slice(text).map_err(damaged)?;
         if version.format_version != FORMAT_VERSION {
             return Err(ModelError::Version {
                 path: path.to_path_buf(),
@@ -87,7 +85,7 @@ impl SceneDescription {
                 found: version.format_version,
             });
         }
-        let description: Self = serde_json::from_slice(&text).map_err(damaged)?;
+        let description: Self = serde_json::from_slice(text).map_err(damaged)?;
         description
             .check_settings()
             .map_err(|(expected, found)| ModelError::format(path, expected, found))?;

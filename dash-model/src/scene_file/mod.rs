@@ -27,13 +27,14 @@ mod marks;
 mod stored;
 mod tensors;
 
+use std::fs;
 use std::io::Write;
 use std::path::Path;
 
 use burn::module::Module;
 use burn::tensor::Device;
 use stored::{is_table, join_decoder, stored, whole};
-use tensors::{Stored, read_stored, write_stored};
+use tensors::{Stored, file_bytes, read_stored};
 
 pub use atomic::write_atomically;
 pub use tensors::{read_tensors, write_tensors};
@@ -42,6 +43,11 @@ use crate::parameters::{named_parameters, with_parameters};
 use crate::unfinished::create_dir_all;
 use crate::{DynamicScene, ModelError};
 use description::SceneDescription;
+
+/// The file of everything that is no tensor.
+const DESCRIPTION: &str = "scene.json";
+/// The file of the parameters.
+const TENSORS: &str = "scene.safetensors";
 
 /// How the feature tables of the deformation field are stored. All other tensors are f32.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -67,9 +73,20 @@ impl DynamicScene {
     /// [`ModelError::Io`].
     pub fn save_with(&self, folder: &Path, precision: TablePrecision) -> Result<(), ModelError> {
         create_dir_all(folder).map_err(|e| ModelError::io(folder, "create the folder", e))?;
-        write_stored(&folder.join("scene.safetensors"), &stored(self, precision))?;
-        let json = SceneDescription::of(self).to_json();
-        write_atomically(&folder.join("scene.json"), |mut file| file.write_all(&json))
+        let [json, tensors] = self.to_bytes(precision)?;
+        for (name, bytes) in [(TENSORS, tensors), (DESCRIPTION, json)] {
+            write_atomically(&folder.join(name), |mut file| file.write_all(&bytes))?;
+        }
+        Ok(())
+    }
+
+    /// The bytes of the scene's two files: the description (JSON) and the tensors.
+    ///
+    /// # Errors
+    /// [`ModelError::Parameter`] when values do not fill a shape.
+    pub fn to_bytes(&self, precision: TablePrecision) -> Result<[Vec<u8>; 2], ModelError> {
+        let tensors = file_bytes(&stored(self, precision))?;
+        Ok([SceneDescription::of(self).to_json(), tensors])
     }
 
     /// Reads a scene that [`DynamicScene::save`] wrote.
@@ -78,19 +95,45 @@ impl DynamicScene {
     /// [`ModelError::Io`], [`ModelError::Format`] or [`ModelError::Version`]; [`ModelError::Kernel`] when a table
     /// is too large for the device.
     pub fn load(folder: &Path, device: &Device) -> Result<Self, ModelError> {
-        let json_path = folder.join("scene.json");
-        let description = SceneDescription::read(&json_path)?;
-        let path = folder.join("scene.safetensors");
-        let mut parameters = whole(read_stored(&path)?, &path)?;
-        description.check_rows(&parameters, &path)?;
-        description.check_field(&parameters, [&json_path, &path])?;
+        let paths = [DESCRIPTION, TENSORS].map(|name| folder.join(name));
+        let read = |path: &Path| fs::read(path).map_err(|e| ModelError::io(path, "read", e));
+        // A newer description says so before its tensors are read.
+        let json = read(&paths[0])?;
+        let description = SceneDescription::read(&json, &paths[0])?;
+        Self::from_parts(
+            &description,
+            &read(&paths[1])?,
+            [&paths[0], &paths[1]],
+            device,
+        )
+    }
+
+    /// Reads what [`DynamicScene::to_bytes`] returned. Errors name the files `scene.json` and `scene.safetensors`.
+    ///
+    /// # Errors
+    /// As [`DynamicScene::load`], but for [`ModelError::Io`].
+    pub fn from_bytes(json: &[u8], tensors: &[u8], device: &Device) -> Result<Self, ModelError> {
+        let paths = [DESCRIPTION, TENSORS].map(Path::new);
+        let description = SceneDescription::read(json, paths[0])?;
+        Self::from_parts(&description, tensors, paths, device)
+    }
+
+    fn from_parts(
+        description: &SceneDescription,
+        tensors: &[u8],
+        [json_path, path]: [&Path; 2],
+        device: &Device,
+    ) -> Result<Self, ModelError> {
+        let mut parameters = whole(read_stored(tensors, path)?, path)?;
+        description.check_rows(&parameters, path)?;
+        description.check_field(&parameters, [json_path, path])?;
         // Static Gaussians have trajectories only in checkpoints of the first stage.
-        let static_width = description.trajectory_width(&parameters, "static_set", &path)?;
+        let static_width = description.trajectory_width(&parameters, "static_set", path)?;
         let skeleton = description.skeleton(static_width, device)?;
         join_decoder(&mut parameters, &skeleton)
             .and_then(|()| with_parameters(skeleton, parameters))
             .map_err(|error| {
-                ModelError::format(&path, "the parameters of scene.json", error.to_string())
+                ModelError::format(path, "the parameters of scene.json", error.to_string())
             })
     }
 

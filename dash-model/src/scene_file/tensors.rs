@@ -117,17 +117,15 @@ pub fn write_tensors(
         let bytes = Cow::Borrowed(bytemuck::cast_slice(&tensor.values));
         (name.as_str(), Dtype::F32, tensor.shape.clone(), bytes)
     });
-    write(path, views.collect())
+    let bytes = serialized(views.collect())?;
+    write_atomically(path, |mut file| file.write_all(&bytes))
 }
 
-/// Writes one safetensors file.
+/// The bytes of a safetensors file.
 ///
 /// # Errors
-/// [`ModelError::Io`].
-pub(super) fn write_stored(
-    path: &Path,
-    tensors: &BTreeMap<String, Stored>,
-) -> Result<(), ModelError> {
+/// [`ModelError::Parameter`] when values do not fill a shape.
+pub(super) fn file_bytes(tensors: &BTreeMap<String, Stored>) -> Result<Vec<u8>, ModelError> {
     let views = tensors.iter().map(|(name, tensor)| match tensor {
         Stored::Single(tensor) => {
             let bytes = Cow::Borrowed(bytemuck::cast_slice(&tensor.values));
@@ -147,12 +145,12 @@ pub(super) fn write_stored(
             (name.as_str(), Dtype::U8, vec![marks.len()], bytes)
         }
     });
-    write(path, views.collect())
+    serialized(views.collect())
 }
 
 type NamedBytes<'a> = (&'a str, Dtype, Vec<usize>, Cow<'a, [u8]>);
 
-fn write(path: &Path, tensors: Vec<NamedBytes<'_>>) -> Result<(), ModelError> {
+fn serialized(tensors: Vec<NamedBytes<'_>>) -> Result<Vec<u8>, ModelError> {
     let views: Result<Vec<_>, _> = tensors
         .iter()
         .map(|(name, kind, shape, bytes)| {
@@ -163,9 +161,7 @@ fn write(path: &Path, tensors: Vec<NamedBytes<'_>>) -> Result<(), ModelError> {
             })
         })
         .collect();
-    let bytes = safetensors::serialize(views?, None)
-        .map_err(|e| ModelError::io(path, "write", std::io::Error::other(e)))?;
-    write_atomically(path, |mut file| file.write_all(&bytes))
+    Ok(safetensors::serialize(views?, None).expect("names and shapes are plain"))
 }
 
 /// Reads a safetensors file of f32 and f16 tensors.
@@ -173,7 +169,8 @@ fn write(path: &Path, tensors: Vec<NamedBytes<'_>>) -> Result<(), ModelError> {
 /// # Errors
 /// [`ModelError::Io`] or [`ModelError::Format`].
 pub fn read_tensors(path: &Path) -> Result<BTreeMap<String, HostTensor>, ModelError> {
-    only_floats(read_stored(path)?, path)
+    let bytes = fs::read(path).map_err(|e| ModelError::io(path, "read", e))?;
+    only_floats(read_stored(&bytes, path)?, path)
 }
 
 /// The float tensors.
@@ -194,13 +191,15 @@ pub(super) fn only_floats(
         .collect()
 }
 
-/// Reads what [`write_stored`] wrote; f16 becomes [`Stored::Single`].
+/// Reads what [`file_bytes`] wrote; f16 becomes [`Stored::Single`]. `path` is for errors.
 ///
 /// # Errors
-/// [`ModelError::Io`] or [`ModelError::Format`].
-pub(super) fn read_stored(path: &Path) -> Result<BTreeMap<String, Stored>, ModelError> {
-    let bytes = fs::read(path).map_err(|e| ModelError::io(path, "read", e))?;
-    let file = SafeTensors::deserialize(&bytes)
+/// [`ModelError::Format`].
+pub(super) fn read_stored(
+    bytes: &[u8],
+    path: &Path,
+) -> Result<BTreeMap<String, Stored>, ModelError> {
+    let file = SafeTensors::deserialize(bytes)
         .map_err(|e| ModelError::format(path, "a safetensors file", e.to_string()))?;
     file.tensors()
         .into_iter()

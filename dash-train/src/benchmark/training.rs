@@ -47,6 +47,7 @@ impl Training<'_> {
             resume: true,
             curve: 0,
             on_step,
+            watch: None,
             stop: self.options.stop,
             clock: None,
             additions: Default::default(),

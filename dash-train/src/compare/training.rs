@@ -116,6 +116,7 @@ impl Training<'_> {
             resume: false,
             curve: self.comparison.curve,
             on_step: &mut |report, secs| self.observer.step(report, secs),
+            watch: None,
             clock: Some(&mut |secs| gauge.paced(secs)),
             stop: &|| false,
             additions: Default::default(),

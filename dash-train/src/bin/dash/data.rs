@@ -113,3 +113,46 @@ pub fn load_dataset(data: &DataConfig, memory: Option<u64>) -> Result<Dataset, F
     );
     Ok(dataset)
 }
+
+/// The first option that asks for other data than a run has, and what the run has.
+pub fn other_data(args: &DataArgs, data: &DataConfig) -> Option<(&'static str, String)> {
+    if args
+        .downscale
+        .is_some_and(|downscale| downscale != data.downscale)
+    {
+        return Some(("--downscale", data.downscale.to_string()));
+    }
+    if args.frames.is_some() && args.frames != data.frames {
+        let usual = "the usual ones".into();
+        return Some(("--frames", data.frames.map_or(usual, |f| f.to_string())));
+    }
+    if args.layout.is_some() && args.layout != data.layout {
+        let none = "none".into();
+        return Some(("--layout", data.layout.map_or(none, |l| l.to_string())));
+    }
+    if args.skip_broken && !data.skip_broken {
+        return Some(("--skip-broken", "every view".into()));
+    }
+    if args.test_cameras().is_some() && args.test_cameras() != data.test_cameras {
+        let usual = "the layout's own".into();
+        let cameras = data.test_cameras.as_ref();
+        return Some((
+            "--test-cameras",
+            cameras.map_or(usual, |c| format!("{c:?}")),
+        ));
+    }
+    if !args.drop_cameras.is_empty() && args.drop_cameras != data.drop_cameras {
+        let none = "none dropped".to_string();
+        let dropped = &data.drop_cameras;
+        return Some((
+            "--drop-cameras",
+            if dropped.is_empty() {
+                none
+            } else {
+                dropped.join(",")
+            },
+        ));
+    }
+    (args.invert_masks && !data.invert_masks)
+        .then(|| ("--invert-masks", "masks as they are".into()))
+}

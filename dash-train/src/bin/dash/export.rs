@@ -29,6 +29,7 @@ const DIGITS: usize = 4;
   dash export runs/room --time 0.5 --out room_at_half.ply
   dash export runs/room --time 0.5 --out room_at_half.spz
   dash export runs/room --frames 60 --out out/plys
+  dash export runs/room --web out/page
 
 The name's ending says the format:
   .ply    standard 3DGS, all values: SuperSplat, gsplat, the authors' viewers
@@ -36,6 +37,9 @@ The name's ending says the format:
   .splat  32 bytes a Gaussian, one colour for all directions: viewers in browsers
   .glb    glTF with KHR_gaussian_splatting, all values: PlayCanvas, Babylon.js, Cesium
 With --frames --out is a folder, of PLY files unless --format says another. dash render, info and view read all of these.
+
+With --web the scene is a web page that plays it: put the folder on any web server, or, with --single-file, send the one
+HTML file. The page's keys stand under its ? button; ?time=0.5&camera=cam03&layer=depth&autoplay=0 in its address sets how it begins.
 
 How near a file is to the scene is measured on held-out cameras, where the run's dataset is there.
 
@@ -46,21 +50,37 @@ pub struct ExportArgs {
     /// A run's folder
     run: PathBuf,
     /// The instant, from 0 (the clip's start) to 1 (its end)
-    #[arg(long, value_name = "T", value_parser = values::time, required_unless_present = "frames")]
+    #[arg(long, value_name = "T", value_parser = values::time, required_unless_present_any = OTHER_THAN_TIME)]
     time: Option<f32>,
     /// So many instants, evenly from the clip's start to its end, a file each
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..), conflicts_with = "time")]
     frames: Option<u16>,
     /// File to write, one that exists is replaced; with --frames a folder to make
-    #[arg(long, value_name = "FILE|DIR")]
-    out: PathBuf,
+    #[arg(long, value_name = "FILE|DIR", required_unless_present_any = INSTEAD_OF_OUT)]
+    out: Option<PathBuf>,
     /// Format of the files, with --frames [default: ply]
     #[arg(long, value_name = "FORMAT", value_parser = format, requires = "frames")]
     format: Option<SplatFormat>,
     /// Colour coefficients up to this degree, zeros where the scene has none [default: the scene's degree]
     #[arg(long, value_name = "0..3", value_parser = clap::value_parser!(u8).range(0..=3))]
     sh_degree: Option<u8>,
+    #[cfg(feature = "view")]
+    #[command(flatten)]
+    web: crate::web::WebArgs,
 }
+
+/// Options that stand in for `--time`.
+const OTHER_THAN_TIME: &[&str] = if cfg!(feature = "view") {
+    &["frames", "web"]
+} else {
+    &["frames"]
+};
+/// Options that stand in for `--out`.
+const INSTEAD_OF_OUT: &[&str] = if cfg!(feature = "view") {
+    &["web"]
+} else {
+    &[]
+};
 
 fn format(text: &str) -> Result<SplatFormat, String> {
     let found = SplatFormat::ALL
@@ -77,10 +97,15 @@ fn listed(dot: &str) -> String {
 }
 
 pub fn run(args: &ExportArgs, shared: &Shared) -> Result<String, Failure> {
-    if args.frames.is_none() && SplatFormat::of(&args.out).is_none() {
+    #[cfg(feature = "view")]
+    if let Some(out) = &args.web.web {
+        return crate::web::run(&args.run, out, &args.web, shared);
+    }
+    let out = args.out.as_ref().expect("clap asks for it");
+    if args.frames.is_none() && SplatFormat::of(out).is_none() {
         return Err(Failure::usage(format!(
             "--out {}: expected a name that ends in one of {}",
-            args.out.display(),
+            out.display(),
             listed(".")
         )));
     }
@@ -95,23 +120,23 @@ pub fn run(args: &ExportArgs, shared: &Shared) -> Result<String, Failure> {
     let (first, time, size, what) = match args.frames {
         None => {
             let time = args.time.unwrap_or(0.0);
-            let n = export.write(time, &args.out)?;
+            let n = export.write(time, out)?;
             let (n_static, n_dynamic) = scene.counts();
             let what =
                 format!("{n} Gaussians ({n_static} static, {n_dynamic} dynamic) at time {time}");
-            (args.out.clone(), time, size_of(&args.out)?, what)
+            (out.clone(), time, size_of(out)?, what)
         }
         Some(n_frames) => {
             let n_frames = usize::from(n_frames);
             let format = args.format.unwrap_or(SplatFormat::Ply);
-            export.write_all(n_frames, format, &args.out)?;
-            let names = (0..n_frames).map(|frame| args.out.join(name(frame, format)));
+            export.write_all(n_frames, format, out)?;
+            let names = (0..n_frames).map(|frame| out.join(name(frame, format)));
             let size = names
                 .clone()
                 .map(|path| size_of(&path))
                 .sum::<Result<u64, _>>()?;
             let what = format!("{n_frames} files, {format}");
-            (args.out.join(name(0, format)), 0.0, size, what)
+            (out.join(name(0, format)), 0.0, size, what)
         }
     };
     let cameras = held_out(&run)?;
@@ -123,11 +148,7 @@ pub fn run(args: &ExportArgs, shared: &Shared) -> Result<String, Failure> {
         };
         format!("; {db:.1} dB from the scene's own pictures ({cameras})")
     });
-    Ok(format!(
-        "{}: {what}, {}{near}",
-        args.out.display(),
-        bytes(size)
-    ))
+    Ok(format!("{}: {what}, {}{near}", out.display(), bytes(size)))
 }
 
 fn name(frame: usize, format: SplatFormat) -> String {

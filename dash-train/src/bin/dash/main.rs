@@ -22,6 +22,8 @@ mod progress;
 mod quickstart;
 mod render;
 mod report;
+#[cfg(feature = "view")]
+mod serve;
 mod stress;
 mod summary;
 mod synth;
@@ -29,6 +31,8 @@ mod train;
 mod values;
 #[cfg(feature = "view")]
 mod view;
+#[cfg(feature = "view")]
+mod web;
 
 use std::io::{IsTerminal, Write};
 use std::num::NonZeroUsize;

@@ -13,13 +13,13 @@ use dash_train::evaluate::{CurveProbe, PerceptualFiles};
 use dash_train::process::stop;
 use dash_train::results::{Process, evaluate_run};
 use dash_train::train::{
-    DataConfig, Keep, Preset, RunConfig, RunFolder, StepReport, TrainConfig, TrainOptions,
+    Keep, Preset, RunConfig, RunFolder, StepReport, TrainConfig, TrainOptions, Trainer,
     check_dataset, steps_within, train,
 };
 
 use crate::Shared;
 use crate::configuration::{ConfigFile, Overrides, name};
-use crate::data::{DataArgs, load_dataset};
+use crate::data::{DataArgs, load_dataset, other_data};
 use crate::failure::Failure;
 use crate::lpips::LpipsArgs;
 use crate::progress::{RunsProgress, TrainProgress};
@@ -79,12 +79,17 @@ pub struct TrainArgs {
     resume: bool,
     #[command(flatten)]
     lpips: LpipsArgs,
+    #[cfg(feature = "view")]
+    #[command(flatten)]
+    serve: crate::serve::ServeArgs,
 }
 
 pub fn run(args: &TrainArgs, shared: &Shared) -> Result<String, Failure> {
     // What only the scores at the end need is missed before the training.
     let perceptual = args.lpips.files();
     perceptual.check()?;
+    #[cfg(feature = "view")]
+    args.serve.check()?;
     let file = ConfigFile::read(args.config.as_deref())?;
     let overrides = Overrides {
         preset: args.preset,
@@ -108,12 +113,33 @@ pub fn run(args: &TrainArgs, shared: &Shared) -> Result<String, Failure> {
     let mut progress = TrainProgress::new(config.train.iterations, shared);
     stop::set_way_on(Some(resume(args)));
     let asked = stop::Asked::default();
+    let stop = || asked.now();
+    #[cfg(feature = "view")]
+    let page = std::cell::RefCell::new(args.serve.start(&args.out, &dataset)?);
+    let on_step = &mut |report: &StepReport, secs| {
+        progress.step(report, secs);
+        #[cfg(feature = "view")]
+        if let Some(page) = &*page.borrow() {
+            page.step(report, secs, config.train.iterations);
+        }
+    };
+    #[cfg(feature = "view")]
+    let watch = &mut |trainer: &Trainer| {
+        if let Some(page) = &mut *page.borrow_mut() {
+            page.look(trainer, &stop);
+        }
+    };
+    #[cfg(feature = "view")]
+    let watch: Option<&mut dyn FnMut(&Trainer)> = Some(watch);
+    #[cfg(not(feature = "view"))]
+    let watch = None;
     let options = TrainOptions {
         resume: args.resume,
         curve: args.curve,
-        on_step: &mut |report, secs| progress.step(report, secs),
+        on_step,
+        watch,
         clock: None,
-        stop: &|| asked.now(),
+        stop: &stop,
         additions: Default::default(),
     };
     let trained = train(&run, &config.train, dataset.clone(), &device, options);
@@ -295,49 +321,6 @@ fn check_same(
         );
     }
     Ok(())
-}
-
-/// The first option that asks for other data than a run has, and what the run has.
-fn other_data(args: &DataArgs, data: &DataConfig) -> Option<(&'static str, String)> {
-    if args
-        .downscale
-        .is_some_and(|downscale| downscale != data.downscale)
-    {
-        return Some(("--downscale", data.downscale.to_string()));
-    }
-    if args.frames.is_some() && args.frames != data.frames {
-        let usual = "the usual ones".into();
-        return Some(("--frames", data.frames.map_or(usual, |f| f.to_string())));
-    }
-    if args.layout.is_some() && args.layout != data.layout {
-        let none = "none".into();
-        return Some(("--layout", data.layout.map_or(none, |l| l.to_string())));
-    }
-    if args.skip_broken && !data.skip_broken {
-        return Some(("--skip-broken", "every view".into()));
-    }
-    if args.test_cameras().is_some() && args.test_cameras() != data.test_cameras {
-        let usual = "the layout's own".into();
-        let cameras = data.test_cameras.as_ref();
-        return Some((
-            "--test-cameras",
-            cameras.map_or(usual, |c| format!("{c:?}")),
-        ));
-    }
-    if !args.drop_cameras.is_empty() && args.drop_cameras != data.drop_cameras {
-        let none = "none dropped".to_string();
-        let dropped = &data.drop_cameras;
-        return Some((
-            "--drop-cameras",
-            if dropped.is_empty() {
-                none
-            } else {
-                dropped.join(",")
-            },
-        ));
-    }
-    (args.invert_masks && !data.invert_masks)
-        .then(|| ("--invert-masks", "masks as they are".into()))
 }
 
 /// Scores the run where there are test views, and says what became of it.

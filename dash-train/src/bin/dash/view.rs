@@ -14,7 +14,9 @@ use dash_train::video::write_png;
 use dash_train::{splat_files, splat_scene};
 use dash_view::camera_path::PathCamera;
 use dash_view::draw::Frame;
-use dash_view::{Content, FrameSource, Host, NamedCamera, Source, ViewError, open_window};
+use dash_view::{
+    Content, FRAME_RATE, FrameSource, Host, NamedCamera, Source, ViewError, open_window,
+};
 
 use crate::Shared;
 use crate::data::dataset_of;
@@ -44,11 +46,11 @@ pub struct ViewArgs {
     #[arg(long, value_name = "DIR")]
     dataset: Option<PathBuf>,
     /// Frames per second
-    #[arg(long, value_name = "N", default_value_t = 30.0, value_parser = frame_rate)]
+    #[arg(long, value_name = "N", default_value_t = FRAME_RATE, value_parser = frame_rate)]
     fps: f64,
 }
 
-fn frame_rate(text: &str) -> Result<f64, String> {
+pub fn frame_rate(text: &str) -> Result<f64, String> {
     let rate = text.parse().ok();
     rate.filter(|rate| (0.01..=1000.0).contains(rate))
         .ok_or_else(|| format!("expected frames per second from 0.01 to 1000, found `{text}`"))
@@ -56,12 +58,7 @@ fn frame_rate(text: &str) -> Result<f64, String> {
 
 pub fn run(args: &ViewArgs, shared: &Shared) -> Result<String, Failure> {
     let device = shared.device.unwrap_or_default().device()?;
-    let mut desk = Desk {
-        device,
-        fps: args.fps,
-        out: PathBuf::new(),
-        captured: None,
-    };
+    let mut desk = Desk::new(device, args.fps);
     let content = desk.content(&args.scene, args.dataset.as_deref())?;
     let name = content.name.clone();
     open_window(content, Box::new(desk)).map_err(|error| Failure::new(error.to_string()))?;
@@ -69,7 +66,7 @@ pub fn run(args: &ViewArgs, shared: &Shared) -> Result<String, Failure> {
 }
 
 /// What the window asks of datasets and files.
-struct Desk {
+pub struct Desk {
     device: Device,
     fps: f64,
     /// Where files are written.
@@ -85,7 +82,17 @@ struct Captured {
 }
 
 impl Desk {
-    fn content(&mut self, path: &Path, elsewhere: Option<&Path>) -> Result<Content, Failure> {
+    pub fn new(device: Device, fps: f64) -> Self {
+        Self {
+            device,
+            fps,
+            out: PathBuf::new(),
+            captured: None,
+        }
+    }
+
+    /// What there is to see of a run, a file or a folder of files.
+    pub fn content(&mut self, path: &Path, elsewhere: Option<&Path>) -> Result<Content, Failure> {
         let is_run = path.join("config.toml").is_file();
         if !is_run && elsewhere.is_some() {
             return Err(Failure::usage(format!(
@@ -120,7 +127,7 @@ impl Desk {
             return Ok(Content::new(&name, source, n_frames));
         }
         let captured = Captured::of(dataset_of(&data, elsewhere, true)?);
-        let cameras = captured.cameras();
+        let cameras = named(&captured.dataset, &captured.by_camera);
         let poses: Vec<Camera> = cameras.iter().map(|c| c.camera.clone()).collect();
         let n_frames = captured.dataset.n_frames;
         self.captured = Some(captured);
@@ -171,32 +178,8 @@ impl Desk {
 
 impl Captured {
     fn of(dataset: Dataset) -> Self {
-        let mut by_camera: Vec<Vec<usize>> = Vec::new();
-        for (place, view) in dataset.views.iter().enumerate() {
-            if by_camera.len() <= view.camera_index {
-                by_camera.resize(view.camera_index + 1, Vec::new());
-            }
-            by_camera[view.camera_index].push(place);
-        }
-        by_camera.retain(|views| !views.is_empty());
+        let by_camera = by_camera(&dataset);
         Self { dataset, by_camera }
-    }
-
-    fn cameras(&self) -> Vec<NamedCamera> {
-        let named = |views: &Vec<usize>| {
-            let view = &self.dataset.views[views[0]];
-            let is_one_of_many = views.len() == 1 && self.dataset.n_frames > 1;
-            NamedCamera {
-                name: match is_one_of_many {
-                    true => view.name.clone(),
-                    false => view.camera_name.clone(),
-                },
-                camera: view.camera.clone(),
-                time: is_one_of_many.then_some(view.time),
-                held_out: view.partition == Partition::Test,
-            }
-        };
-        self.by_camera.iter().map(named).collect()
     }
 
     /// The view of a camera nearest to a time, within half a frame.
@@ -208,6 +191,41 @@ impl Captured {
         let nearest = views.min_by(|a, b| off(a).total_cmp(&off(b)))?;
         (off(nearest) <= 1.01 * half_frame).then_some(nearest)
     }
+}
+
+/// The views of each camera that has any, by their place in the dataset.
+fn by_camera(dataset: &Dataset) -> Vec<Vec<usize>> {
+    let mut by_camera: Vec<Vec<usize>> = Vec::new();
+    for (place, view) in dataset.views.iter().enumerate() {
+        if by_camera.len() <= view.camera_index {
+            by_camera.resize(view.camera_index + 1, Vec::new());
+        }
+        by_camera[view.camera_index].push(place);
+    }
+    by_camera.retain(|views| !views.is_empty());
+    by_camera
+}
+
+fn named(dataset: &Dataset, by_camera: &[Vec<usize>]) -> Vec<NamedCamera> {
+    let named = |views: &Vec<usize>| {
+        let view = &dataset.views[views[0]];
+        let is_one_of_many = views.len() == 1 && dataset.n_frames > 1;
+        NamedCamera {
+            name: match is_one_of_many {
+                true => view.name.clone(),
+                false => view.camera_name.clone(),
+            },
+            camera: view.camera.clone(),
+            time: is_one_of_many.then_some(view.time),
+            held_out: view.partition == Partition::Test,
+        }
+    };
+    by_camera.iter().map(named).collect()
+}
+
+/// The cameras of a dataset.
+pub fn named_cameras(dataset: &Dataset) -> Vec<NamedCamera> {
+    named(dataset, &by_camera(dataset))
 }
 
 fn name_of(path: &Path) -> String {

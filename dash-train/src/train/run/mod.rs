@@ -32,6 +32,8 @@ pub struct TrainOptions<'a> {
     pub curve: usize,
     /// Called after every step, with the seconds trained so far.
     pub on_step: &'a mut dyn FnMut(&StepReport, f64),
+    /// Called after every step with the trainer, outside the clock; it may wait.
+    pub watch: Option<&'a mut dyn FnMut(&Trainer)>,
     /// Asked before and after every step whether to stop there, with a checkpoint.
     pub stop: &'a dyn Fn() -> bool,
     /// What the seconds of a step count for; `None`: themselves.
@@ -105,6 +107,9 @@ pub fn train(
             let scene = (trainer.scene(), TablePrecision::Single);
             let line = probe.measure(scene, step, seconds, run.root())?;
             append(file, &line, &run.curve_path())?;
+        }
+        if let Some(watch) = &mut options.watch {
+            watch(&trainer);
         }
         stopped = (options.stop)();
         if step.is_multiple_of(trainer.config().checkpoint_interval) || last || stopped {

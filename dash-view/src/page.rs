@@ -1,0 +1,373 @@
+//! A scene as a web page: the player of this crate, built for browsers, and the scene in parts.
+//!
+//! A page is a folder for any static host, or one HTML file with everything in it. Its scene comes in parts, so that the
+//! first picture is there early: the static Gaussians that show most, the other static ones, then the dynamic ones with
+//! their field. Every part is a scene of its own, as [`DynamicScene::to_bytes`](dash_model::DynamicScene::to_bytes) writes it.
+
+mod parts;
+
+use std::collections::BTreeMap;
+use std::io::Write;
+
+use base64::Engine;
+use base64::engine::general_purpose::STANDARD;
+use dash_kernels::Camera;
+use dash_model::DynamicScene;
+use dash_model::scene_file::TablePrecision;
+use flate2::Compression;
+use flate2::write::GzEncoder;
+use serde::{Deserialize, Serialize};
+
+pub use parts::{joined, parts};
+
+use crate::content::NamedCamera;
+use crate::middle::middle_of;
+use crate::tracks::Tracks;
+use crate::{Content, Source, ViewError};
+
+const INDEX: &str = include_str!("../web/index.html");
+const SCRIPT: &str = include_str!("../web/player.js");
+const LIVE_SCRIPT: &str = include_str!("../web/live.js");
+
+/// What a page says of its scene.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct About {
+    /// The scene's name.
+    pub name: String,
+    /// Frames of the clip.
+    pub n_frames: usize,
+    /// Frames per second at speed 1.
+    pub frame_rate: f64,
+    /// The point to orbit.
+    pub focus: [f64; 3],
+    /// The distance from there within which half of the Gaussians are, world units.
+    pub radius: f64,
+    /// The speed that is shown as the fastest, world units per clip.
+    pub fastest: f32,
+    /// Cameras to look through.
+    pub cameras: Vec<PageCamera>,
+    /// Number of parts; 0 where a run that trains says which parts there are.
+    pub parts: usize,
+}
+
+/// A camera in a page, OpenCV axes.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct PageCamera {
+    /// Its name.
+    pub name: String,
+    /// Pixels.
+    pub width: usize,
+    /// Pixels.
+    pub height: usize,
+    /// Focal lengths, pixels.
+    pub focal: [f64; 2],
+    /// The principal point, pixels.
+    pub principal: [f64; 2],
+    /// Rows of the rotation from world to camera.
+    pub rotation: [[f64; 3]; 3],
+    /// Translation from world to camera.
+    pub translation: [f64; 3],
+}
+
+impl About {
+    /// Of a run that trains, with so many frames at a rate.
+    pub fn of_run(
+        name: &str,
+        (n_frames, frame_rate): (usize, f64),
+        focus: [f64; 3],
+        cameras: &[NamedCamera],
+    ) -> Self {
+        let to_focus = |named: &NamedCamera| {
+            let offset = glam::DVec3::from(named.camera.position()) - glam::DVec3::from(focus);
+            offset.length()
+        };
+        let nearest = cameras.iter().map(to_focus).fold(f64::INFINITY, f64::min);
+        Self {
+            name: name.into(),
+            n_frames,
+            frame_rate,
+            focus,
+            radius: match nearest.is_normal() {
+                true => 0.5 * nearest,
+                false => 1.0,
+            },
+            fastest: 0.0,
+            cameras: cameras.iter().map(PageCamera::of).collect(),
+            parts: 0,
+        }
+    }
+
+    fn packed(&self) -> Vec<u8> {
+        let json = serde_json::to_vec(self).expect("every key is a string, every value plain");
+        packed(&json, Compression::best())
+    }
+
+    /// From JSON.
+    ///
+    /// # Errors
+    /// When it is none that this player's version wrote.
+    pub fn read(json: &str) -> Result<Self, ViewError> {
+        serde_json::from_str(json)
+            .map_err(|e| ViewError::Host(format!("the page's description: {e}")))
+    }
+}
+
+impl PageCamera {
+    fn of(named: &NamedCamera) -> Self {
+        let camera = &named.camera;
+        Self {
+            name: named.name.clone(),
+            width: camera.width,
+            height: camera.height,
+            focal: [camera.fx, camera.fy],
+            principal: [camera.cx, camera.cy],
+            rotation: camera.rotation,
+            translation: camera.translation,
+        }
+    }
+
+    /// The camera.
+    pub fn camera(&self) -> Camera {
+        let ([fx, fy], [cx, cy]) = (self.focal, self.principal);
+        let mut camera = Camera::new(fx, fy, cx, cy, self.width, self.height);
+        (camera.rotation, camera.translation) = (self.rotation, self.translation);
+        camera
+    }
+}
+
+/// The player as `web/build.sh` makes it.
+#[derive(Debug, Clone, Copy)]
+pub struct PlayerCode<'a> {
+    /// The module's JavaScript, for pages without modules.
+    pub script: &'a str,
+    /// The WebAssembly module.
+    pub module: &'a [u8],
+}
+
+/// A page's files by name, packed.
+#[derive(Debug, Clone)]
+pub struct Page {
+    name: String,
+    script: String,
+    files: BTreeMap<String, Vec<u8>>,
+}
+
+impl Page {
+    /// The page of a content; `poster` is the PNG that stands where there is no player.
+    ///
+    /// # Errors
+    /// When the content is a file for each frame, or the device fails.
+    pub fn new(content: &Content, player: PlayerCode, poster: &[u8]) -> Result<Self, ViewError> {
+        let Source::Scene(scene) = &content.source else {
+            return Err(ViewError::Host(
+                "a page shows one scene, not a file for each frame".into(),
+            ));
+        };
+        let parts = parts(scene);
+        let (focus, radius) = middle_of(scene)?;
+        let tracks = Tracks::of(scene, content.n_frames)?;
+        let about = About {
+            name: content.name.clone(),
+            n_frames: content.n_frames,
+            frame_rate: content.frame_rate,
+            focus: content.focus.unwrap_or(focus),
+            radius,
+            fastest: tracks.map_or(0.0, |tracks| tracks.fastest),
+            cameras: content.cameras.iter().map(PageCamera::of).collect(),
+            parts: parts.len(),
+        };
+        let best = Compression::best();
+        let mut files = files_of(&parts, best)?;
+        files.insert("about.json.gz".into(), about.packed());
+        files.insert("player.wasm.gz".into(), packed(player.module, best));
+        files.insert("poster.png".into(), poster.to_vec());
+        Ok(Self {
+            name: content.name.clone(),
+            script: player.script.into(),
+            files,
+        })
+    }
+
+    /// The files of a folder for any static host.
+    pub fn folder(&self) -> BTreeMap<String, Vec<u8>> {
+        let mut files = self.files.clone();
+        let scripts = r#"<script src="dash_view.js"></script><script src="player.js"></script>"#;
+        let index = index(&self.name, "const FILES = null;", scripts);
+        files.insert("index.html".into(), index.into_bytes());
+        files.insert("dash_view.js".into(), self.script.clone().into_bytes());
+        files.insert("player.js".into(), SCRIPT.into());
+        files
+    }
+
+    /// One HTML file with everything in it.
+    pub fn single_file(&self) -> String {
+        let files = self.files.iter();
+        let encoded: BTreeMap<&str, String> = files
+            .map(|(name, bytes)| (name.as_str(), STANDARD.encode(bytes)))
+            .collect();
+        let files = serde_json::to_string(&encoded).expect("names and base64");
+        let scripts = format!("<script>{}</script><script>{SCRIPT}</script>", self.script);
+        index(&self.name, &format!("const FILES = {files};"), &scripts)
+    }
+
+    /// Bytes that a browser takes in before the first picture.
+    pub fn first_bytes(&self) -> usize {
+        let first = [
+            "about.json.gz",
+            "player.wasm.gz",
+            "part0.json.gz",
+            "part0.bin.gz",
+        ];
+        let files: usize = first.iter().map(|name| self.files[*name].len()).sum();
+        files + INDEX.len() + SCRIPT.len() + self.script.len()
+    }
+}
+
+/// The files of a page that watches a run: its scene's parts come later, see [`scene_files`].
+pub fn live_page(about: &About, player: PlayerCode) -> BTreeMap<String, Vec<u8>> {
+    let scripts = r#"<script src="dash_view.js"></script><script src="player.js"></script><script src="live.js"></script>"#;
+    let index = index(&about.name, "const FILES = null;", scripts);
+    BTreeMap::from([
+        ("index.html".to_string(), index.into_bytes()),
+        ("dash_view.js".into(), player.script.into()),
+        ("player.js".into(), SCRIPT.into()),
+        ("live.js".into(), LIVE_SCRIPT.into()),
+        ("about.json.gz".into(), about.packed()),
+        (
+            "player.wasm.gz".into(),
+            packed(player.module, Compression::best()),
+        ),
+    ])
+}
+
+/// The files of a scene's parts, packed quickly.
+///
+/// # Errors
+/// When the device fails.
+pub fn scene_files(scene: &DynamicScene) -> Result<BTreeMap<String, Vec<u8>>, ViewError> {
+    files_of(&parts(scene), Compression::fast())
+}
+
+fn files_of(
+    parts: &[DynamicScene],
+    compression: Compression,
+) -> Result<BTreeMap<String, Vec<u8>>, ViewError> {
+    let mut files = BTreeMap::new();
+    for (index, part) in parts.iter().enumerate() {
+        let [json, tensors] = part.to_bytes(TablePrecision::Half)?;
+        files.insert(format!("part{index}.json.gz"), packed(&json, compression));
+        files.insert(format!("part{index}.bin.gz"), packed(&tensors, compression));
+    }
+    Ok(files)
+}
+
+fn index(name: &str, files: &str, scripts: &str) -> String {
+    let name = name.replace('&', "&amp;").replace('<', "&lt;");
+    let name = name.replace('"', "&quot;");
+    // The name last: it may hold anything.
+    INDEX
+        .replace("{{SCRIPTS}}", scripts)
+        .replace("{{FILES}}", files)
+        .replace("{{NAME}}", &name)
+}
+
+fn packed(bytes: &[u8], compression: Compression) -> Vec<u8> {
+    let mut encoder = GzEncoder::new(Vec::new(), compression);
+    let written = encoder.write_all(bytes).and_then(|()| encoder.finish());
+    written.expect("memory takes every byte")
+}
+
+#[cfg(test)]
+mod tests {
+    use burn::tensor::Device;
+    use dash_model::{GaussianRows, Gaussians, SceneSettings};
+
+    use super::*;
+
+    const PLAYER: PlayerCode = PlayerCode {
+        script: "let wasm_bindgen;",
+        module: b"\0asm",
+    };
+
+    fn page(name: &str) -> Page {
+        let rows =
+            GaussianRows::from_points(&[[0.0; 3], [0.3, 0.0, 0.2]], &[[0.9, 0.2, 0.1]; 2], 0, 0.1);
+        let scene = DynamicScene {
+            static_set: Gaussians::from_rows(&rows, &Device::flex()),
+            dynamic: None,
+            settings: SceneSettings::default(),
+        };
+        let mut content = Content::new(name, Source::Scene(Box::new(scene)), 1);
+        content.cameras.push(NamedCamera {
+            name: "left".into(),
+            camera: Camera::new(40.0, 41.0, 15.0, 13.0, 32, 24).look_at(
+                [0.0, 0.0, -3.0],
+                [0.0; 3],
+                [0.0, -1.0, 0.0],
+            ),
+            time: None,
+            held_out: false,
+        });
+        Page::new(&content, PLAYER, b"poster").expect("two Gaussians")
+    }
+
+    fn unpacked(bytes: &[u8]) -> Vec<u8> {
+        let mut text = Vec::new();
+        let mut decoder = flate2::read::GzDecoder::new(bytes);
+        std::io::Read::read_to_end(&mut decoder, &mut text).expect("gzip");
+        text
+    }
+
+    #[test]
+    fn a_page_says_what_there_is_to_see() {
+        let files = page("room").folder();
+        let about = unpacked(&files["about.json.gz"]);
+        let about = About::read(std::str::from_utf8(&about).expect("text")).expect("JSON");
+        assert_eq!((about.parts, about.n_frames), (1, 1));
+        let camera = about.cameras[0].camera();
+        assert_eq!((camera.fy, camera.cx, camera.height), (41.0, 15.0, 24));
+        assert!((camera.position()[2] + 3.0).abs() < 1e-12);
+        let part = [&files["part0.json.gz"], &files["part0.bin.gz"]].map(|file| unpacked(file));
+        let scene = DynamicScene::from_bytes(&part[0], &part[1], &Device::flex());
+        assert_eq!(scene.expect("a scene").counts(), (2, 0));
+        for name in [
+            "index.html",
+            "player.js",
+            "dash_view.js",
+            "player.wasm.gz",
+            "poster.png",
+        ] {
+            assert!(!files[name].is_empty(), "{name}");
+        }
+    }
+
+    /// A name is text, whatever it holds, and stands for nothing else in the page.
+    #[test]
+    fn names_are_text() {
+        let page = page(r#"</title><script>"&{{FILES}}"#);
+        for html in [
+            page.single_file(),
+            index(&page.name, "const FILES = null;", ""),
+        ] {
+            let title = "<title>&lt;/title>&lt;script>&quot;&amp;{{FILES}}</title>";
+            assert!(html.contains(title));
+            assert_eq!(html.matches("const FILES = ").count(), 1);
+        }
+    }
+
+    #[test]
+    fn one_file_has_all_files() {
+        let page = page("room");
+        let html = page.single_file();
+        for (name, bytes) in &page.files {
+            assert!(html.contains(&format!("\"{name}\":\"{}\"", STANDARD.encode(bytes))));
+        }
+        assert!(!html.contains("src=\"player.js\"") && html.contains("wasm_bindgen.Player.start"));
+    }
+
+    #[test]
+    fn another_description_is_refused() {
+        let error = About::read("{\"name\": 3}").expect_err("no description");
+        assert!(error.to_string().contains("the page's description"));
+    }
+}
