@@ -8,6 +8,7 @@ const MOST_TIMES: usize = 65;
 /// Positions that are kept, at most.
 const MOST_POSITIONS: usize = 4_000_000;
 /// How near to a Gaussian's centre a click has to be, pixels.
+#[cfg(not(target_family = "wasm"))]
 const PICK_RADIUS: f64 = 12.0;
 
 /// Positions of the dynamic Gaussians over the clip.
@@ -49,6 +50,7 @@ impl Tracks {
     }
 
     /// Where a Gaussian is at each of the times.
+    #[cfg(not(target_family = "wasm"))]
     pub fn track(&self, gaussian: usize) -> impl Iterator<Item = (f32, [f64; 3])> {
         let times = self.times.iter().copied();
         times
@@ -60,6 +62,7 @@ impl Tracks {
     ///
     /// # Units
     /// `pixel` in pixels of the camera's picture.
+    #[cfg(not(target_family = "wasm"))]
     pub fn pick(&self, camera: &Camera, time: f32, pixel: [f64; 2]) -> Option<usize> {
         let last = self.times.len() - 1;
         let at = (f64::from(time) * last as f64).round() as usize;

@@ -54,12 +54,14 @@ pub(super) fn clear_slots(
 ) {
     let value = UNIT_POS as usize;
     if !list.overflowed && value < N_DIFFERENTIABLE {
-        for place in usize::max(end, list.start)..list.end {
+        let mut place = usize::max(end, list.start);
+        while place < list.end {
             // Wraps around for slots before the window.
             let slot = slots[place] - window.first;
             if slot < window.length {
                 v_slots[slot as usize * N_DIFFERENTIABLE + value] = 0.0f32;
             }
+            place += 1;
         }
     }
 }
