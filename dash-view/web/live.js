@@ -62,6 +62,8 @@ function tell(told) {
 async function follow(coming) {
   let version = 0;
   for (;;) {
+    // A page that nobody sees asks for nothing.
+    while (document.hidden) await new Promise((done) => document.addEventListener("visibilitychange", done, { once: true }));
     try {
       const told = await state();
       tell(told);

@@ -23,14 +23,21 @@ const PATIENCE: Duration = Duration::from_secs(3);
 const HEAD: usize = 8192;
 const HEADERS: usize = 64;
 
+/// Takes an address.
+pub fn bind(address: SocketAddr) -> Result<TcpListener, Failure> {
+    TcpListener::bind(address).map_err(|error| refused(address, &error))
+}
+
+fn refused(address: SocketAddr, error: &io::Error) -> Failure {
+    Failure::new(format!(
+        "--serve {address}: cannot listen there: {error}; choose another port"
+    ))
+}
+
 /// Serves a site until the program ends; the address where it is.
 pub fn listen(address: SocketAddr, site: Site) -> Result<SocketAddr, Failure> {
-    let refused = |error: io::Error| {
-        Failure::new(format!(
-            "--serve {address}: cannot listen there: {error}; choose another port"
-        ))
-    };
-    let listener = TcpListener::bind(address).map_err(refused)?;
+    let refused = |error: io::Error| refused(address, &error);
+    let listener = bind(address)?;
     let bound = listener.local_addr().map_err(refused)?;
     let (sender, receiver) = sync_channel(WAITING);
     let (site, queue) = (Arc::new(site), Arc::new(Mutex::new(receiver)));

@@ -71,6 +71,7 @@ impl ServeArgs {
                  address out and look through a tunnel: ssh -L 8000:127.0.0.1:8000 HOST"
             )));
         }
+        connections::bind(address)?;
         player(self.player.as_deref()).map(drop)
     }
 
