@@ -1,5 +1,6 @@
 //! Where the dynamic Gaussians go.
 
+#[cfg(not(target_family = "wasm"))]
 use dash_kernels::Camera;
 use dash_model::{DynamicScene, ModelError, to_host};
 

@@ -80,12 +80,6 @@ pub(super) fn next(client: &Client, starts: &Buffer, n: usize, tiles: [usize; 2]
     for (_, need) in needs.iter_mut().filter(|(key, _)| key.0 == device) {
         need.take_what_arrived(most);
     }
-    let elsewhere = needs.iter().filter(|(key, _)| key.0 == device);
-    let elsewhere = elsewhere.filter_map(|((_, size), need)| {
-        let times = (tiles[0] * tiles[1]).div_ceil(size[0] * size[1]);
-        Some(need.intersections? * times)
-    });
-    let elsewhere = elsewhere.max();
     let key = (device, tiles);
     let is_first = !needs.contains_key(&key);
     let need = needs.entry(key.clone()).or_default();
@@ -102,8 +96,7 @@ pub(super) fn next(client: &Client, starts: &Buffer, n: usize, tiles: [usize; 2]
             need.reading = Some(reading);
         }
     }
-    // What a frame of another size needed says something of this one.
-    let wanted = match need.intersections.or(elsewhere) {
+    let wanted = match need.intersections {
         Some(known) => known + known / 8 * SPARE_EIGHTHS,
         None => GUESS.max(GUESS_PER_SPLAT * n),
     };
