@@ -23,7 +23,7 @@ fi
 export RUSTFLAGS='--cfg getrandom_backend="wasm_js"'
 cargo rustc --profile player --package dash-view --lib --target wasm32-unknown-unknown \
     --no-default-features --features wgpu --crate-type cdylib
-"$bindgen" --target no-modules --no-typescript --out-dir "$out" \
+"$bindgen" --target no-modules --no-typescript --remove-name-section --out-dir "$out" \
     "$target/wasm32-unknown-unknown/player/dash_view.wasm"
 if command -v wasm-opt >/dev/null; then
     wasm-opt -Oz --all-features -o "$out/dash_view_bg.wasm" "$out/dash_view_bg.wasm"
