@@ -104,7 +104,7 @@ impl Player {
         })
     }
 
-    /// Draws the scene as it is now; a promise of its pixels, RGBA, rows first.
+    /// Draws the present scene; a promise of its pixels, RGBA, rows first.
     ///
     /// # Errors
     /// When nothing is there yet, or a kernel refuses its input.

@@ -113,7 +113,7 @@ impl Show {
         self.board.note(report, secs, iterations);
     }
 
-    /// Shows the scene as it is now, if somebody looks and it is time; waits while the run is to pause and `stop` is not
+    /// Shows the present scene, if somebody looks and it is time; waits while the run is to pause and `stop` is not
     /// asked for.
     pub fn look(&mut self, trainer: &Trainer, stop: &dyn Fn() -> bool) {
         if self.is_due() {
