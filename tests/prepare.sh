@@ -1,7 +1,7 @@
 #!/bin/sh
 # Installs what the tests need and cargo can't bring: ffmpeg, which writes and reads videos, and a
-# Vulkan driver that plays a GPU in software, which the wgpu tests run on where there is no GPU. `tests/prepare.sh browser`
-# installs Chromium, too, for tests/browser.py.
+# Vulkan driver that plays a GPU in software, which the wgpu tests run on where there is no GPU. `tests/prepare.sh ci`
+# installs Chromium, too, for tests/browser.py, and pip, for tests/readers.py.
 set -eu
 
 as_root=""
@@ -11,7 +11,10 @@ ffmpeg -version >/dev/null 2>&1 || missing="ffmpeg"
 ls /usr/share/vulkan/icd.d/*.json >/dev/null 2>&1 || missing="$missing mesa-vulkan-drivers"
 # The library through which programs find Vulkan drivers.
 ldconfig -p | grep -q libvulkan.so.1 || missing="$missing libvulkan1"
-[ "${1:-}" != browser ] || command -v chromium >/dev/null || missing="$missing chromium"
+if [ "${1:-}" = ci ]; then
+    command -v chromium >/dev/null || missing="$missing chromium"
+    python3 -m pip --version >/dev/null 2>&1 || missing="$missing python3-pip"
+fi
 [ -n "$missing" ] || exit 0
 $as_root apt-get update -qq
 # Reinstalled, because a package may be recorded as installed although its files are gone.

@@ -11,9 +11,10 @@
 //! - `compare`: methods on the same data at the same cost.
 //! - `published`: the field's protocols and figures; `benchmark`: runs of a protocol, beside what others published.
 //! - `evaluate`: scores of a scene; `results`: scores of a run, its `results.json`; `render`: pictures of a scene.
-//! - `splat_scene`: files of Gaussians as scenes.
+//! - `splat_scene`: files of Gaussians as scenes; `four_dgs`: clips in the container `.4dgs`.
 //! - `process`: set-up and memory of the process; `device`: devices by name.
 //! - `bench`: errors and times of kernels; `report`: measurements as a page, CSV and PNG.
+//! - `tensorboard`: curves in event files.
 //! - `metrics`: picture quality; `video`: pictures and videos on disk.
 //!
 //! # Features
@@ -23,6 +24,7 @@
 //! | `ndarray` | the CPU through burn-ndarray | yes |
 //! | `wgpu` | GPUs through Vulkan, Metal or DX12 | yes |
 //! | `cuda` | NVIDIA GPUs through CUDA; its build downloads LLVM | no |
+//! | `fourdgs` | clips of other players, `.4dgs` | yes |
 //!
 //! Conventions are those of [`dash_kernels`] and [`dash_model`].
 
@@ -53,13 +55,16 @@ pub mod results;
 mod splat_scene;
 pub mod stress;
 pub mod synth;
+pub mod tensorboard;
 #[cfg(test)]
 mod test_kit;
 pub mod train;
 pub mod video;
 
 pub use error::Error;
-pub use splat_scene::{splat_files, splat_scene};
+#[cfg(feature = "fourdgs")]
+pub use splat_scene::four_dgs;
+pub use splat_scene::{SceneOverTime, SplatClip, splat_files, splat_scene};
 
 #[cfg(doctest)]
 #[doc = include_str!("../README.md")]

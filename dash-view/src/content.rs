@@ -1,10 +1,16 @@
 //! What is shown, and what the viewer asks of the world around it.
 
 use std::path::{Path, PathBuf};
+#[cfg(not(target_family = "wasm"))]
+use std::sync::Arc;
 
+#[cfg(not(target_family = "wasm"))]
+use burn::tensor::Device;
 use dash_kernels::Camera;
 use dash_model::DynamicScene;
 
+#[cfg(not(target_family = "wasm"))]
+use crate::Live;
 use crate::ViewError;
 use crate::camera_path::PathCamera;
 use crate::draw::Frame;
@@ -48,6 +54,9 @@ pub enum Source {
     Scene(Box<DynamicScene>),
     /// A static scene for each frame.
     Frames(Box<dyn FrameSource>),
+    /// A scene over all times that trains meanwhile; its copies are drawn on this device.
+    #[cfg(not(target_family = "wasm"))]
+    Live(Arc<Live>, Device),
 }
 
 /// A static scene for each frame, made when it is shown.

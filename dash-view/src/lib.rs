@@ -15,6 +15,7 @@
 //! | [`draw`] | one layer at one time in 8 bits |
 //! | [`pace`] | how large pictures are while something moves |
 //! | [`worker`] | the thread that draws |
+//! | `live` | a scene that trains meanwhile |
 //! | `window` | the window: picture, time line, side panel, keys |
 //! | [`page`] | a scene as a web page |
 //! | `web` | built for browsers: what the page's JavaScript calls |
@@ -43,6 +44,8 @@ pub mod camera_path;
 mod content;
 pub mod draw;
 mod error;
+#[cfg(not(target_family = "wasm"))]
+mod live;
 mod middle;
 pub mod navigator;
 pub mod pace;
@@ -60,4 +63,6 @@ pub mod worker;
 pub use content::{Content, FRAME_RATE, FrameSource, Host, NamedCamera, NoHost, Source};
 pub use error::ViewError;
 #[cfg(not(target_family = "wasm"))]
-pub use window::open_window;
+pub use live::Live;
+#[cfg(not(target_family = "wasm"))]
+pub use window::{check_display, open_window};

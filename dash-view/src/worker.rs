@@ -2,27 +2,23 @@
 //!
 //! Requests for pictures replace each other: only the newest is drawn. Other work is done in order.
 
-use std::any::Any;
+mod studio;
+
 use std::collections::VecDeque;
-use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::PathBuf;
-use std::sync::mpsc::{Receiver, Sender, channel};
+use std::sync::mpsc::{Receiver, channel};
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 use std::thread::JoinHandle;
-use std::time::Instant;
 
-use burn::module::Module;
 use dash_kernels::Camera;
-use dash_model::DynamicScene;
 
 pub use crate::beside::Beside;
 use crate::camera_path::PathCamera;
 use crate::content::{Content, Host, NamedCamera, Source};
-use crate::draw::{Frame, ViewLayer, draw};
-use crate::middle::middle_of;
-use crate::speed::SpeedColors;
+use crate::draw::{Frame, ViewLayer};
 use crate::tracks::Tracks;
-use crate::{FrameSource, ViewError};
+use crate::{Live, ViewError};
+use studio::{Described, Studio};
 
 /// A picture that is asked for.
 #[derive(Debug, Clone, PartialEq)]
@@ -33,6 +29,8 @@ pub struct Request {
     pub time: f32,
     /// The frame nearest to that time.
     pub frame: usize,
+    /// The copy of a scene that trains, 0 of one that does not.
+    pub version: usize,
     /// What it shows.
     pub layer: ViewLayer,
     /// Colour behind everything; the scene's own where `None`.
@@ -44,6 +42,8 @@ pub struct Request {
 /// Other work.
 #[derive(Debug)]
 pub enum Task {
+    /// Opens the scene that trains, once there is a first copy.
+    Begin,
     /// Opens a file or a folder in place of the content.
     Open(PathBuf),
     /// Follows the dynamic Gaussians over the clip.
@@ -102,12 +102,15 @@ pub struct Drawn {
     pub secs: f64,
     /// The captured picture, where one was asked for and is there.
     pub beside: Option<Beside>,
+    /// Static and dynamic Gaussians.
+    pub counts: (usize, usize),
 }
 
 /// The thread; it ends when this is dropped.
 pub struct Worker {
     shared: Arc<Shared>,
     replies: Receiver<Reply>,
+    live: Option<Arc<Live>>,
     thread: Option<JoinHandle<()>>,
 }
 
@@ -142,10 +145,15 @@ impl Worker {
     ) -> Result<Self, ViewError> {
         let shared = Arc::new(Shared::default());
         let (sender, replies) = channel();
+        let live = match &content.source {
+            Source::Live(live, _) => Some(live.clone()),
+            Source::Scene(_) | Source::Frames(_) => None,
+        };
         let studio = Studio {
             source: content.source,
             n_frames: content.n_frames,
             shown: None,
+            content: None,
             tracks: None,
             host,
             replies: sender,
@@ -165,6 +173,7 @@ impl Worker {
         Ok(Self {
             shared,
             replies,
+            live,
             thread: Some(thread),
         })
     }
@@ -179,6 +188,11 @@ impl Worker {
     pub fn ask(&self, task: Task) {
         self.shared.wanted().tasks.push_back(task);
         self.shared.changed.notify_one();
+    }
+
+    /// The scene that trains meanwhile, where it is one.
+    pub fn live(&self) -> Option<&Arc<Live>> {
+        self.live.as_ref()
     }
 
     /// What was done since the last call.
@@ -196,164 +210,4 @@ impl Drop for Worker {
             let _ = thread.join();
         }
     }
-}
-
-/// A content without its source.
-struct Described {
-    name: String,
-    frame_rate: f64,
-    cameras: Vec<NamedCamera>,
-    focus: Option<[f64; 3]>,
-}
-
-/// What the thread works with.
-struct Studio {
-    source: Source,
-    n_frames: usize,
-    /// The scene of the last frame of a source of frames.
-    shown: Option<(usize, DynamicScene)>,
-    tracks: Option<Option<Arc<Tracks>>>,
-    host: Box<dyn Host>,
-    replies: Sender<Reply>,
-    wake: Box<dyn Fn() + Send>,
-}
-
-impl Studio {
-    fn run(mut self, content: Described, shared: &Shared) {
-        self.attempt(|studio| studio.describe(content));
-        loop {
-            let mut wanted = shared.wanted();
-            while !wanted.over && wanted.picture.is_none() && wanted.tasks.is_empty() {
-                wanted = shared
-                    .changed
-                    .wait(wanted)
-                    .unwrap_or_else(PoisonError::into_inner);
-            }
-            if wanted.over {
-                return;
-            }
-            let (picture, task) = (wanted.picture.take(), wanted.tasks.pop_front());
-            drop(wanted);
-            if let Some(task) = task {
-                self.attempt(|studio| studio.carry_out(task));
-            }
-            if let Some(request) = picture {
-                self.attempt(|studio| studio.draw(request).map(|drawn| Reply::Drawn(drawn.into())));
-            }
-        }
-    }
-
-    /// Replies with what `work` makes, with why it failed, or with what it panicked with.
-    fn attempt(&mut self, work: impl FnOnce(&mut Self) -> Result<Reply, ViewError>) {
-        let reply = match catch_unwind(AssertUnwindSafe(|| work(self))) {
-            Ok(Ok(reply)) => reply,
-            Ok(Err(error)) => Reply::Failed(error.to_string()),
-            Err(panic) => Reply::Failed(told(&*panic)),
-        };
-        // Nobody listens once the window is closed.
-        let _ = self.replies.send(reply);
-        (self.wake)();
-    }
-
-    fn describe(&mut self, content: Described) -> Result<Reply, ViewError> {
-        let n_frames = self.n_frames;
-        let scene = self.scene(0)?;
-        let (middle, radius) = middle_of(scene)?;
-        Ok(Reply::Opened(Box::new(Opened {
-            name: content.name,
-            n_frames,
-            frame_rate: content.frame_rate,
-            cameras: content.cameras,
-            focus: content.focus.unwrap_or(middle),
-            radius,
-            counts: scene.counts(),
-            bytes: scene.num_params() * size_of::<f32>(),
-        })))
-    }
-
-    fn carry_out(&mut self, task: Task) -> Result<Reply, ViewError> {
-        match task {
-            Task::Open(path) => {
-                let content = self.host.open(&path)?;
-                (self.source, self.n_frames) = (content.source, content.n_frames);
-                (self.shown, self.tracks) = (None, None);
-                self.describe(Described {
-                    name: content.name,
-                    frame_rate: content.frame_rate,
-                    cameras: content.cameras,
-                    focus: content.focus,
-                })
-            }
-            Task::Track => Ok(Reply::Tracks(self.tracks()?)),
-            Task::SavePicture(frame) => Ok(Reply::Saved(self.host.save_picture(&frame)?)),
-            Task::SavePath(path) => Ok(Reply::Saved(self.host.save_path(&path)?)),
-            Task::RenderPath(path) => match &self.source {
-                Source::Scene(scene) => Ok(Reply::Saved(self.host.render_path(scene, &path)?)),
-                Source::Frames(_) => Err(ViewError::Host(
-                    "a path is rendered of one scene, not of a file for each frame".into(),
-                )),
-            },
-        }
-    }
-
-    fn draw(&mut self, request: Request) -> Result<Drawn, ViewError> {
-        let start = Instant::now();
-        let colors = match request.layer {
-            ViewLayer::Speed => {
-                let fastest = self.tracks()?.map_or(0.0, |tracks| tracks.fastest);
-                SpeedColors::new(fastest, self.n_frames)
-            }
-            _ => SpeedColors::new(0.0, 1),
-        };
-        let scene = self.scene(request.frame)?;
-        let own = scene.settings.background;
-        scene.settings.background = request.background.unwrap_or(own);
-        let frame = draw(scene, &request.camera, request.time, request.layer, &colors);
-        scene.settings.background = own;
-        let (frame, secs) = (frame?, start.elapsed().as_secs_f64());
-        let captured = match request.beside {
-            Some(camera) => self.host.captured(camera, request.time)?,
-            None => None,
-        };
-        // Of another size it is of another camera.
-        let captured = captured.filter(|rgb| rgb.len() == frame.rgb.len());
-        Ok(Drawn {
-            beside: captured.map(|rgb| Beside::of(&frame, rgb)),
-            request,
-            frame,
-            secs,
-        })
-    }
-
-    /// The scene at a frame.
-    fn scene(&mut self, frame: usize) -> Result<&mut DynamicScene, ViewError> {
-        let frames: &mut Box<dyn FrameSource> = match &mut self.source {
-            Source::Scene(scene) => return Ok(scene),
-            Source::Frames(frames) => frames,
-        };
-        let known = self.shown.take().filter(|(known, _)| *known == frame);
-        let shown = match known {
-            Some(shown) => shown,
-            None => (frame, frames.scene(frame)?),
-        };
-        Ok(&mut self.shown.insert(shown).1)
-    }
-
-    fn tracks(&mut self) -> Result<Option<Arc<Tracks>>, ViewError> {
-        if let Some(tracks) = &self.tracks {
-            return Ok(tracks.clone());
-        }
-        let tracks = match &self.source {
-            Source::Scene(scene) => Tracks::of(scene, self.n_frames)?.map(Arc::new),
-            Source::Frames(_) => None,
-        };
-        Ok(self.tracks.insert(tracks).clone())
-    }
-}
-
-/// What a panic says.
-fn told(panic: &(dyn Any + Send)) -> String {
-    let text = panic.downcast_ref::<String>().map(String::as_str);
-    let text = text.or(panic.downcast_ref::<&str>().copied());
-    text.unwrap_or("drawing failed").to_string()
 }

@@ -4,14 +4,14 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 use dash_model::unfinished::Unfinished;
-use dash_model::{DynamicScene, Layer, Picture};
+use dash_model::{Layer, Picture};
 
 use super::picture::{PictureLayer, render};
 use super::shots::Shot;
-use crate::Error;
 use crate::cameras::{CameraEntry, cameras_text, write_cameras};
 use crate::files::is_occupied;
 use crate::video::{VideoWriter, rgb8, write_exr_plane, write_exr_rgb, write_png};
+use crate::{Error, SceneOverTime};
 
 /// Frame rate of videos.
 const FRAMES_PER_SEC: f64 = 30.0;
@@ -40,8 +40,8 @@ impl PictureFormat {
 
 /// Pictures to take of a scene.
 pub struct RenderJob<'a> {
-    /// The scene.
-    pub scene: &'a DynamicScene,
+    /// The scene, a run's or a clip's.
+    pub scene: &'a dyn SceneOverTime,
     /// Which cameras at which times, in the order of the files.
     pub shots: &'a [Shot],
     /// Called with the number of shots done after each.
@@ -73,6 +73,7 @@ pub fn write_pictures(
     let listed = entries(job.shots);
     refuse_other_list(&list, &listed)?;
     for ((index, shot), entry) in job.shots.iter().enumerate().zip(&listed) {
+        let scene = job.scene.scene_at(shot.time)?;
         let name = format!("{}.{}", entry.img_name, format.extension());
         for drawn_from in [Layer::Full, Layer::Static, Layer::Dynamic] {
             let shown: Vec<PictureLayer> = layers
@@ -83,7 +84,7 @@ pub fn write_pictures(
             if shown.is_empty() {
                 continue;
             }
-            let picture = render(job.scene, &shot.camera, shot.time, drawn_from)?;
+            let picture = render(&scene, &shot.camera, shot.time, drawn_from)?;
             for layer in shown {
                 let path = scratch.path().join(layer.to_string()).join(&name);
                 write_picture(&path, &picture, layer, format)?;
@@ -167,7 +168,8 @@ pub fn write_video(job: RenderJob<'_>, layer: PictureLayer, out: &Path) -> Resul
     }
     let mut writer = VideoWriter::create(out, size.0, size.1, FRAMES_PER_SEC)?;
     for (index, shot) in job.shots.iter().enumerate() {
-        let picture = render(job.scene, &shot.camera, shot.time, layer.drawn_from())?;
+        let scene = job.scene.scene_at(shot.time)?;
+        let picture = render(&scene, &shot.camera, shot.time, layer.drawn_from())?;
         writer.push(&shown(&picture, layer))?;
         (job.on_shot)(index + 1);
     }

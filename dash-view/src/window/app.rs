@@ -73,6 +73,8 @@ pub struct Message {
 /// The window's state.
 pub struct App {
     worker: Worker,
+    /// Whether the scene that trains was asked for.
+    begun: bool,
     pub opened: Option<Opened>,
     pub eye: Navigator,
     /// The camera that is looked through.
@@ -108,6 +110,7 @@ impl App {
     pub fn new(worker: Worker) -> Self {
         Self {
             worker,
+            begun: false,
             opened: None,
             eye: Navigator::new(DVec3::ZERO, 1.0),
             through: None,
@@ -136,6 +139,7 @@ impl App {
     /// One frame of the window.
     pub fn ui(&mut self, ui: &mut Ui) {
         let ctx = ui.ctx().clone();
+        self.follow(&ctx);
         self.take_replies(&ctx);
         if !ctx.egui_wants_keyboard_input() {
             for action in ctx.input(pressed) {
@@ -161,6 +165,25 @@ impl App {
         help::show(&ctx, &mut self.show_help);
         self.pass_time(&ctx);
         self.request(&ctx);
+    }
+
+    /// Takes part in a run that trains.
+    fn follow(&mut self, ctx: &Context) {
+        let Some(live) = self.worker.live() else {
+            return;
+        };
+        if live.is_over() {
+            ctx.send_viewport_cmd(ViewportCommand::Close);
+        }
+        if live.version() > 0 && !self.begun {
+            self.begun = true;
+            self.ask(Task::Begin);
+        }
+    }
+
+    /// How far the run is that trains.
+    pub fn line(&self) -> Option<String> {
+        self.worker.live().map(|live| live.line())
     }
 
     fn take_replies(&mut self, ctx: &Context) {
@@ -220,6 +243,9 @@ impl App {
         self.drawn_at.push_back(ctx.input(|input| input.time));
         if self.drawn_at.len() > RATE_WINDOW {
             self.drawn_at.pop_front();
+        }
+        if let Some(opened) = &mut self.opened {
+            opened.counts = drawn.counts;
         }
         let size = [drawn.frame.width, drawn.frame.height];
         self.pace.saw(size, self.full, drawn.secs);
@@ -359,6 +385,7 @@ impl App {
             camera: self.camera(self.pace.size(self.full, moving)),
             time: self.playback.time(),
             frame: self.playback.frame(),
+            version: self.worker.live().map_or(0, |live| live.version()),
             layer: self.layer,
             background: self.background,
             beside: self.compared(),

@@ -18,7 +18,7 @@ use std::ffi::OsString;
 use eframe::egui;
 
 use crate::worker::Worker;
-use crate::{Content, Host, ViewError};
+use crate::{Content, Host, Source, ViewError};
 use app::App;
 
 /// The window's size when it opens, points.
@@ -29,10 +29,12 @@ const SIZE: [f32; 2] = [1280.0, 800.0];
 /// # Errors
 /// When the system can't open a window.
 pub fn open_window(content: Content, host: Box<dyn Host>) -> Result<(), ViewError> {
-    if cfg!(target_os = "linux") && !has_display(|name| std::env::var_os(name)) {
-        let missing = "neither WAYLAND_DISPLAY nor DISPLAY is set";
-        return Err(ViewError::Window(missing.into()));
-    }
+    check_display()?;
+    let live = match &content.source {
+        Source::Live(live, _) => Some(live.clone()),
+        Source::Scene(_) | Source::Frames(_) => None,
+    };
+    let closed = live.clone();
     let title = title(&content.name);
     let viewport = egui::ViewportBuilder::default()
         .with_title(&title)
@@ -45,11 +47,30 @@ pub fn open_window(content: Content, host: Box<dyn Host>) -> Result<(), ViewErro
     };
     let create = move |creation: &eframe::CreationContext<'_>| {
         let ctx = creation.egui_ctx.clone();
+        if let Some(live) = live {
+            let ctx = ctx.clone();
+            live.on_change(move || ctx.request_repaint());
+        }
         let worker = Worker::start(content, host, move || ctx.request_repaint())?;
         Ok(Box::new(Window(App::new(worker))) as Box<dyn eframe::App>)
     };
-    eframe::run_native(&title, options, Box::new(create))
-        .map_err(|error| ViewError::Window(error.to_string()))
+    let done = eframe::run_native(&title, options, Box::new(create));
+    if let Some(live) = closed {
+        live.closed();
+    }
+    done.map_err(|error| ViewError::Window(error.to_string()))
+}
+
+/// Whether there is a display to open a window on.
+///
+/// # Errors
+/// When there is none.
+pub fn check_display() -> Result<(), ViewError> {
+    if cfg!(target_os = "linux") && !has_display(|name| std::env::var_os(name)) {
+        let missing = "neither WAYLAND_DISPLAY nor DISPLAY is set";
+        return Err(ViewError::Window(missing.into()));
+    }
+    Ok(())
 }
 
 /// Whether the environment of a Linux program names a display.

@@ -97,6 +97,9 @@ fn path(ui: &mut Ui, app: &mut App) {
 
 fn numbers(ui: &mut Ui, app: &App) {
     ui.strong("Numbers");
+    if let Some(line) = app.line() {
+        ui.small(line);
+    }
     Grid::new("numbers").num_columns(2).show(ui, |ui| {
         let mut row = |name: &str, value: String| {
             ui.label(name);

@@ -8,14 +8,15 @@ use burn::tensor::Device;
 use dash_kernels::Camera;
 use dash_model::{DynamicScene, GaussianRows, Gaussians, SceneSettings};
 use eframe::egui::{
-    Context, Event, Key, Modifiers, PointerButton, Pos2, RawInput, Rect, pos2, vec2,
+    Context, Event, Key, Modifiers, PointerButton, Pos2, RawInput, Rect, ViewportCommand, pos2,
+    vec2,
 };
 
 use super::app::{App, CapturedView};
 use crate::camera_path::PathCamera;
 use crate::draw::{Frame, ViewLayer};
 use crate::worker::Worker;
-use crate::{Content, FrameSource, Host, NamedCamera, Source, ViewError};
+use crate::{Content, FrameSource, Host, Live, NamedCamera, Source, ViewError};
 
 /// Longer than any picture here takes.
 const PATIENCE: Duration = Duration::from_secs(120);
@@ -418,4 +419,53 @@ fn a_program_without_a_display_has_no_window() {
     };
     assert!(with("DISPLAY", ":0") && with("WAYLAND_DISPLAY", "wayland-0"));
     assert!(!with("DISPLAY", "") && !with("HOME", "/root"));
+}
+
+/// A window on a run shows its newest scene, and closes when the run says so.
+#[test]
+fn a_scene_that_trains_is_drawn_anew_with_each_copy() {
+    let live = Live::new();
+    let source = Source::Live(live.clone(), Device::flex());
+    let (wake, woken) = channel();
+    let (ask, _asked) = channel();
+    let content = Content::new("run", source, 3);
+    let worker = Worker::start(content, Box::new(Asked(ask)), move || {
+        let _ = wake.send(());
+    });
+    let (_, asked) = channel();
+    let mut bench = Bench {
+        app: App::new(worker.expect("a thread")),
+        ctx: Context::default(),
+        woken,
+        asked,
+        time: 0.0,
+        modifiers: Modifiers::NONE,
+    };
+    bench.frame(Vec::new());
+    assert!(bench.app.opened.is_none() && live.is_wanted());
+    let mut pictures = Vec::new();
+    for x in [0.0, 0.6] {
+        live.show(&scene(x)).expect("copied");
+        live.tell(format!("at {x}"));
+        assert!(!live.is_wanted());
+        while !live.is_wanted() || bench.app.shown.is_none() {
+            bench.reply();
+        }
+        bench.rest();
+        let drawn = bench.shown();
+        assert_eq!(drawn.counts, (3, 0));
+        let picture = scene(x).render(&drawn.request.camera, 0.0);
+        let picture = dash_model::Picture::of(picture.expect("renders")).expect("copied");
+        assert_eq!(drawn.frame.rgb, dash_model::rgb8(&picture.rgb));
+        assert_eq!(bench.app.line(), Some(format!("at {x}")));
+        pictures.push(drawn.frame.rgb.clone());
+    }
+    assert_ne!(pictures[0], pictures[1]);
+    live.close();
+    let ctx = bench.ctx.clone();
+    let output = ctx.run_ui(RawInput::default(), |ui| bench.app.ui(ui));
+    let mut viewports = output.viewport_output.values();
+    assert!(viewports.any(|viewport| viewport.commands.contains(&ViewportCommand::Close)));
+    live.closed();
+    assert!(!live.is_wanted());
 }

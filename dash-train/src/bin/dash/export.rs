@@ -1,16 +1,16 @@
-//! `dash export`: instants as files of Gaussians, for other programs.
+//! `dash export`: a scene for other programs: instants as files of Gaussians, a clip, or a web page.
 
 use std::fs;
 use std::path::{Path, PathBuf};
 
-use burn::tensor::Device;
 use clap::Args;
 use dash_kernels::Camera;
 use dash_model::unfinished::Unfinished;
-use dash_model::{DynamicScene, Gaussians, ModelError, SplatFormat, read_splats, write_splats};
+use dash_model::{DynamicScene, ModelError, SplatFormat, write_splats};
 use dash_train::metrics::psnr;
 use dash_train::render::{Picture, test_shots};
 use dash_train::train::RunFolder;
+use dash_train::{SceneOverTime, SplatClip};
 
 use crate::Shared;
 use crate::data::dataset_of;
@@ -18,17 +18,24 @@ use crate::failure::Failure;
 use crate::summary::bytes;
 use crate::values;
 
-/// Pictures that a file is compared on.
+/// Cameras and times at which a file is compared.
 const COMPARED: usize = 4;
 /// Digits of the names of files.
 const DIGITS: usize = 4;
+#[cfg(feature = "fourdgs")]
+/// Frames per second of a clip.
+const FRAME_RATE: f64 = 30.0;
+#[cfg(feature = "fourdgs")]
+/// How far Gaussians of a clip may be off, of the scene's diagonal: half a pixel of a picture of 1,000.
+const MAX_ERROR: f64 = 0.0005;
 
-/// Write the scene at one instant, or at several, as files of Gaussians for other programs
+/// Write the scene for other programs: an instant, several, the whole clip, or a web page
 #[derive(Args)]
 #[command(after_help = "Examples:
   dash export runs/room --time 0.5 --out room_at_half.ply
   dash export runs/room --time 0.5 --out room_at_half.spz
   dash export runs/room --frames 60 --out out/plys
+  dash export runs/room --out room.4dgs
   dash export runs/room --web out/page
 
 The name's ending says the format:
@@ -36,6 +43,7 @@ The name's ending says the format:
   .spz    Niantic's, rounded, about a tenth of a PLY: SuperSplat, Spark, PlayCanvas, Scaniverse
   .splat  32 bytes a Gaussian, one colour for all directions: viewers in browsers
   .glb    glTF with KHR_gaussian_splatting, all values: PlayCanvas, Babylon.js, Cesium
+  .4dgs   the whole clip in one file that players seek in (https://4dgs.dev); --max-error says how closely it is followed
 With --frames --out is a folder, of PLY files unless --format says another. dash render, info and view read all of these.
 
 With --web the scene is a web page that plays it: put the folder on any web server, or, with --single-file, send the one
@@ -50,9 +58,10 @@ pub struct ExportArgs {
     /// A run's folder
     run: PathBuf,
     /// The instant, from 0 (the clip's start) to 1 (its end)
-    #[arg(long, value_name = "T", value_parser = values::time, required_unless_present_any = OTHER_THAN_TIME)]
+    #[arg(long, value_name = "T", value_parser = values::time)]
     time: Option<f32>,
-    /// So many instants, evenly from the clip's start to its end, a file each
+    /// So many instants, evenly from the clip's start to its end, a file each; of a .4dgs the instants that it follows
+    /// [default of a .4dgs: the dataset's frames]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..), conflicts_with = "time")]
     frames: Option<u16>,
     /// File to write, one that exists is replaced; with --frames a folder to make
@@ -64,17 +73,17 @@ pub struct ExportArgs {
     /// Colour coefficients up to this degree, zeros where the scene has none [default: the scene's degree]
     #[arg(long, value_name = "0..3", value_parser = clap::value_parser!(u8).range(0..=3))]
     sh_degree: Option<u8>,
+    /// Of a .4dgs or a web page: frames per second [default: 30]
+    #[arg(long, value_name = "N", value_parser = values::frame_rate)]
+    fps: Option<f64>,
+    /// Of a .4dgs: how far a Gaussian's centre, or an end of its axes, may be off, as a share of the scene's diagonal [default: 0.0005]
+    #[arg(long, value_name = "SHARE", value_parser = max_error)]
+    max_error: Option<f64>,
     #[cfg(feature = "view")]
     #[command(flatten)]
     web: crate::web::WebArgs,
 }
 
-/// Options that stand in for `--time`.
-const OTHER_THAN_TIME: &[&str] = if cfg!(feature = "view") {
-    &["frames", "web"]
-} else {
-    &["frames"]
-};
 /// Options that stand in for `--out`.
 const INSTEAD_OF_OUT: &[&str] = if cfg!(feature = "view") {
     &["web"]
@@ -99,14 +108,34 @@ fn listed(dot: &str) -> String {
 pub fn run(args: &ExportArgs, shared: &Shared) -> Result<String, Failure> {
     #[cfg(feature = "view")]
     if let Some(out) = &args.web.web {
-        return crate::web::run(&args.run, out, &args.web, shared);
+        return crate::web::run(&args.run, out, &args.web, args.fps, shared);
     }
     let out = args.out.as_ref().expect("clap asks for it");
+    if SplatClip::is_motions(out) {
+        return clip(args, out, shared);
+    }
+    for (option, is_given) in [
+        ("--fps", args.fps.is_some()),
+        ("--max-error", args.max_error.is_some()),
+    ] {
+        if is_given {
+            return Err(Failure::usage(format!(
+                "{option}: expected a clip to go with it, found {}; leave it out, or name a .4dgs",
+                out.display()
+            )));
+        }
+    }
     if args.frames.is_none() && SplatFormat::of(out).is_none() {
         return Err(Failure::usage(format!(
             "--out {}: expected a name that ends in one of {}",
             out.display(),
-            listed(".")
+            listed(".") + ", .4dgs"
+        )));
+    }
+    if args.time.is_none() && args.frames.is_none() {
+        return Err(Failure::usage(format!(
+            "--out {}: expected the instant with it; give --time T, from 0 to 1, or --frames N",
+            out.display()
         )));
     }
     let device = shared.device.unwrap_or_default().device()?;
@@ -139,15 +168,8 @@ pub fn run(args: &ExportArgs, shared: &Shared) -> Result<String, Failure> {
             (out.join(name(0, format)), 0.0, size, what)
         }
     };
-    let cameras = held_out(&run)?;
-    let near = fidelity(&scene, &first, time, &cameras, &device)?;
-    let near = near.map_or_else(String::new, |db| {
-        let cameras = match cameras.len() {
-            1 => "1 held-out camera".to_string(),
-            n => format!("{n} held-out cameras"),
-        };
-        format!("; {db:.1} dB from the scene's own pictures ({cameras})")
-    });
+    let file = SplatClip::open(&first, &device)?;
+    let near = fidelity(&scene, &file, &[time], &held_out(&run)?)?;
     Ok(format!("{}: {what}, {}{near}", out.display(), bytes(size)))
 }
 
@@ -222,30 +244,104 @@ fn held_out(run: &RunFolder) -> Result<Vec<Camera>, Failure> {
     Ok(cameras.into_iter().step_by(stride).collect())
 }
 
-/// dB between pictures of a file and of the scene, in all pixels together; `None` without cameras.
+/// How far pictures of a file are from those of the scene, in all pixels together, in words; nothing without cameras.
 fn fidelity(
     scene: &DynamicScene,
-    path: &Path,
-    time: f32,
+    file: &SplatClip,
+    times: &[f32],
     cameras: &[Camera],
-    device: &Device,
-) -> Result<Option<f64>, Failure> {
+) -> Result<String, Failure> {
     if cameras.is_empty() {
-        return Ok(None);
+        return Ok(String::new());
     }
-    let file = read_splats(path)?;
-    let static_set = Gaussians::from_rows(&file.rows, device);
-    let mut settings = scene.settings.clone();
-    settings.sh_degree = static_set.sh_degree();
-    let frozen = DynamicScene {
-        static_set,
-        dynamic: None,
-        settings,
-    };
     let (mut own, mut files) = (Vec::new(), Vec::new());
-    for camera in cameras {
-        own.extend(Picture::of(scene.render(camera, time)?)?.rgb);
-        files.extend(Picture::of(frozen.render(camera, time)?)?.rgb);
+    for &time in times {
+        let mut shown = file.scene_at(time)?.into_owned();
+        shown.settings.background = scene.settings.background;
+        shown.settings.near_plane = scene.settings.near_plane;
+        for camera in cameras {
+            own.extend(Picture::of(scene.render(camera, time)?)?.rgb);
+            files.extend(Picture::of(shown.render(camera, time)?)?.rgb);
+        }
     }
-    Ok(Some(psnr(&own, &files)))
+    let db = psnr(&own, &files);
+    let cameras = match cameras.len() {
+        1 => "1 held-out camera".to_string(),
+        n => format!("{n} held-out cameras"),
+    };
+    Ok(format!(
+        "; {db:.1} dB from the scene's own pictures ({cameras})"
+    ))
+}
+
+fn max_error(text: &str) -> Result<f64, String> {
+    let share = text.parse().ok();
+    share
+        .filter(|share| *share > 0.0 && *share < 1.0)
+        .ok_or_else(|| {
+            format!("expected a share of the scene's diagonal above 0 and below 1, found `{text}`")
+        })
+}
+
+/// Writes a `.4dgs`.
+#[cfg(feature = "fourdgs")]
+fn clip(args: &ExportArgs, out: &Path, shared: &Shared) -> Result<String, Failure> {
+    use dash_train::four_dgs::{ClipOptions, write_clip};
+
+    if args.time.is_some() || args.format.is_some() || args.sh_degree.is_some() {
+        return Err(Failure::usage(format!(
+            "--out {}: expected a clip, found --time, --format or --sh-degree; leave it out, or name another kind of file",
+            out.display()
+        )));
+    }
+    let device = shared.device.unwrap_or_default().device()?;
+    let run = RunFolder::open(&args.run)?;
+    let scene = run.scene(&device)?;
+    let options = ClipOptions {
+        n_frames: match args.frames {
+            Some(n_frames) => usize::from(n_frames),
+            None => frames_of(&run)?,
+        },
+        frame_rate: args.fps.unwrap_or(FRAME_RATE),
+        max_error: args.max_error.unwrap_or(MAX_ERROR),
+    };
+    let written = write_clip(out, &scene, &options)?;
+    let file = SplatClip::open(out, &device)?;
+    // At frames, where the motion was followed.
+    let last = options.n_frames - 1;
+    let frames = (0..COMPARED).map(|k| k * last / (COMPARED - 1));
+    let times: Vec<f32> = frames
+        .map(|frame| frame as f32 / last.max(1) as f32)
+        .collect();
+    let near = fidelity(&scene, &file, &times, &held_out(&run)?)?;
+    Ok(format!(
+        "{}: {} frames, {} static Gaussians, {} windows of {} dynamic ones, {}{near}",
+        out.display(),
+        options.n_frames,
+        written.n_static,
+        written.n_windows,
+        written.n_dynamic,
+        bytes(size_of(out)?)
+    ))
+}
+
+#[cfg(not(feature = "fourdgs"))]
+fn clip(_args: &ExportArgs, out: &Path, _shared: &Shared) -> Result<String, Failure> {
+    Err(Failure::usage(format!(
+        "--out {}: this program was built without the feature `fourdgs`",
+        out.display()
+    )))
+}
+
+/// The frames of the run's dataset.
+#[cfg(feature = "fourdgs")]
+fn frames_of(run: &RunFolder) -> Result<usize, Failure> {
+    let data = run.config()?.data;
+    if !data.dataset.is_dir() {
+        return Err(Failure::usage(format!(
+            "{}: the run's dataset, which says how many frames there are, is gone; give --frames N",
+            data.dataset.display()
+        )));
+    }
+    Ok(dataset_of(&data, None, true)?.n_frames)
 }

@@ -1,4 +1,4 @@
-//! `dash info`: what a run, a dataset or a PLY file holds.
+//! `dash info`: what a run, a dataset or a file of Gaussians holds.
 
 use std::path::{Path, PathBuf};
 
@@ -8,6 +8,8 @@ use dash_kernels::splats::NEAR_PLANE;
 use dash_model::{SplatFile, is_splat_ply, read_splats};
 use dash_train::dataset::{Dataset, FrameRange, Layout, LoadOptions, Partition, load};
 use dash_train::evaluate::storage_bytes;
+
+use dash_train::SplatClip;
 use dash_train::ply::{PointCloud, read_points};
 use dash_train::results::read_results;
 use dash_train::train::paper::Decomposition;
@@ -25,7 +27,8 @@ use crate::values;
     after_help = "Examples:\n  dash info runs/room\n  dash info out/room\n  dash info room_at_half.ply"
 )]
 pub struct InfoArgs {
-    /// A run's folder, a dataset's folder, a file of Gaussians (.ply, .spz, .splat, .glb), or a PLY of points
+    /// A run's folder, a dataset's folder, a file of Gaussians (.ply, .spz, .splat, .glb, .4dgs), a folder of these, or a PLY of
+    /// points
     path: PathBuf,
     /// Force the dataset's layout instead of recognising it by its files
     #[arg(long, value_enum)]
@@ -39,6 +42,8 @@ pub fn run(args: &InfoArgs, shared: &Shared) -> Result<String, Failure> {
     let path = &args.path;
     let table = if values::is_splat_file(path) {
         file(path)?
+    } else if values::is_clip(path) {
+        clip(path, &shared.device.unwrap_or_default().device()?)?
     } else if path.join("config.toml").is_file() {
         finished_or_not(
             &RunFolder::open(path)?,
@@ -243,6 +248,23 @@ fn file(path: &Path) -> Result<Table, Failure> {
             Err(_) => return Err(not_splats.into()),
         },
     }
+    Ok(table)
+}
+
+/// A `.4dgs`, or a folder of files of Gaussians.
+fn clip(path: &Path, device: &Device) -> Result<Table, Failure> {
+    let clip = SplatClip::open(path, device)?;
+    let first = clip.frame(0)?;
+    let mut table = Table::default();
+    table
+        .row("clip", path.display())
+        .row("frames", clip.n_frames());
+    if let Some(rate) = clip.frame_rate() {
+        table.row("frames per second", rate);
+    }
+    table
+        .row("Gaussians, first frame", first.counts().0)
+        .row("SH degree", first.settings.sh_degree);
     Ok(table)
 }
 

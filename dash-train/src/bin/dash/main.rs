@@ -13,6 +13,7 @@ mod configuration;
 mod data;
 mod doctor;
 mod eval;
+mod event_log;
 mod export;
 mod failure;
 mod info;
@@ -20,6 +21,8 @@ mod lpips;
 mod prepare;
 mod progress;
 mod quickstart;
+#[cfg(feature = "view")]
+mod ration;
 mod render;
 mod report;
 #[cfg(feature = "view")]
@@ -28,9 +31,12 @@ mod stress;
 mod summary;
 mod synth;
 mod train;
+#[cfg(feature = "view")]
+mod train_window;
 mod values;
 #[cfg(feature = "view")]
 mod view;
+mod watch;
 #[cfg(feature = "view")]
 mod web;
 
@@ -136,8 +142,12 @@ fn run(cli: &Cli) -> Result<String, Failure> {
     start_threads(shared.threads)?;
     // Systems want windows on a program's first thread.
     #[cfg(feature = "view")]
-    if let Command::View(args) = &cli.command {
-        return view::run(args, shared);
+    match &cli.command {
+        Command::View(args) => return view::run(args, shared),
+        Command::Train(args) if args.watch.view => {
+            return train_window::beside_window(|door| train::run_with(args, shared, Some(door)));
+        }
+        _ => {}
     }
     // On one of them: from outside, every parallel loop would wake a thread and wait for it.
     rayon::scope(|_| carry_out(cli))

@@ -1,4 +1,4 @@
-//! `dash render`: pictures or a video of a run or of a PLY file.
+//! `dash render`: pictures or a video of a run or of files of Gaussians.
 
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
@@ -10,8 +10,8 @@ use dash_train::render::{
     PictureFormat, PictureLayer, RenderJob, Shot, at_times, file_shots, spiral_shots, test_shots,
     write_pictures, write_video,
 };
-use dash_train::splat_scene;
 use dash_train::train::RunFolder;
+use dash_train::{SceneOverTime, SplatClip};
 
 use crate::Shared;
 use crate::data::dataset_of;
@@ -24,13 +24,14 @@ const SPIRAL_CAMERAS: usize = 60;
 /// Extensions of videos of kinds that are not written.
 const OTHER_VIDEOS: [&str; 6] = ["mov", "mkv", "webm", "avi", "gif", "m4v"];
 
-/// Render pictures or a video of a run, or of a file of Gaussians
+/// Render pictures or a video of a run, or of files of Gaussians
 #[derive(Args)]
 #[command(after_help = "Examples:
   dash render runs/room --cameras test --out out/pictures
   dash render runs/room --cameras spiral --frames 90 --out out/room.mp4
   dash render runs/room --cameras cameras.json --time 0.5 --layers full,dynamic,depth --out out/half
   dash render room_at_half.ply --cameras cameras.json --out out/ply
+  dash render room.4dgs --cameras cameras.json --frames 60 --out room.mp4
 
 Pictures are OUT/LAYER/NNNN_CAMERA.png, or NNNN_IMAGE.png for test views of a transforms.json; OUT/cameras.json
 lists their poses, intrinsics and times. PNG: values clamped to [0, 1]; depth is scaled per picture,
@@ -43,8 +44,8 @@ of NeRF, D-NeRF, Blender or nerfstudio. Pictures of the latter have the size tha
 the run's dataset was loaded with --downscale; else that of the dataset's pictures as loaded, else that of the
 image that file_path names. Its times are those of the run's dataset; for a file of Gaussians they are from 0 to 1.")]
 pub struct RenderArgs {
-    /// A run's folder, or a file of Gaussians: .ply, .spz, .splat, .glb
-    #[arg(value_name = "RUN|FILE")]
+    /// A run's folder, a file of Gaussians (.ply, .spz, .splat, .glb, .4dgs), or a folder of them, one for each frame
+    #[arg(value_name = "RUN|FILE|FOLDER")]
     scene: PathBuf,
     /// test (the dataset's test views), spiral (a path around them), or a file: cameras.json or
     /// transforms*.json [default: test; a file of Gaussians needs one]
@@ -83,7 +84,7 @@ pub fn run(args: &RenderArgs, shared: &Shared) -> Result<String, Failure> {
     if let Some(out) = &args.out {
         refuse_other_videos(out)?;
     }
-    let source = if values::is_splat_file(&args.scene) {
+    let source = if values::is_clip(&args.scene) {
         Source::File(args.scene.clone())
     } else {
         Source::Run(RunFolder::open(&args.scene)?)
@@ -113,17 +114,23 @@ pub fn run(args: &RenderArgs, shared: &Shared) -> Result<String, Failure> {
         )));
     }
     let device = shared.device.unwrap_or_default().device()?;
-    let mut scene = match &source {
-        Source::Run(run) => run.scene(&device)?,
-        Source::File(path) => splat_scene(path, &device)?,
+    let background = args.background.map(|Color(background)| background);
+    let scene: Box<dyn SceneOverTime> = match &source {
+        Source::Run(run) => {
+            let mut scene = run.scene(&device)?;
+            scene.settings.background = background.unwrap_or(scene.settings.background);
+            Box::new(scene)
+        }
+        Source::File(path) => {
+            let mut clip = SplatClip::open(path, &device)?;
+            clip.set_background(background.unwrap_or_default());
+            Box::new(clip)
+        }
     };
-    if let Some(Color(background)) = args.background {
-        scene.settings.background = background;
-    }
     let shots = shots(args, &source)?;
     let mut progress = Progress::new(shots.len(), shared);
     let job = RenderJob {
-        scene: &scene,
+        scene: &*scene,
         shots: &shots,
         on_shot: &mut |done| progress.at(done, || "pictures".into()),
     };

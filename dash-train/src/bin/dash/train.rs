@@ -25,6 +25,7 @@ use crate::lpips::LpipsArgs;
 use crate::progress::{RunsProgress, TrainProgress};
 use crate::summary::{self, Table, duration};
 use crate::values;
+use crate::watch::{Door, WatchArgs};
 
 /// Train a scene on a dataset; then score it on the test views
 #[derive(Args)]
@@ -79,17 +80,20 @@ pub struct TrainArgs {
     resume: bool,
     #[command(flatten)]
     lpips: LpipsArgs,
-    #[cfg(feature = "view")]
     #[command(flatten)]
-    serve: crate::serve::ServeArgs,
+    pub watch: WatchArgs,
 }
 
 pub fn run(args: &TrainArgs, shared: &Shared) -> Result<String, Failure> {
+    run_with(args, shared, None)
+}
+
+/// As [`run`], with a window where there is a door for it.
+pub fn run_with(args: &TrainArgs, shared: &Shared, door: Option<Door>) -> Result<String, Failure> {
     // What only the scores at the end need is missed before the training.
     let perceptual = args.lpips.files();
     perceptual.check()?;
-    #[cfg(feature = "view")]
-    args.serve.check()?;
+    args.watch.check()?;
     let file = ConfigFile::read(args.config.as_deref())?;
     let overrides = Overrides {
         preset: args.preset,
@@ -114,30 +118,17 @@ pub fn run(args: &TrainArgs, shared: &Shared) -> Result<String, Failure> {
     stop::set_way_on(Some(resume(args)));
     let asked = stop::Asked::default();
     let stop = || asked.now();
-    #[cfg(feature = "view")]
-    let page = std::cell::RefCell::new(args.serve.start(&args.out, &dataset)?);
+    let watchers = args.watch.start(&run, &dataset, &device, door)?;
     let on_step = &mut |report: &StepReport, secs| {
         progress.step(report, secs);
-        #[cfg(feature = "view")]
-        if let Some(page) = &*page.borrow() {
-            page.step(report, secs, config.train.iterations);
-        }
+        watchers.step(report, secs, config.train.iterations);
     };
-    #[cfg(feature = "view")]
-    let watch = &mut |trainer: &Trainer| {
-        if let Some(page) = &mut *page.borrow_mut() {
-            page.look(trainer, &stop);
-        }
-    };
-    #[cfg(feature = "view")]
-    let watch: Option<&mut dyn FnMut(&Trainer)> = Some(watch);
-    #[cfg(not(feature = "view"))]
-    let watch = None;
+    let watch = &mut |trainer: &Trainer| watchers.look(&run, trainer, &stop);
     let options = TrainOptions {
         resume: args.resume,
         curve: args.curve,
         on_step,
-        watch,
+        watch: Some(watch),
         clock: None,
         stop: &stop,
         additions: Default::default(),
@@ -169,6 +160,7 @@ pub fn run(args: &TrainArgs, shared: &Shared) -> Result<String, Failure> {
         )
     });
     drop(trainer);
+    watchers.finish(&run, config.train.iterations, &device)?;
     let device = (&device, config.data.device.as_str());
     let told = finish(&run, &config, &dataset, device, secs, &perceptual)?;
     Ok(told + &waiting.unwrap_or_default())

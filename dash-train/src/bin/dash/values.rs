@@ -4,6 +4,7 @@ use std::path::{Path, PathBuf};
 use std::str::FromStr;
 
 use dash_model::SplatFormat;
+use dash_train::SplatClip;
 
 use crate::failure::Failure;
 
@@ -107,6 +108,26 @@ pub fn absolute(path: &Path) -> Result<PathBuf, Failure> {
 /// Whether a path is named as a file of Gaussians, and is no folder.
 pub fn is_splat_file(path: &Path) -> bool {
     SplatFormat::of(path).is_some() && !path.is_dir()
+}
+
+/// Whether a path is played as it is: a file of Gaussians, a clip, or a folder of such files that is no run.
+pub fn is_clip(path: &Path) -> bool {
+    match path.is_dir() {
+        true => !path.join("config.toml").is_file() && holds_splats(path),
+        false => SplatFormat::of(path).is_some() || SplatClip::is_motions(path),
+    }
+}
+
+fn holds_splats(folder: &Path) -> bool {
+    let mut entries = std::fs::read_dir(folder).into_iter().flatten().flatten();
+    entries.any(|entry| SplatFormat::of(&entry.path()).is_some())
+}
+
+/// Frames per second.
+pub fn frame_rate(text: &str) -> Result<f64, String> {
+    let rate = text.parse().ok();
+    rate.filter(|rate| (0.01..=1000.0).contains(rate))
+        .ok_or_else(|| format!("expected frames per second from 0.01 to 1000, found `{text}`"))
 }
 
 /// Whether a path ends in this extension, in either case.

@@ -1,6 +1,7 @@
 //! `dash view`: a window on a run, or on files of Gaussians.
 
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 
 use burn::tensor::Device;
 use clap::Args;
@@ -11,7 +12,7 @@ use dash_train::dataset::{Dataset, Partition, View};
 use dash_train::render::{PictureLayer, RenderJob, Shot, write_video};
 use dash_train::train::RunFolder;
 use dash_train::video::write_png;
-use dash_train::{splat_files, splat_scene};
+use dash_train::{SplatClip, splat_scene};
 use dash_view::camera_path::PathCamera;
 use dash_view::draw::Frame;
 use dash_view::{
@@ -34,26 +35,21 @@ const OUT: &str = "view";
   dash view runs/room
   dash view room_at_half.ply
   dash view out/plys --fps 15
+  dash view room.4dgs
 
 A folder of files is played, one a frame, in the order of their numbers. Press ? in the window for its keys.
 Pictures, camera paths and videos that are saved go to RUN/view; of a file, to the folder that the command runs in. A saved path
 is a file for dash render --cameras.")]
 pub struct ViewArgs {
-    /// A run's folder, a file of Gaussians (.ply, .spz, .splat, .glb), or a folder of them
+    /// A run's folder, a file of Gaussians (.ply, .spz, .splat, .glb, .4dgs), or a folder of them
     #[arg(value_name = "RUN|FILE|FOLDER")]
     scene: PathBuf,
     /// Where the run's dataset is, if it was moved
     #[arg(long, value_name = "DIR")]
     dataset: Option<PathBuf>,
-    /// Frames per second
-    #[arg(long, value_name = "N", default_value_t = FRAME_RATE, value_parser = frame_rate)]
-    fps: f64,
-}
-
-pub fn frame_rate(text: &str) -> Result<f64, String> {
-    let rate = text.parse().ok();
-    rate.filter(|rate| (0.01..=1000.0).contains(rate))
-        .ok_or_else(|| format!("expected frames per second from 0.01 to 1000, found `{text}`"))
+    /// Frames per second [default: a .4dgs's own, else 30]
+    #[arg(long, value_name = "N", value_parser = values::frame_rate)]
+    fps: Option<f64>,
 }
 
 pub fn run(args: &ViewArgs, shared: &Shared) -> Result<String, Failure> {
@@ -68,7 +64,8 @@ pub fn run(args: &ViewArgs, shared: &Shared) -> Result<String, Failure> {
 /// What the window asks of datasets and files.
 pub struct Desk {
     device: Device,
-    fps: f64,
+    /// Frames per second, where they are not what a file says.
+    fps: Option<f64>,
     /// Where files are written.
     out: PathBuf,
     captured: Option<Captured>,
@@ -76,18 +73,27 @@ pub struct Desk {
 
 /// The captured pictures of a run's dataset.
 struct Captured {
-    dataset: Dataset,
+    dataset: Arc<Dataset>,
     /// The views of each camera, by their place in the dataset.
     by_camera: Vec<Vec<usize>>,
 }
 
 impl Desk {
-    pub fn new(device: Device, fps: f64) -> Self {
+    pub fn new(device: Device, fps: Option<f64>) -> Self {
         Self {
             device,
             fps,
             out: PathBuf::new(),
             captured: None,
+        }
+    }
+
+    /// That of a run while it trains.
+    pub fn of_run(run: &Path, dataset: Arc<Dataset>, device: Device) -> Self {
+        Self {
+            out: run.join(OUT),
+            captured: Some(Captured::of(dataset)),
+            ..Self::new(device, None)
         }
     }
 
@@ -104,7 +110,7 @@ impl Desk {
             true => self.run(path, elsewhere)?,
             false => self.splats(path)?,
         };
-        content.frame_rate = self.fps;
+        content.frame_rate = self.fps.unwrap_or(content.frame_rate);
         Ok(content)
     }
 
@@ -126,7 +132,7 @@ impl Desk {
             let n_frames = if is_static { 1 } else { UNKNOWN_FRAMES };
             return Ok(Content::new(&name, source, n_frames));
         }
-        let captured = Captured::of(dataset_of(&data, elsewhere, true)?);
+        let captured = Captured::of(Arc::new(dataset_of(&data, elsewhere, true)?));
         let cameras = named(&captured.dataset, &captured.by_camera);
         let poses: Vec<Camera> = cameras.iter().map(|c| c.camera.clone()).collect();
         let n_frames = captured.dataset.n_frames;
@@ -140,15 +146,14 @@ impl Desk {
 
     fn splats(&mut self, path: &Path) -> Result<Content, Failure> {
         let name = name_of(path);
-        let content = match path.is_dir() {
+        let content = match path.is_dir() || SplatClip::is_motions(path) {
             true => {
-                let files = splat_files(path)?;
-                let n_frames = files.len();
-                let frames = Files {
-                    files,
-                    device: self.device.clone(),
-                };
-                Content::new(&name, Source::Frames(Box::new(frames)), n_frames)
+                let clip = SplatClip::open(path, &self.device)?;
+                let (n_frames, own) = (clip.n_frames(), clip.frame_rate());
+                Content {
+                    frame_rate: own.unwrap_or(FRAME_RATE),
+                    ..Content::new(&name, Source::Frames(Box::new(Frames(clip))), n_frames)
+                }
             }
             false if values::is_splat_file(path) => {
                 let scene = splat_scene(path, &self.device)?;
@@ -156,7 +161,7 @@ impl Desk {
             }
             false => {
                 return Err(Failure::usage(format!(
-                    "{}: expected a run's folder, a file of Gaussians (.ply, .spz, .splat, .glb), or a folder of them",
+                    "{}: expected a run's folder, a file of Gaussians (.ply, .spz, .splat, .glb, .4dgs), or a folder of them",
                     path.display()
                 )));
             }
@@ -177,7 +182,7 @@ impl Desk {
 }
 
 impl Captured {
-    fn of(dataset: Dataset) -> Self {
+    fn of(dataset: Arc<Dataset>) -> Self {
         let by_camera = by_camera(&dataset);
         Self { dataset, by_camera }
     }
@@ -233,15 +238,12 @@ fn name_of(path: &Path) -> String {
     name.to_string_lossy().into_owned()
 }
 
-/// A file for each frame.
-struct Files {
-    files: Vec<PathBuf>,
-    device: Device,
-}
+/// Gaussians from files, frame by frame.
+struct Frames(SplatClip);
 
-impl FrameSource for Files {
+impl FrameSource for Frames {
     fn scene(&mut self, frame: usize) -> Result<DynamicScene, ViewError> {
-        splat_scene(&self.files[frame], &self.device).map_err(told)
+        self.0.frame(frame).map_err(told)
     }
 }
 

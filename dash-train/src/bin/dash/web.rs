@@ -28,9 +28,6 @@ pub struct WebArgs {
     /// With --web: folder of the player that dash-view/web/build.sh made [default: the program's own, if it has one]
     #[arg(long, value_name = "DIR", requires = "web")]
     player: Option<PathBuf>,
-    /// With --web: frames per second
-    #[arg(long, value_name = "N", default_value_t = dash_view::FRAME_RATE, value_parser = crate::view::frame_rate, requires = "web")]
-    fps: f64,
 }
 
 /// The player that the program carries.
@@ -67,11 +64,17 @@ pub fn player(folder: Option<&Path>) -> Result<(String, Vec<u8>), Failure> {
     Ok((script, read("dash_view_bg.wasm")?))
 }
 
-pub fn run(run: &Path, out: &Path, args: &WebArgs, shared: &Shared) -> Result<String, Failure> {
+pub fn run(
+    run: &Path,
+    out: &Path,
+    args: &WebArgs,
+    fps: Option<f64>,
+    shared: &Shared,
+) -> Result<String, Failure> {
     let (script, module) = player(args.player.as_deref())?;
     refuse_taken(out)?;
     let device = shared.device.unwrap_or_default().device()?;
-    let content = Desk::new(device, args.fps).content(run, None)?;
+    let content = Desk::new(device, fps).content(run, None)?;
     if let Some(parent) = out.parent().filter(|parent| *parent != Path::new("")) {
         fs::create_dir_all(parent).map_err(|e| ModelError::io(parent, "create", e))?;
     }

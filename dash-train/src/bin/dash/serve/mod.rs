@@ -12,7 +12,7 @@ mod tests;
 use std::net::{IpAddr, SocketAddr};
 use std::path::PathBuf;
 use std::sync::Arc;
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
 use clap::Args;
 use dash_kernels::Camera;
@@ -23,15 +23,12 @@ use dash_view::page::{About, PlayerCode, live_page, scene_files};
 use dash_view::{FRAME_RATE, ViewError};
 
 use crate::failure::Failure;
+use crate::ration::Ration;
 use crate::view::named_cameras;
 use crate::web::player;
 use board::Board;
 use site::Site;
 
-/// A copy of the scene takes at most this share of the time until the next.
-const SHARE: u32 = 50;
-/// Copies are not made faster than this.
-const SHORTEST: Duration = Duration::from_secs(2);
 /// How long somebody is thought to look after a request.
 const LOOKS: Duration = Duration::from_secs(5);
 
@@ -51,8 +48,7 @@ pub struct ServeArgs {
 /// What shows a run.
 pub struct Show {
     board: Arc<Board>,
-    last: Option<Instant>,
-    cost: Duration,
+    ration: Ration,
 }
 
 impl ServeArgs {
@@ -101,8 +97,7 @@ impl ServeArgs {
         tracing::info!("look at http://{address}/{}", token.unwrap_or_default());
         Ok(Some(Show {
             board,
-            last: None,
-            cost: Duration::ZERO,
+            ration: Ration::default(),
         }))
     }
 }
@@ -116,23 +111,15 @@ impl Show {
     /// Shows the present scene, if somebody looks and it is time; waits while the run is to pause and `stop` is not
     /// asked for.
     pub fn look(&mut self, trainer: &Trainer, stop: &dyn Fn() -> bool) {
-        if self.is_due() {
-            let start = Instant::now();
-            match scene_files(trainer.scene()) {
+        if self.board.is_watched(LOOKS) && self.ration.is_due() {
+            match self.ration.spend(|| scene_files(trainer.scene())) {
                 Ok(files) => self.board.show(files),
                 Err(error) => told(&error),
             }
-            self.cost = start.elapsed();
-            self.last = Some(Instant::now());
         }
         while self.board.is_paused() && !stop() {
             std::thread::sleep(Duration::from_millis(50));
         }
-    }
-
-    fn is_due(&self) -> bool {
-        let pause = (self.cost * SHARE).max(SHORTEST);
-        self.board.is_watched(LOOKS) && self.last.is_none_or(|last| last.elapsed() >= pause)
     }
 }
 

@@ -1,12 +1,21 @@
-//! Files of Gaussians as scenes in which nothing moves.
+//! Files of Gaussians as scenes.
+//!
+//! [`splat_scene`]: a file in which nothing moves. [`SplatClip`]: whatever can be played. [`SceneOverTime`]: what can be drawn at any
+//! time, a run's scene and a clip alike. `four_dgs`: the clips of other players (`.4dgs`).
+
+mod clip;
+#[cfg(feature = "fourdgs")]
+pub mod four_dgs;
 
 use std::path::{Path, PathBuf};
 
 use burn::tensor::Device;
 use dash_model::{
-    DynamicScene, Gaps, Gaussians, OffsetPlacement, SceneSettings, SplatFile, SplatFormat,
-    TrajectoryBasis, read_splats,
+    DynamicScene, Gaps, GaussianRows, Gaussians, OffsetPlacement, SceneSettings, SplatFile,
+    SplatFormat, TrajectoryBasis, read_splats,
 };
+
+pub use clip::{SceneOverTime, SplatClip};
 
 use crate::Error;
 use crate::files::{Order, list, order};
@@ -24,7 +33,12 @@ pub fn splat_scene(path: &Path, device: &Device) -> Result<DynamicScene, Error> 
     if left_out.count() > 0 {
         tracing::warn!("{}: left out Gaussians: {left_out}", path.display());
     }
-    let static_set = Gaussians::from_rows(&rows, device);
+    Ok(at_rest(&rows, near_plane, device))
+}
+
+/// A scene of Gaussians that do not move, over black.
+fn at_rest(rows: &GaussianRows, near_plane: f64, device: &Device) -> DynamicScene {
+    let static_set = Gaussians::from_rows(rows, device);
     let settings = SceneSettings {
         background: [0.0; 3],
         sh_degree: static_set.sh_degree(),
@@ -34,11 +48,11 @@ pub fn splat_scene(path: &Path, device: &Device) -> Result<DynamicScene, Error> 
         offsets: OffsetPlacement::BeforeActivation,
         gaps: Gaps::default(),
     };
-    Ok(DynamicScene {
+    DynamicScene {
         static_set,
         dynamic: None,
         settings,
-    })
+    }
 }
 
 /// The files of Gaussians in a folder, one for each frame, in the order of time.

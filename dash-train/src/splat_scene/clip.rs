@@ -1,0 +1,150 @@
+//! What can be played: a file, a file for each frame, or a clip of linear motions.
+
+use std::borrow::Cow;
+use std::path::{Path, PathBuf};
+
+use burn::tensor::Device;
+use dash_model::DynamicScene;
+
+use super::{splat_files, splat_scene};
+use crate::Error;
+
+/// A scene that can be drawn at any time.
+pub trait SceneOverTime {
+    /// What is drawn at `time`, in [0, 1] over the clip.
+    ///
+    /// # Errors
+    /// When a file can't be read.
+    fn scene_at(&self, time: f32) -> Result<Cow<'_, DynamicScene>, Error>;
+}
+
+impl SceneOverTime for DynamicScene {
+    fn scene_at(&self, _time: f32) -> Result<Cow<'_, DynamicScene>, Error> {
+        Ok(Cow::Borrowed(self))
+    }
+}
+
+/// Gaussians from files, over time.
+///
+/// # Example
+/// ```no_run
+/// use burn::tensor::Device;
+/// use dash_train::{SceneOverTime, SplatClip};
+///
+/// let clip = SplatClip::open("out/plys".as_ref(), &Device::flex())?;
+/// println!("{} frames", clip.n_frames());
+/// let half = clip.scene_at(0.5)?;
+/// println!("{} Gaussians", half.counts().0);
+/// # Ok::<(), dash_train::Error>(())
+/// ```
+pub struct SplatClip {
+    kind: Kind,
+    device: Device,
+    background: [f32; 3],
+}
+
+enum Kind {
+    /// One file, the same at all times.
+    Still(Box<DynamicScene>),
+    /// A file for each frame.
+    Frames(Vec<PathBuf>),
+    #[cfg(feature = "fourdgs")]
+    Motions(Box<super::four_dgs::Motions>),
+}
+
+/// The ending of clips of linear motions.
+const MOTIONS: &str = "4dgs";
+
+impl SplatClip {
+    /// Whether a path is named as such a clip.
+    pub fn is_motions(path: &Path) -> bool {
+        path.extension()
+            .is_some_and(|ending| ending.eq_ignore_ascii_case(MOTIONS))
+    }
+
+    /// Opens a `.4dgs`, a file of Gaussians, or a folder of these, one for each frame.
+    ///
+    /// # Errors
+    /// When it can't be read, or is none of them.
+    pub fn open(path: &Path, device: &Device) -> Result<Self, Error> {
+        let kind = if path.is_dir() {
+            Kind::Frames(splat_files(path)?)
+        } else if Self::is_motions(path) {
+            motions(path)?
+        } else {
+            Kind::Still(Box::new(splat_scene(path, device)?))
+        };
+        Ok(Self {
+            kind,
+            device: device.clone(),
+            background: [0.0; 3],
+        })
+    }
+
+    /// Its frames; 1 of a file in which nothing moves.
+    pub fn n_frames(&self) -> usize {
+        match &self.kind {
+            Kind::Still(_) => 1,
+            Kind::Frames(files) => files.len(),
+            #[cfg(feature = "fourdgs")]
+            Kind::Motions(motions) => motions.n_frames(),
+        }
+    }
+
+    /// Frames per second, where the files say it.
+    pub fn frame_rate(&self) -> Option<f64> {
+        match &self.kind {
+            Kind::Still(_) | Kind::Frames(_) => None,
+            #[cfg(feature = "fourdgs")]
+            Kind::Motions(motions) => Some(motions.frame_rate()),
+        }
+    }
+
+    /// Draws over another colour than black.
+    pub fn set_background(&mut self, background: [f32; 3]) {
+        self.background = background;
+    }
+
+    /// The scene of a frame.
+    ///
+    /// # Errors
+    /// When its file can't be read.
+    pub fn frame(&self, frame: usize) -> Result<DynamicScene, Error> {
+        let last = self.n_frames().saturating_sub(1).max(1);
+        Ok(self.scene_at(frame as f32 / last as f32)?.into_owned())
+    }
+}
+
+impl SceneOverTime for SplatClip {
+    fn scene_at(&self, time: f32) -> Result<Cow<'_, DynamicScene>, Error> {
+        let mut scene = match &self.kind {
+            Kind::Still(scene) => (**scene).clone(),
+            Kind::Frames(files) => {
+                let last = files.len() - 1;
+                let frame = (time * last as f32).round() as usize;
+                splat_scene(&files[frame.min(last)], &self.device)?
+            }
+            #[cfg(feature = "fourdgs")]
+            Kind::Motions(motions) => motions.scene_at(time, &self.device),
+        };
+        scene.settings.background = self.background;
+        Ok(Cow::Owned(scene))
+    }
+}
+
+#[cfg(feature = "fourdgs")]
+fn motions(path: &Path) -> Result<Kind, Error> {
+    Ok(Kind::Motions(Box::new(super::four_dgs::Motions::read(
+        path,
+    )?)))
+}
+
+#[cfg(not(feature = "fourdgs"))]
+fn motions(path: &Path) -> Result<Kind, Error> {
+    Err(Error::invalid(
+        path,
+        "a kind of file that this program was built to read",
+        "a .4dgs, which needs the feature `fourdgs`",
+        "build with --features fourdgs",
+    ))
+}
