@@ -29,7 +29,7 @@ pub trait HostBackend: Backend {
             try_read_sync(Self::float_into_data(tensor))
                 .expect("a host backend's tensors are read without waiting")
                 .expect("reading host memory cannot fail")
-                .into_vec()
+                .try_into_vec()
                 .expect("the caller passes f32 tensors")
         });
         work(values.each_mut().map(Vec::as_mut_slice));

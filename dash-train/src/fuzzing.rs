@@ -23,7 +23,7 @@ pub struct Parser {
 }
 
 /// Every parser.
-pub const PARSERS: [Parser; 23] = [
+pub const PARSERS: &[Parser] = &[
     parser("npy", npy),
     parser("points_npy", points_npy),
     parser("technicolor", technicolor),
@@ -43,6 +43,8 @@ pub const PARSERS: [Parser; 23] = [
     parser("splat_spz", splat_spz),
     parser("splat_raw", splat_raw),
     parser("splat_glb", splat_glb),
+    #[cfg(feature = "fourdgs")]
+    parser("splat_4dgs", splat_4dgs),
     parser("cameras_json", cameras_json),
     parser("scene", scene),
     parser("checkpoint_state", checkpoint_state),
@@ -75,6 +77,14 @@ fn splat_spz(scratch: &Path, bytes: &[u8]) -> bool {
 
 fn splat_raw(scratch: &Path, bytes: &[u8]) -> bool {
     placed(scratch, "a.splat", bytes, |path| read_splats(path).is_ok())
+}
+
+#[cfg(feature = "fourdgs")]
+fn splat_4dgs(scratch: &Path, bytes: &[u8]) -> bool {
+    placed(scratch, "a.4dgs", bytes, |path| {
+        let clip = crate::four_dgs::Motions::read(path);
+        clip.map(|clip| clip.rows_at(0.5)).is_ok()
+    })
 }
 
 fn splat_glb(scratch: &Path, bytes: &[u8]) -> bool {

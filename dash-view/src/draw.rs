@@ -7,7 +7,8 @@ use dash_kernels::Camera;
 use dash_kernels::splats;
 use dash_model::{DynamicScene, Layer, ModelError, NO_SURFACE_ALPHA, Rendering, to_host};
 
-use crate::speed::{SpeedColors, render_speed};
+pub use crate::speed::SpeedColors;
+use crate::speed::render_speed;
 
 /// The ellipsoid that is drawn of a Gaussian, standard deviations.
 const ELLIPSOID: f32 = 1.0;

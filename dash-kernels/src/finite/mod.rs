@@ -51,7 +51,7 @@ pub fn all_finite(tensors: &[Tensor<1>]) -> Vec<bool> {
     }
     let mut flags = Tensor::<1>::from_dispatch(flags)
         .into_data()
-        .into_vec::<f32>()
+        .try_into_vec::<f32>()
         .expect("the flags were made as f32")
         .into_iter();
     let sound = |tensor| is_empty(tensor) || flags.next() != Some(RAISED);
@@ -98,7 +98,7 @@ impl<B: HostBackend> RaiseFlags for B {
         let mut values: Vec<f32> = try_read_sync(B::float_into_data(flags))
             .expect("a host backend's tensors are read without waiting")
             .expect("reading host memory cannot fail")
-            .into_vec()
+            .try_into_vec()
             .expect("the flags were made as f32");
         for slot in broken {
             values[slot] = RAISED;

@@ -217,6 +217,7 @@ mod tests {
         for preset in [
             Preset::Default,
             Preset::Quick,
+            Preset::Best,
             Preset::Paper,
             Preset::Reference,
         ] {

@@ -11,6 +11,8 @@ use dash_model::{
     TrajectoryBasis, write_splat_ply, write_splats,
 };
 use dash_train::cameras::{CameraEntry, write_cameras};
+#[cfg(feature = "fourdgs")]
+use dash_train::four_dgs::{ClipOptions, write_clip};
 use dash_train::ply::{PointCloud, write_points};
 use dash_train::train::{DataConfig, Preset, RunConfig, TrainConfig};
 use image::{DynamicImage, ImageFormat};
@@ -40,6 +42,8 @@ pub fn fixtures(parser: &str) -> Vec<Vec<u8>> {
         "splat_spz" => vec![splats("spz")],
         "splat_raw" => vec![splats("splat")],
         "splat_glb" => vec![splats("glb")],
+        #[cfg(feature = "fourdgs")]
+        "splat_4dgs" => vec![clip()],
         "cameras_json" => vec![cameras_json()],
         "scene" => vec![
             scene(Some(Tables::Whole)),
@@ -297,7 +301,7 @@ enum Tables {
 }
 
 /// A scene's two files, as the parser takes them; `None` for one in which nothing moves.
-fn scene(tables: Option<Tables>) -> Vec<u8> {
+fn dynamic_scene(tables: Option<Tables>) -> DynamicScene {
     let device = Device::flex();
     let basis = TrajectoryBasis::polyline(2);
     let (log2_hashmap_size, finest) = match tables {
@@ -322,7 +326,7 @@ fn scene(tables: Option<Tables>) -> Vec<u8> {
         layers: 2,
     };
     let mut rng = Pcg64::seed_from_u64(3);
-    let scene = DynamicScene {
+    DynamicScene {
         static_set: Gaussians::from_rows(&rows(2, 0), &device),
         dynamic: tables.map(|tables| {
             let whole = DynamicPart {
@@ -343,7 +347,25 @@ fn scene(tables: Option<Tables>) -> Vec<u8> {
             offsets: OffsetPlacement::BeforeActivation,
             gaps: Gaps::default(),
         },
+    }
+}
+
+/// A clip of a scene that moves.
+#[cfg(feature = "fourdgs")]
+fn clip() -> Vec<u8> {
+    let options = ClipOptions {
+        n_frames: 3,
+        frame_rate: 30.0,
+        max_error: 1e-3,
     };
+    let scene = dynamic_scene(Some(Tables::Whole));
+    written("a.4dgs", |path| {
+        write_clip(path, &scene, &options).expect("writes");
+    })
+}
+
+fn scene(tables: Option<Tables>) -> Vec<u8> {
+    let scene = dynamic_scene(tables);
     let folder = tempfile::tempdir().expect("a scratch folder");
     scene.save(folder.path()).expect("writes");
     let [json, tensors] =

@@ -159,7 +159,7 @@ fn the_corpus_of_the_fuzz_targets_is_written_on_demand() {
     let Some(root) = std::env::var_os("DASH_FUZZ_CORPUS") else {
         return;
     };
-    for parser in &PARSERS {
+    for parser in PARSERS {
         let folder = Path::new(&root).join(parser.name);
         fs::create_dir_all(&folder).expect("a folder");
         for (index, bytes) in fixtures(parser.name).iter().enumerate() {

@@ -32,6 +32,8 @@ pub enum Preset {
     Reference,
     /// Ours, shortened for a first look on a CPU.
     Quick,
+    /// Ours, for who can wait or has a GPU.
+    Best,
 }
 
 /// Whether parts that a scene does not need are left out: the extension `prune` on the command line.

@@ -23,6 +23,7 @@ impl TrainConfig {
         match preset {
             Preset::Default => {}
             Preset::Quick => config.shorten(),
+            Preset::Best => config.lengthen(),
             Preset::Paper => config.as_in_the_paper(),
             Preset::Reference => config.as_released(),
         }
@@ -113,6 +114,12 @@ impl TrainConfig {
         // Half as many are as good at equal steps, and their steps are faster.
         self.extensions.crowding = Some(CrowdingConfig { free: 400 });
         self.extensions.demotion = Some(DemotionConfig { interval: 250 });
+    }
+
+    fn lengthen(&mut self) {
+        self.iterations = 30_000;
+        self.visits = Some(12);
+        self.sh_interval = 1_000.0 / 30_000.0;
     }
 
     /// The paper's equations with what it states, else 3DGS' values; what neither says has its reason beside it. What

@@ -9,9 +9,10 @@ use toml::Table;
 use super::{Preset, TrainConfig};
 
 /// The presets by name, in the order of the table's columns.
-const PRESETS: [(&str, Preset); 4] = [
+const PRESETS: [(&str, Preset); 5] = [
     ("default", Preset::Default),
     ("quick", Preset::Quick),
+    ("best", Preset::Best),
     ("paper", Preset::Paper),
     ("reference", Preset::Reference),
 ];
@@ -41,7 +42,7 @@ it with the values of `default`; in a file `NAME = \"none\"` does the same. A da
 
 struct Page<'a> {
     schema: &'a Value,
-    presets: [Table; 4],
+    presets: [Table; PRESETS.len()],
     text: String,
 }
 
@@ -61,12 +62,14 @@ impl<'a> Page<'a> {
             .partition(|(.., resolved)| resolved.get("properties").is_some());
         let _ = write!(self.text, "\n## {heading}\n\n{about}\n");
         if !keys.is_empty() {
-            self.text += "\n| key | default | quick | paper | reference | is |\n| --- | --- | --- | --- | --- | --- |\n";
+            let names = PRESETS.map(|(name, _)| name).join(" | ");
+            let rule = "| --- ".repeat(PRESETS.len() + 2);
+            let _ = write!(self.text, "\n| key | {names} | is |\n{rule}|\n");
         }
         for (name, property, _) in keys {
             let path = joined(path, name);
-            let values = [0, 1, 2, 3].map(|preset| self.value(preset, &path));
-            let values = values.join(" | ");
+            let values = (0..PRESETS.len()).map(|preset| self.value(preset, &path));
+            let values = values.collect::<Vec<_>>().join(" | ");
             let about = one_line(property.get("description"));
             let _ = writeln!(self.text, "| `{name}` | {values} | {about} |");
         }
@@ -147,9 +150,12 @@ mod tests {
             .collect();
         for row in &rows {
             let cells: Vec<&str> = row.split(" | ").collect();
-            assert_eq!(cells.len(), 6, "{row}");
-            assert!(cells[5].len() > 10, "no documentation: {row}");
-            let is_set = cells[1..5].iter().any(|value| *value != "-");
+            assert_eq!(cells.len(), PRESETS.len() + 2, "{row}");
+            assert!(
+                cells[PRESETS.len() + 1].len() > 10,
+                "no documentation: {row}"
+            );
+            let is_set = cells[1..=PRESETS.len()].iter().any(|value| *value != "-");
             assert!(is_set, "no preset sets it: {row}");
         }
         for preset in PRESETS {

@@ -29,6 +29,7 @@ fn every_preset_is_valid_and_survives_toml() {
         Preset::Paper,
         Preset::Reference,
         Preset::Quick,
+        Preset::Best,
     ] {
         let config = TrainConfig::preset(preset);
         config.validate().expect("valid");
@@ -165,7 +166,12 @@ fn larger_pictures_have_more_gaussians_where_the_preset_says_for_which_it_is() {
         assert_eq!(most(Preset::Quick, pixels), [6_000, 10_000, 4_000]);
     }
     assert_eq!(most(Preset::Quick, 80_000), [12_000, 20_000, 8_000]);
-    for preset in [Preset::Default, Preset::Paper, Preset::Reference] {
+    for preset in [
+        Preset::Default,
+        Preset::Best,
+        Preset::Paper,
+        Preset::Reference,
+    ] {
         assert_eq!(most(preset, 80_000), most(preset, 20_000));
     }
 }

@@ -21,9 +21,9 @@ pub(super) struct InCode {
     pub(super) why: &'static str,
 }
 
-const ALL: &[&str] = &["paper", "reference", "default", "quick"];
-const OF_THE_PAPER: &[&str] = &["paper", "default", "quick"];
-const OURS: &[&str] = &["default", "quick"];
+const ALL: &[&str] = &["paper", "reference", "default", "quick", "best"];
+const OF_THE_PAPER: &[&str] = &["paper", "default", "quick", "best"];
+const OURS: &[&str] = &["default", "quick", "best"];
 const REFERENCE: &[&str] = &["reference"];
 
 /// All of them.

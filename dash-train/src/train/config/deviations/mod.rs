@@ -85,11 +85,12 @@ pub const HEADING: &str = "## What the paper leaves open";
 /// The part of the book's page of presets that lists values that the paper leaves open, and the deviations of every preset, in
 /// Markdown.
 pub fn deviations() -> String {
-    let [paper, reference, default, quick] = [
+    let [paper, reference, default, quick, best] = [
         Preset::Paper,
         Preset::Reference,
         Preset::Default,
         Preset::Quick,
+        Preset::Best,
     ]
     .map(|preset| values(&TrainConfig::preset(preset)));
     let mut text = format!(
@@ -123,15 +124,19 @@ From the released code, with the preset that it ships. Every other key has its v
         &reference,
     );
     text += "
-## Deviations of `default` and `quick`
+## Deviations of `default`, `quick` and `best`
 From `paper`, beside those of `paper` itself. Every other key has the value that it has there.
 
-| key | `paper` | `default` | `quick` | why |
-| --- | --- | --- | --- | --- |
+| key | `paper` | `default` | `quick` | `best` | why |
+| --- | --- | --- | --- | --- | --- |
 ";
     for (key, why) in OURS {
-        let [paper, default, quick] = [&paper, &default, &quick].map(|values| quoted(values, key));
-        let _ = writeln!(text, "| `{key}` | {paper} | {default} | {quick} | {why} |");
+        let [paper, default, quick, best] =
+            [&paper, &default, &quick, &best].map(|values| quoted(values, key));
+        let _ = writeln!(
+            text,
+            "| `{key}` | {paper} | {default} | {quick} | {best} | {why} |"
+        );
     }
     text += "
 ## Deviations in the code

@@ -1,4 +1,4 @@
-//! What `default` and `quick` have in place of what `paper` has.
+//! What `default`, `quick` and `best` have in place of what `paper` has.
 
 const SMALL_FIELD: &str =
     "A field for a CPU. The Gaussians' own trajectories carry most of the motion.";
@@ -6,15 +6,15 @@ const EXTENSION: &str = "[An extension](../explanation/beyond-the-paper.md).";
 const NO_RESETS: &str = "`quick`: real captures are as good or better without.";
 const FEWER_STEPS: &str = "`quick` has fewer steps.";
 
-/// Keys in which `default` or `quick` differ from `paper`, and why.
+/// Keys in which `default`, `quick` or `best` differ from `paper`, and why.
 pub(super) const OURS: &[(&str, &str)] = &[
-    ("iterations", "A CPU's time."),
+    ("iterations", "`default`, `quick`: a CPU's time."),
     (
         "visits",
         "A long capture of many cameras would be seen once or less.",
     ),
     ("sh_degree", "`quick`: fewer values per Gaussian."),
-    ("sh_interval", "1,000 steps of `default`."),
+    ("sh_interval", "1,000 steps of `default` and `best`."),
     ("near_plane", "Measured: scenes come in any unit."),
     ("initial_points", "`quick` has room for fewer."),
     ("extensions.averaging", EXTENSION),
