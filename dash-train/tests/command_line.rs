@@ -192,6 +192,25 @@ fn every_layer_is_rendered_and_an_exported_instant_looks_the_same() {
         about.replace("half.ply", "CAPITALS.PLY")
     );
 
+    // A file for each frame, and a clip in one file: the second of three frames is that instant.
+    for clip in ["plys", "clip.4dgs"] {
+        scratch.ok(&["export", "run", "--frames", "3", "--out", clip]);
+        let out = format!("from_{clip}");
+        scratch.ok(&[&["render", clip, "--out", &out], &shot[..]].concat());
+        let picture = open(&format!("{out}/full/0000_front.png"));
+        let off = picture.iter().zip(ply.iter()).map(|(a, b)| a.abs_diff(*b));
+        let mean = off.clone().map(f64::from).sum::<f64>() / off.len() as f64;
+        assert!(
+            mean <= if clip == "plys" { 0.0 } else { 2.0 },
+            "{clip}: {mean}"
+        );
+        let about = scratch.ok(&["info", clip]);
+        assert!(
+            about.contains("frames") && about.contains("Gaussians"),
+            "{about}"
+        );
+    }
+
     let export = [
         "export",
         "run",

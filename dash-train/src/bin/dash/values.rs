@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 use std::str::FromStr;
 
-use dash_model::SplatFormat;
+use dash_model::{SplatFormat, is_splat_ply};
 use dash_train::SplatClip;
 
 use crate::failure::Failure;
@@ -118,9 +118,19 @@ pub fn is_clip(path: &Path) -> bool {
     }
 }
 
+/// Whether a folder has files of Gaussians and neither folders nor clouds of points, as a dataset has.
 fn holds_splats(folder: &Path) -> bool {
-    let mut entries = std::fs::read_dir(folder).into_iter().flatten().flatten();
-    entries.any(|entry| SplatFormat::of(&entry.path()).is_some())
+    let entries = std::fs::read_dir(folder).into_iter().flatten().flatten();
+    let mut found = false;
+    for path in entries.map(|entry| entry.path()) {
+        match SplatFormat::of(&path) {
+            _ if path.is_dir() => return false,
+            Some(SplatFormat::Ply) if !is_splat_ply(&path) => return false,
+            Some(_) => found = true,
+            None => {}
+        }
+    }
+    found
 }
 
 /// Frames per second.
@@ -173,6 +183,26 @@ pub fn bytes(text: &str) -> Result<u64, String> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn folders_of_datasets_are_no_clips() {
+        let folder = tempfile::tempdir().expect("a scratch folder");
+        let write = |name: &str, text: &str| {
+            std::fs::write(folder.path().join(name), text).expect("writable");
+        };
+        assert!(!is_clip(folder.path()));
+        write("00000.spz", "");
+        write("notes.txt", "");
+        assert!(is_clip(folder.path()));
+        // Points, not Gaussians.
+        let head = "ply\nformat ascii 1.0\nelement vertex 0\nproperty float x\nend_header\n";
+        write("points3d.ply", head);
+        assert!(!is_clip(folder.path()));
+        std::fs::remove_file(folder.path().join("points3d.ply")).expect("removed");
+        std::fs::create_dir(folder.path().join("cam00")).expect("writable");
+        assert!(!is_clip(folder.path()));
+        assert!(is_clip(&folder.path().join("room.4DGS")));
+    }
 
     #[test]
     fn amounts_of_memory() {
