@@ -6,6 +6,7 @@ use std::time::Instant;
 
 use burn::tensor::Device;
 use dash_kernels::Camera;
+use dash_kernels::testing::named_devices;
 use dash_model::{DynamicScene, GaussianRows, Gaussians, SceneSettings};
 use dash_view::draw::{SpeedColors, ViewLayer, draw};
 use rand::{Rng, SeedableRng};
@@ -18,7 +19,7 @@ fn main() {
     // `cargo bench` passes flags of its own; a word picks the backends whose names hold it.
     let wanted = std::env::args().skip(1).find(|arg| !arg.starts_with('-'));
     let wanted = wanted.unwrap_or_default();
-    for (name, device) in devices() {
+    for (name, device) in named_devices() {
         if !name.contains(&wanted) {
             continue;
         }
@@ -47,21 +48,6 @@ fn main() {
             );
         }
     }
-}
-
-/// The backends of the build that windows are drawn with, by name.
-fn devices() -> Vec<(&'static str, Device)> {
-    vec![
-        #[cfg(feature = "flex")]
-        ("flex", Device::flex()),
-        #[cfg(feature = "wgpu")]
-        (
-            "wgpu",
-            Device::wgpu(burn::tensor::DeviceKind::DefaultDevice),
-        ),
-        #[cfg(feature = "cuda")]
-        ("cuda", Device::cuda(0)),
-    ]
 }
 
 /// Gaussians a few pixels large in front of a camera.

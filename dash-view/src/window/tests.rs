@@ -93,22 +93,27 @@ struct Bench {
 
 impl Bench {
     fn new(content: Content) -> Self {
+        let mut bench = Self::unopened(content);
+        bench.reply();
+        bench.reply();
+        bench
+    }
+
+    /// Before the thread that draws has said anything.
+    fn unopened(content: Content) -> Self {
         let (wake, woken) = channel();
         let (ask, asked) = channel();
         let worker = Worker::start(content, Box::new(Asked(ask)), move || {
             let _ = wake.send(());
         });
-        let mut bench = Self {
+        Self {
             app: App::new(worker.expect("a thread")),
             ctx: Context::default(),
             woken,
             asked,
             time: 0.0,
             modifiers: Modifiers::NONE,
-        };
-        bench.reply();
-        bench.reply();
-        bench
+        }
     }
 
     /// Runs one frame, 20 ms after the last.
@@ -426,21 +431,7 @@ fn a_program_without_a_display_has_no_window() {
 fn a_scene_that_trains_is_drawn_anew_with_each_copy() {
     let live = Live::new();
     let source = Source::Live(live.clone(), Device::flex());
-    let (wake, woken) = channel();
-    let (ask, _asked) = channel();
-    let content = Content::new("run", source, 3);
-    let worker = Worker::start(content, Box::new(Asked(ask)), move || {
-        let _ = wake.send(());
-    });
-    let (_, asked) = channel();
-    let mut bench = Bench {
-        app: App::new(worker.expect("a thread")),
-        ctx: Context::default(),
-        woken,
-        asked,
-        time: 0.0,
-        modifiers: Modifiers::NONE,
-    };
+    let mut bench = Bench::unopened(Content::new("run", source, 3));
     bench.frame(Vec::new());
     assert!(bench.app.opened.is_none() && live.is_wanted());
     let mut pictures = Vec::new();

@@ -110,7 +110,7 @@ pub fn is_splat_file(path: &Path) -> bool {
     SplatFormat::of(path).is_some() && !path.is_dir()
 }
 
-/// Whether a path is played as it is: a file of Gaussians, a clip, or a folder of such files that is no run.
+/// Whether a path holds Gaussians to play: a file, a clip, or a folder of files that is no run.
 pub fn is_clip(path: &Path) -> bool {
     match path.is_dir() {
         true => !path.join("config.toml").is_file() && holds_splats(path),
