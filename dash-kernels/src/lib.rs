@@ -16,6 +16,7 @@
 //! | [`space_time`] | positions and a time -> points of the 4D unit cube |
 //! | [`displacement`], [`trajectory`] | displacements of trajectories at a time; extents of trajectories |
 //! | [`rows`] | some rows of a matrix, rows of two matrices joined |
+//! | [`rgba8`] | pictures in 8 bits a channel, for screens and files |
 //! | [`finite`] | which tensors hold NaN or infinity |
 //! | [`limits`] | largest buffer of a device |
 //!
@@ -116,6 +117,7 @@ pub mod photometric;
 mod poison_tests;
 pub mod project;
 pub mod rasterize;
+pub mod rgba8;
 pub mod rows;
 pub mod space_time;
 pub mod splats;
