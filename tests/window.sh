@@ -2,12 +2,12 @@
 # Opens `dash view RUN` on a display of its own, uses it by keys and mouse, and leaves screenshots to look at in OUT. Fails where the
 # window closes early, or memory grows while a clip plays.
 #
-#   tests/window.sh DASH RUN OUT [SECONDS OF PLAYING]
+#   tests/window.sh DASH RUN OUT [SECONDS OF PLAYING] [DEVICE]
 #
 # Needs Xvfb, xdotool, ImageMagick and a Vulkan driver (Debian: xvfb xdotool imagemagick mesa-vulkan-drivers).
 set -euo pipefail
 [ $# -ge 3 ] || { sed -n '2,8s/^# \{0,1\}//p' "$0"; exit 2; }
-dash=$1 run=$2 out=$3 play=${4:-30}
+dash=$1 run=$2 out=$3 play=${4:-30} device=${5:-flex}
 mkdir -p "$out"
 
 export DISPLAY=:${DISPLAY_NUMBER:-97}
@@ -15,7 +15,7 @@ Xvfb "$DISPLAY" -screen 0 1300x820x24 >"$out/xvfb.log" 2>&1 &
 server=$!
 trap 'kill $(jobs -p) 2>/dev/null || true' EXIT
 sleep 2
-"$dash" view "$run" --device flex >"$out/dash.log" 2>&1 &
+"$dash" view "$run" --device "$device" >"$out/dash.log" 2>&1 &
 window=$!
 
 shot() { sleep "${2:-2}"; import -window root "$out/$1.png"; }

@@ -4,7 +4,7 @@ use std::fmt;
 use std::str::FromStr;
 use std::sync::OnceLock;
 
-use burn::tensor::{Device, Tensor};
+use burn::tensor::{Device, DeviceKind, Tensor};
 
 use crate::Error;
 
@@ -56,13 +56,10 @@ impl DeviceChoice {
             #[cfg(feature = "ndarray")]
             Self::NdArray => return Ok(ndarray()),
             #[cfg(feature = "wgpu")]
-            Self::Wgpu => {
-                let device = wgpu_gpu().or_else(|| wgpu_devices().into_iter().next());
-                match device {
-                    Some(device) => return Ok(device),
-                    None => "no adapter that wgpu can use; is a Vulkan driver installed?".into(),
-                }
-            }
+            Self::Wgpu => match wgpu_gpu().or_else(wgpu_software) {
+                Some(adapter) => return Ok(Device::wgpu(adapter)),
+                None => "no adapter that wgpu can use; is a Vulkan driver installed?".into(),
+            },
             #[cfg(feature = "cuda")]
             Self::Cuda(index) => {
                 let devices = cuda_devices();
@@ -80,6 +77,14 @@ impl DeviceChoice {
         })
     }
 
+    /// The adapter of a choice that wgpu serves; `None` of another choice, and where there is no adapter.
+    pub fn adapter(self) -> Option<DeviceKind> {
+        match self.resolved() {
+            Self::Wgpu => wgpu_gpu().or_else(wgpu_software),
+            _ => None,
+        }
+    }
+
     /// The feature of this crate that brings the device.
     fn feature(self) -> &'static str {
         match self {
@@ -92,27 +97,40 @@ impl DeviceChoice {
 }
 
 /// Every adapter that wgpu can use, software included.
-#[cfg(feature = "wgpu")]
 fn wgpu_devices() -> Vec<Device> {
-    Device::enumerate(burn::tensor::DeviceType::Wgpu).into_vec()
+    #[cfg(feature = "wgpu")]
+    return Device::enumerate(burn::tensor::DeviceType::Wgpu).into_vec();
+    #[cfg(not(feature = "wgpu"))]
+    Vec::new()
 }
 
 /// The strongest adapter that is no software.
-fn wgpu_gpu() -> Option<Device> {
-    #[cfg(feature = "wgpu")]
-    {
-        use burn::tensor::DeviceKind;
-        let devices = wgpu_devices();
-        [
-            DeviceKind::DiscreteGpu(0),
-            DeviceKind::IntegratedGpu(0),
-            DeviceKind::VirtualGpu(0),
-        ]
-        .into_iter()
-        .map(Device::wgpu)
-        .find(|device| devices.contains(device))
-    }
-    #[cfg(not(feature = "wgpu"))]
+fn wgpu_gpu() -> Option<DeviceKind> {
+    wgpu_first(&[
+        DeviceKind::DiscreteGpu(0),
+        DeviceKind::IntegratedGpu(0),
+        DeviceKind::VirtualGpu(0),
+    ])
+}
+
+/// An adapter in software, or of a kind that wgpu can't name.
+fn wgpu_software() -> Option<DeviceKind> {
+    wgpu_first(&[DeviceKind::Cpu]).or_else(|| {
+        let any = !wgpu_devices().is_empty();
+        any.then_some(DeviceKind::DefaultDevice)
+    })
+}
+
+/// The first of these kinds that there is an adapter of.
+#[cfg(feature = "wgpu")]
+fn wgpu_first(kinds: &[DeviceKind]) -> Option<DeviceKind> {
+    let devices = wgpu_devices();
+    let is_there = |kind: &&DeviceKind| devices.contains(&Device::wgpu((*kind).clone()));
+    kinds.iter().find(is_there).cloned()
+}
+
+#[cfg(not(feature = "wgpu"))]
+fn wgpu_first(_kinds: &[DeviceKind]) -> Option<DeviceKind> {
     None
 }
 

@@ -1,14 +1,16 @@
-//! What showing a picture costs beside drawing it: the kernels alone, and the picture in 8 bits in host memory, which the window uploads.
+//! What showing a picture costs beside drawing it: the kernels alone, and the picture as the window takes it. That is a
+//! texture where wgpu draws, which stays on the GPU, and 8 bits in host memory elsewhere.
 //!
 //! `cargo bench -p dash-view --bench shown [-- BACKEND]`
 
 use std::time::Instant;
 
-use burn::tensor::Device;
+use burn::tensor::{Device, DeviceKind};
 use dash_kernels::Camera;
 use dash_kernels::testing::named_devices;
 use dash_model::{DynamicScene, GaussianRows, Gaussians, SceneSettings};
-use dash_view::draw::{SpeedColors, ViewLayer, draw};
+use dash_view::Screen;
+use dash_view::draw::{SpeedColors, ViewLayer, show};
 use rand::{Rng, SeedableRng};
 
 const N_GAUSSIANS: usize = 100_000;
@@ -19,6 +21,8 @@ fn main() {
     // `cargo bench` passes flags of its own; a word picks the backends whose names hold it.
     let wanted = std::env::args().skip(1).find(|arg| !arg.starts_with('-'));
     let wanted = wanted.unwrap_or_default();
+    // Before anything else opens the adapter. A build without wgpu, or a machine without an adapter, has none.
+    let screen = Screen::open(DeviceKind::DefaultDevice).ok();
     for (name, device) in named_devices() {
         if !name.contains(&wanted) {
             continue;
@@ -40,7 +44,12 @@ fn main() {
             });
             let shown = median(|| {
                 let colors = SpeedColors::new(0.0, 1);
-                drop(draw(&scene, &camera, 0.0, ViewLayer::Full, &colors).expect("draws"));
+                let shown = show(&scene, &camera, 0.0, ViewLayer::Full, &colors).expect("draws");
+                let texture = screen.as_ref().map(|(_, screen)| screen.texture(&shown));
+                match texture.transpose().expect("copies").flatten() {
+                    Some(texture) => drop(texture),
+                    None => drop(shown.frame().expect("copies")),
+                }
             });
             println!(
                 "{name:8} {width}x{height} kernels {kernels:8.2} ms, shown {shown:8.2} ms, {:.3}x",

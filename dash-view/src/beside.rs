@@ -15,20 +15,16 @@ pub struct Beside {
 
 impl Beside {
     /// A captured picture `[H * W * 3]` of the drawn one's size.
-    pub(crate) fn of(drawn: &Frame, captured: Vec<u8>) -> Self {
-        let pairs = || drawn.rgb.iter().zip(&captured);
-        let squares: f64 = pairs()
-            .map(|(a, b)| f64::from(a.abs_diff(*b)).powi(2))
-            .sum();
-        let mean = squares / drawn.rgb.len().max(1) as f64;
-        let frame = |rgb| Frame {
-            width: drawn.width,
-            height: drawn.height,
-            rgb,
-        };
+    pub(crate) fn of(drawn: &Frame, captured: &[u8]) -> Self {
+        let rgb = drawn.rgb();
+        let apart = rgb.iter().zip(captured).map(|(a, b)| a.abs_diff(*b));
+        let difference: Vec<u8> = apart.collect();
+        let squares: f64 = difference.iter().map(|&d| f64::from(d).powi(2)).sum();
+        let mean = squares / rgb.len().max(1) as f64;
+        let frame = |rgb: &[u8]| Frame::from_rgb(drawn.width, drawn.height, rgb);
         Self {
             psnr: 10.0 * (255.0 * 255.0 / mean).log10(),
-            difference: frame(pairs().map(|(a, b)| a.abs_diff(*b)).collect()),
+            difference: frame(&difference),
             captured: frame(captured),
         }
     }

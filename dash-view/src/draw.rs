@@ -2,10 +2,11 @@
 
 use std::fmt;
 
-use burn::tensor::Tensor;
+use burn::tensor::{Int, Tensor};
 use dash_kernels::Camera;
+use dash_kernels::rgba8::rgba8;
 use dash_kernels::splats;
-use dash_model::{DynamicScene, Layer, ModelError, NO_SURFACE_ALPHA, Rendering, to_host};
+use dash_model::{DynamicScene, Layer, ModelError, NO_SURFACE_ALPHA, Rendering};
 
 pub use crate::speed::SpeedColors;
 use crate::speed::render_speed;
@@ -16,8 +17,6 @@ const ELLIPSOID: f32 = 1.0;
 const FAINT: f32 = 0.1;
 /// How much steeper than a Gaussian its edge is.
 const EDGE: f32 = 8.0;
-/// Of red, green and blue in a packed pixel.
-const PLACES: [f32; 3] = [1.0, 256.0, 65_536.0];
 
 /// What a picture shows.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -86,16 +85,32 @@ pub struct Frame {
     pub width: usize,
     /// Height in pixels.
     pub height: usize,
-    /// `[H, W, 3]`, sRGB.
-    pub rgb: Vec<u8>,
+    /// `[H, W, 4]`, sRGB, opaque.
+    pub rgba: Vec<u8>,
+}
+
+impl Frame {
+    /// Of colours `[H, W, 3]`.
+    pub fn from_rgb(width: usize, height: usize, rgb: &[u8]) -> Self {
+        let pixels = rgb.as_chunks::<3>().0.iter();
+        Self {
+            width,
+            height,
+            rgba: pixels.flat_map(|&[r, g, b]| [r, g, b, 255]).collect(),
+        }
+    }
+
+    /// The colours alone, `[H, W, 3]`.
+    pub fn rgb(&self) -> Vec<u8> {
+        let pixels = self.rgba.as_chunks::<4>().0.iter();
+        pixels.flat_map(|&[r, g, b, _]| [r, g, b]).collect()
+    }
 }
 
 /// A picture that the device draws: what it shows is on its way.
 pub struct Shown {
-    width: usize,
-    height: usize,
-    /// `[H, W, 1]`: red, 256 times green and 65,536 times blue, in whole levels of 8 bits, which f32 holds.
-    packed: Tensor<3>,
+    /// `[H, W, C]`: colours first, or one gray.
+    image: Tensor<3>,
 }
 
 /// Draws one layer of the scene from `camera` at `time` in [0, 1]; does not wait for the device.
@@ -116,25 +131,12 @@ pub fn show(
         ViewLayer::Speed => render_speed(scene, camera, time, colors)?,
         ViewLayer::Ellipsoids => render_ellipsoids(scene, camera, time)?,
     };
-    let packed = match layer {
-        ViewLayer::Depth => levels(nearness(&rendering)) * PLACES.iter().sum::<f32>(),
-        ViewLayer::Alpha => levels(rendering.alpha()) * PLACES.iter().sum::<f32>(),
-        _ => {
-            let rgb = levels(rendering.rgb());
-            let places = Tensor::<1>::from_floats(PLACES, &rgb.device());
-            (rgb * places.reshape([1, 1, 3])).sum_dim(2)
-        }
+    let image = match layer {
+        ViewLayer::Depth => nearness(&rendering),
+        ViewLayer::Alpha => rendering.alpha(),
+        _ => rendering.image,
     };
-    Ok(Shown {
-        width: camera.width,
-        height: camera.height,
-        packed,
-    })
-}
-
-/// Whole levels of 8 bits.
-fn levels(values: Tensor<3>) -> Tensor<3> {
-    (values.clamp(0.0, 1.0) * 255.0 + 0.5).floor()
+    Ok(Shown { image })
 }
 
 /// `[H, W, 1]`: as [`Picture::nearness`](dash_model::Picture::nearness), on the device.
@@ -151,20 +153,32 @@ fn nearness(rendering: &Rendering) -> Tensor<3> {
 }
 
 impl Shown {
+    /// Width and height.
+    pub fn size(&self) -> [usize; 2] {
+        let [height, width, _] = self.image.dims();
+        [width, height]
+    }
+
+    /// The pixels on the device, see [`rgba8`]; does not wait for it.
+    ///
+    /// # Errors
+    /// When the pitch is less than the width.
+    pub fn packed(&self, pitch: usize) -> Result<Tensor<2, Int>, ModelError> {
+        Ok(rgba8(self.image.clone(), pitch)?)
+    }
+
     /// The picture; waits for the device.
     ///
     /// # Errors
     /// [`ModelError::Device`] when the device failed.
-    pub fn frame(self) -> Result<Frame, ModelError> {
-        let packed = to_host(self.packed)?;
-        let rgb = packed.iter().flat_map(|&pixel| {
-            let [red, green, blue, _] = (pixel as u32).to_le_bytes();
-            [red, green, blue]
-        });
+    pub fn frame(&self) -> Result<Frame, ModelError> {
+        let [width, height] = self.size();
+        let data = self.packed(width)?.try_into_data();
+        let data = data.map_err(|error| ModelError::Device(error.to_string()))?;
         Ok(Frame {
-            width: self.width,
-            height: self.height,
-            rgb: rgb.collect(),
+            width,
+            height,
+            rgba: data.as_bytes().to_vec(),
         })
     }
 
@@ -173,12 +187,10 @@ impl Shown {
     /// # Errors
     /// [`ModelError::Device`] when the device failed.
     pub async fn rgba(self) -> Result<Vec<u8>, ModelError> {
-        let data = self.packed.into_data_async().await;
+        let [width, _] = self.size();
+        let data = self.packed(width)?.into_data_async().await;
         let data = data.map_err(|error| ModelError::Device(error.to_string()))?;
-        let pixels = data.iter::<f32>();
-        Ok(pixels
-            .flat_map(|pixel| ((pixel as u32) | 0xff00_0000).to_le_bytes())
-            .collect())
+        Ok(data.as_bytes().to_vec())
     }
 }
 

@@ -15,6 +15,7 @@
 //! | [`draw`] | one layer at one time in 8 bits |
 //! | [`pace`] | how large pictures are while something moves |
 //! | [`worker`] | the thread that draws |
+//! | `screen` | a GPU that scene and window share |
 //! | `live` | a scene that trains meanwhile |
 //! | `window` | the window: picture, time line, side panel, keys |
 //! | [`page`] | a scene as a web page |
@@ -34,7 +35,7 @@
 //!     dynamic: None,
 //!     settings: SceneSettings::default(),
 //! };
-//! open_window(Content::new("two spheres", Source::Scene(Box::new(scene)), 1), Box::new(NoHost))?;
+//! open_window(Content::new("two spheres", Source::Scene(Box::new(scene)), 1), Box::new(NoHost), None)?;
 //! # Ok::<(), dash_view::ViewError>(())
 //! ```
 
@@ -51,6 +52,9 @@ pub mod navigator;
 pub mod pace;
 pub mod page;
 pub mod playback;
+#[cfg(not(target_family = "wasm"))]
+#[cfg_attr(not(feature = "wgpu"), path = "no_screen.rs")]
+mod screen;
 mod speed;
 mod tracks;
 #[cfg(target_family = "wasm")]
@@ -64,5 +68,7 @@ pub use content::{Content, FRAME_RATE, FrameSource, Host, NamedCamera, NoHost, S
 pub use error::ViewError;
 #[cfg(not(target_family = "wasm"))]
 pub use live::Live;
+#[cfg(not(target_family = "wasm"))]
+pub use screen::Screen;
 #[cfg(not(target_family = "wasm"))]
 pub use window::{check_display, open_window};

@@ -11,13 +11,14 @@ use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 use std::thread::JoinHandle;
 
 use dash_kernels::Camera;
+use eframe::wgpu;
 
 pub use crate::beside::Beside;
 use crate::camera_path::PathCamera;
 use crate::content::{Content, Host, NamedCamera, Source};
 use crate::draw::{Frame, ViewLayer};
 use crate::tracks::Tracks;
-use crate::{Live, ViewError};
+use crate::{Live, Screen, ViewError};
 use studio::{Described, Studio};
 
 /// A picture that is asked for.
@@ -48,8 +49,8 @@ pub enum Task {
     Open(PathBuf),
     /// Follows the dynamic Gaussians over the clip.
     Track,
-    /// Saves a picture.
-    SavePicture(Box<Frame>),
+    /// Draws a picture once more and saves it.
+    SavePicture(Box<Request>),
     /// Saves a path of cameras.
     SavePath(Vec<PathCamera>),
     /// Renders a path of cameras as a video.
@@ -97,13 +98,32 @@ pub struct Drawn {
     /// What was asked for.
     pub request: Request,
     /// The picture.
-    pub frame: Frame,
+    pub picture: DrawnPicture,
     /// How long it took.
     pub secs: f64,
     /// The captured picture, where one was asked for and is there.
     pub beside: Option<Beside>,
     /// Static and dynamic Gaussians.
     pub counts: (usize, usize),
+}
+
+/// Where a drawn picture is.
+#[derive(Debug, Clone)]
+pub enum DrawnPicture {
+    /// In host memory.
+    Host(Frame),
+    /// On the GPU that shows it.
+    Texture(wgpu::Texture),
+}
+
+impl DrawnPicture {
+    /// Width and height in pixels.
+    pub fn size(&self) -> [usize; 2] {
+        match self {
+            Self::Host(frame) => [frame.width, frame.height],
+            Self::Texture(texture) => [texture.width() as usize, texture.height() as usize],
+        }
+    }
 }
 
 /// The thread; it ends when this is dropped.
@@ -134,13 +154,15 @@ impl Shared {
 }
 
 impl Worker {
-    /// Starts the thread; `wake` is called after each reply.
+    /// Starts the thread; `wake` is called after each reply. Pictures stay on `screen` where the scene is there, unless a
+    /// captured one stands beside.
     ///
     /// # Errors
     /// When the system can't start a thread.
     pub fn start(
         content: Content,
         host: Box<dyn Host>,
+        screen: Option<Screen>,
         wake: impl Fn() + Send + 'static,
     ) -> Result<Self, ViewError> {
         let shared = Arc::new(Shared::default());
@@ -156,6 +178,7 @@ impl Worker {
             content: None,
             tracks: None,
             host,
+            screen,
             replies: sender,
             wake: Box::new(wake),
         };

@@ -63,7 +63,7 @@ impl App {
             Action::DropTracks => self.picked.clear(),
             Action::Screenshot => {
                 if let Some(shown) = &self.shown {
-                    self.ask(Task::SavePicture(Box::new(shown.drawn.frame.clone())));
+                    self.ask(Task::SavePicture(Box::new(shown.drawn.request.clone())));
                 }
             }
             Action::AddKeyframe => self.add_keyframe(),

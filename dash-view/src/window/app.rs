@@ -4,16 +4,14 @@ use std::collections::VecDeque;
 use std::sync::Arc;
 
 use dash_kernels::Camera;
-use eframe::egui::{
-    CentralPanel, ColorImage, Context, Frame as Margin, Key, Panel, TextureHandle, TextureOptions,
-    Ui, ViewportCommand,
-};
+use eframe::egui::{CentralPanel, Context, Frame as Margin, Key, Panel, Ui, ViewportCommand};
 use glam::DVec3;
 
 use super::actions::pressed;
+use super::glass::{Glass, Shown};
 use super::{help, panel, picture, timeline, title};
 use crate::camera_path::PathCamera;
-use crate::draw::{Frame, ViewLayer};
+use crate::draw::ViewLayer;
 use crate::navigator::Navigator;
 use crate::pace::Pace;
 use crate::playback::Playback;
@@ -56,14 +54,6 @@ impl CapturedView {
     }
 }
 
-/// The picture in the window.
-pub struct Shown {
-    pub drawn: Drawn,
-    pub picture: TextureHandle,
-    pub captured: Option<TextureHandle>,
-    pub difference: Option<TextureHandle>,
-}
-
 /// A line below the picture.
 pub struct Message {
     pub text: String,
@@ -73,6 +63,8 @@ pub struct Message {
 /// The window's state.
 pub struct App {
     worker: Worker,
+    /// Where pictures are shown that stay on the GPU.
+    glass: Option<Glass>,
     /// Whether the scene that trains was asked for.
     begun: bool,
     pub opened: Option<Opened>,
@@ -107,9 +99,10 @@ pub struct App {
 }
 
 impl App {
-    pub fn new(worker: Worker) -> Self {
+    pub fn new(worker: Worker, glass: Option<Glass>) -> Self {
         Self {
             worker,
+            glass,
             begun: false,
             opened: None,
             eye: Navigator::new(DVec3::ZERO, 1.0),
@@ -247,7 +240,7 @@ impl App {
         if let Some(opened) = &mut self.opened {
             opened.counts = drawn.counts;
         }
-        let size = [drawn.frame.width, drawn.frame.height];
+        let size = drawn.picture.size();
         self.pace.saw(size, self.full, drawn.secs);
         if self
             .message
@@ -256,22 +249,10 @@ impl App {
         {
             self.message = None;
         }
-        let texture = |name: &str, frame: &Frame| {
-            let image = ColorImage::from_rgb([frame.width, frame.height], &frame.rgb);
-            ctx.load_texture(name, image, TextureOptions::LINEAR)
-        };
-        self.shown = Some(Shown {
-            picture: texture("picture", &drawn.frame),
-            captured: drawn
-                .beside
-                .as_ref()
-                .map(|b| texture("captured", &b.captured)),
-            difference: drawn
-                .beside
-                .as_ref()
-                .map(|b| texture("difference", &b.difference)),
-            drawn,
-        });
+        // Only the window's own device is shared: a texture without a glass can't be.
+        if let Some(shown) = Shown::of(drawn, ctx, self.glass.as_mut()) {
+            self.shown = Some(shown);
+        }
     }
 
     /// Pictures per second, of the last ones.

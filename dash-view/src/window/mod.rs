@@ -1,11 +1,13 @@
 //! The window.
 //!
 //! `app`: its state and what happens in a frame. `actions`: what can be done, and by which key; `act` does it. `picture`: the picture, the
-//! hand on it, and what is drawn over it. `timeline`: the bar below. `panel`: the bar at the side. `help`: the page of keys.
+//! hand on it, and what is drawn over it. `glass`: the pictures in the window. `timeline`: the bar
+//! below. `panel`: the bar at the side. `help`: the page of keys.
 
 mod act;
 mod actions;
 mod app;
+mod glass;
 mod help;
 mod panel;
 mod picture;
@@ -18,17 +20,24 @@ use std::ffi::OsString;
 use eframe::egui;
 
 use crate::worker::Worker;
-use crate::{Content, Host, Source, ViewError};
+use crate::{Content, Host, Screen, Source, ViewError};
 use app::App;
+use glass::Glass;
 
 /// The window's size when it opens, points.
 const SIZE: [f32; 2] = [1280.0, 800.0];
 
 /// Opens a window on a content, and returns when it is closed. Systems want it on the program's first thread.
 ///
+/// With `screen`, the window is drawn by the GPU that draws the scene, and a picture stays there.
+///
 /// # Errors
 /// When the system can't open a window.
-pub fn open_window(content: Content, host: Box<dyn Host>) -> Result<(), ViewError> {
+pub fn open_window(
+    content: Content,
+    host: Box<dyn Host>,
+    screen: Option<Screen>,
+) -> Result<(), ViewError> {
     check_display()?;
     let live = match &content.source {
         Source::Live(live, _) => Some(live.clone()),
@@ -41,18 +50,22 @@ pub fn open_window(content: Content, host: Box<dyn Host>) -> Result<(), ViewErro
         .with_app_id("dash-view")
         .with_inner_size(SIZE)
         .with_drag_and_drop(true);
-    let options = eframe::NativeOptions {
+    let mut options = eframe::NativeOptions {
         viewport,
         ..Default::default()
     };
+    if let Some(screen) = &screen {
+        options.wgpu_options.wgpu_setup = screen.setup().into();
+    }
     let create = move |creation: &eframe::CreationContext<'_>| {
         let ctx = creation.egui_ctx.clone();
         if let Some(live) = live {
             let ctx = ctx.clone();
             live.on_change(move || ctx.request_repaint());
         }
-        let worker = Worker::start(content, host, move || ctx.request_repaint())?;
-        Ok(Box::new(Window(App::new(worker))) as Box<dyn eframe::App>)
+        let worker = Worker::start(content, host, screen, move || ctx.request_repaint())?;
+        let glass = creation.wgpu_render_state.clone().map(Glass::new);
+        Ok(Box::new(Window(App::new(worker, glass))) as Box<dyn eframe::App>)
     };
     let done = eframe::run_native(&title, options, Box::new(create));
     if let Some(live) = closed {

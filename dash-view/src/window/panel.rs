@@ -114,10 +114,8 @@ fn numbers(ui: &mut Ui, app: &App) {
         }
         if let Some(shown) = &app.shown {
             let drawn = &shown.drawn;
-            row(
-                "picture",
-                format!("{} x {}", drawn.frame.width, drawn.frame.height),
-            );
+            let [width, height] = drawn.picture.size();
+            row("picture", format!("{width} x {height}"));
             row("drawn in", format!("{:.1} ms", 1e3 * drawn.secs));
         }
         if let Some(rate) = app.rate().filter(|_| app.playback.playing) {

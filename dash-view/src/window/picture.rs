@@ -8,7 +8,8 @@ use eframe::egui::{
     vec2,
 };
 
-use super::app::{App, CapturedView, Shown};
+use super::app::{App, CapturedView};
+use super::glass::Shown;
 use crate::camera_path::{between, frustum};
 
 /// Distance by which the wheel's points multiply.
@@ -61,9 +62,9 @@ pub fn show(ui: &mut Ui, app: &mut App) {
 /// Paints the picture; where it is then.
 fn paint(painter: &eframe::egui::Painter, place: Rect, app: &App, shown: &Shown) -> Vec<Rect> {
     let whole = Rect::from_min_max(pos2(0.0, 0.0), pos2(1.0, 1.0));
-    let frame = &shown.drawn.frame;
-    let size = vec2(frame.width as f32, frame.height as f32);
-    let picture = shown.picture.id();
+    let [width, height] = shown.drawn.picture.size();
+    let size = vec2(width as f32, height as f32);
+    let picture = shown.picture;
     let pair = shown.captured.as_ref().zip(shown.difference.as_ref());
     match (app.captured, pair) {
         (CapturedView::Beside, Some((captured, _))) => {

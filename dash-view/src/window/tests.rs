@@ -15,7 +15,7 @@ use eframe::egui::{
 use super::app::{App, CapturedView};
 use crate::camera_path::PathCamera;
 use crate::draw::{Frame, ViewLayer};
-use crate::worker::Worker;
+use crate::worker::{Drawn, DrawnPicture, Worker};
 use crate::{Content, FrameSource, Host, Live, NamedCamera, Source, ViewError};
 
 /// Longer than any picture here takes.
@@ -82,6 +82,14 @@ impl Host for Asked {
     }
 }
 
+/// The colours of a picture in host memory.
+fn rgb(drawn: &Drawn) -> Vec<u8> {
+    match &drawn.picture {
+        DrawnPicture::Host(frame) => frame.rgb(),
+        DrawnPicture::Texture(_) => panic!("there is no screen"),
+    }
+}
+
 struct Bench {
     app: App,
     ctx: Context,
@@ -103,11 +111,11 @@ impl Bench {
     fn unopened(content: Content) -> Self {
         let (wake, woken) = channel();
         let (ask, asked) = channel();
-        let worker = Worker::start(content, Box::new(Asked(ask)), move || {
+        let worker = Worker::start(content, Box::new(Asked(ask)), None, move || {
             let _ = wake.send(());
         });
         Self {
-            app: App::new(worker.expect("a thread")),
+            app: App::new(worker.expect("a thread"), None),
             ctx: Context::default(),
             woken,
             asked,
@@ -210,8 +218,8 @@ fn the_picture_is_the_scenes() {
         .render(&drawn.request.camera, 0.0)
         .expect("renders");
     let picture = dash_model::Picture::of(picture).expect("copied");
-    assert_eq!(drawn.frame.rgb, dash_model::rgb8(&picture.rgb));
-    assert!(drawn.frame.rgb.iter().any(|&v| v > 100));
+    assert_eq!(rgb(drawn), dash_model::rgb8(&picture.rgb));
+    assert!(rgb(drawn).iter().any(|&v| v > 100));
 }
 
 /// Nothing is drawn where nothing has changed.
@@ -234,14 +242,14 @@ fn a_scene_at_rest_costs_nothing() {
 fn drags_move_the_eye_and_rest_sharpens_the_picture() {
     let mut bench = Bench::new(still());
     bench.rest();
-    let sharp = bench.shown().frame.width;
+    let sharp = bench.shown().picture.size();
     let before = bench.app.eye.clone();
     let middle = pos2(250.0, 250.0);
     for button in [PointerButton::Primary, PointerButton::Secondary] {
         bench.drag(middle, middle + vec2(60.0, 20.0), button);
         assert_ne!(bench.app.eye, before);
         bench.rest();
-        assert_eq!(bench.shown().frame.width, sharp);
+        assert_eq!(bench.shown().picture.size(), sharp);
         bench.press(Key::R);
         assert_eq!(bench.app.eye, before);
     }
@@ -281,14 +289,14 @@ fn layers_and_backgrounds_have_keys() {
         bench.rest();
         assert_eq!(bench.shown().request.layer, layer);
         assert!(bench.app.message.is_none(), "{layer}");
-        let is_blank = bench.shown().frame.rgb.iter().all(|&v| v == 0);
+        let is_blank = rgb(bench.shown()).iter().all(|&v| v == 0);
         assert_eq!(is_blank, layer == ViewLayer::Dynamic, "{layer}");
     }
     bench.press(Key::Num3);
     bench.press(Key::B);
     bench.press(Key::B);
     bench.rest();
-    assert!(bench.shown().frame.rgb.iter().all(|&v| v == 255));
+    assert!(rgb(bench.shown()).iter().all(|&v| v == 255));
 }
 
 #[test]
@@ -335,7 +343,7 @@ fn the_captured_picture_stands_beside() {
     assert_eq!(drawn.request.camera, camera(-1.0));
     let beside = drawn.beside.as_ref().expect("a captured picture");
     // The captured picture is black: the difference is the drawn one.
-    assert_eq!(beside.difference.rgb, drawn.frame.rgb);
+    assert_eq!(beside.difference.rgb(), rgb(drawn));
     assert!(beside.psnr > 5.0 && beside.psnr < 60.0);
     let asked: Vec<String> = bench.asked.try_iter().collect();
     assert!(asked.contains(&"captured 0 at 0".to_string()), "{asked:?}");
@@ -447,9 +455,9 @@ fn a_scene_that_trains_is_drawn_anew_with_each_copy() {
         assert_eq!(drawn.counts, (3, 0));
         let picture = scene(x).render(&drawn.request.camera, 0.0);
         let picture = dash_model::Picture::of(picture.expect("renders")).expect("copied");
-        assert_eq!(drawn.frame.rgb, dash_model::rgb8(&picture.rgb));
+        assert_eq!(rgb(drawn), dash_model::rgb8(&picture.rgb));
         assert_eq!(bench.app.line(), Some(format!("at {x}")));
-        pictures.push(drawn.frame.rgb.clone());
+        pictures.push(rgb(drawn));
     }
     assert_ne!(pictures[0], pictures[1]);
     live.close();

@@ -9,13 +9,13 @@ use std::time::Instant;
 use burn::module::Module;
 use dash_model::DynamicScene;
 
-use super::{Beside, Drawn, Opened, Reply, Request, Shared, Task};
+use super::{Beside, Drawn, DrawnPicture, Opened, Reply, Request, Shared, Task};
 use crate::content::{Host, NamedCamera, Source};
-use crate::draw::{ViewLayer, draw};
+use crate::draw::{Shown, ViewLayer, show};
 use crate::middle::middle_of;
 use crate::speed::SpeedColors;
 use crate::tracks::Tracks;
-use crate::{FrameSource, ViewError};
+use crate::{FrameSource, Screen, ViewError};
 
 /// A content without its source.
 pub(super) struct Described {
@@ -35,6 +35,8 @@ pub(super) struct Studio {
     pub content: Option<Described>,
     pub tracks: Option<Option<Arc<Tracks>>>,
     pub host: Box<dyn Host>,
+    /// The GPU that shows what is drawn, where that is one that Burn shares.
+    pub screen: Option<Screen>,
     pub replies: Sender<Reply>,
     pub wake: Box<dyn Fn() + Send>,
 }
@@ -114,7 +116,10 @@ impl Studio {
                 self.describe(content.ok_or_else(none)?)
             }
             Task::Track => Ok(Reply::Tracks(self.tracks()?)),
-            Task::SavePicture(frame) => Ok(Reply::Saved(self.host.save_picture(&frame)?)),
+            Task::SavePicture(request) => {
+                let frame = self.show(&request)?.frame()?;
+                Ok(Reply::Saved(self.host.save_picture(&frame)?))
+            }
             Task::SavePath(path) => Ok(Reply::Saved(self.host.save_path(&path)?)),
             Task::RenderPath(path) => match &self.source {
                 Source::Scene(scene) => Ok(Reply::Saved(self.host.render_path(scene, &path)?)),
@@ -131,6 +136,36 @@ impl Studio {
 
     fn draw(&mut self, request: Request) -> Result<Drawn, ViewError> {
         let start = Instant::now();
+        let shown = self.show(&request)?;
+        let captured = match request.beside {
+            Some(camera) => self.host.captured(camera, request.time)?,
+            None => None,
+        };
+        let texture = match (&self.screen, &captured) {
+            (Some(screen), None) => screen.texture(&shown)?,
+            _ => None,
+        };
+        let (picture, beside) = match texture {
+            Some(texture) => (DrawnPicture::Texture(texture), None),
+            None => {
+                let frame = shown.frame()?;
+                // Of another size it is of another camera.
+                let captured = captured.filter(|rgb| rgb.len() == 3 * frame.width * frame.height);
+                let beside = captured.map(|rgb| Beside::of(&frame, &rgb));
+                (DrawnPicture::Host(frame), beside)
+            }
+        };
+        Ok(Drawn {
+            counts: self.scene(request.frame)?.counts(),
+            secs: start.elapsed().as_secs_f64(),
+            request,
+            picture,
+            beside,
+        })
+    }
+
+    /// A picture that is on its way.
+    fn show(&mut self, request: &Request) -> Result<Shown, ViewError> {
         // Of a scene that trains, tracks are of the newest copy.
         self.scene(request.frame)?;
         let colors = match request.layer {
@@ -143,23 +178,9 @@ impl Studio {
         let scene = self.scene(request.frame)?;
         let own = scene.settings.background;
         scene.settings.background = request.background.unwrap_or(own);
-        let counts = scene.counts();
-        let frame = draw(scene, &request.camera, request.time, request.layer, &colors);
+        let shown = show(scene, &request.camera, request.time, request.layer, &colors);
         scene.settings.background = own;
-        let (frame, secs) = (frame?, start.elapsed().as_secs_f64());
-        let captured = match request.beside {
-            Some(camera) => self.host.captured(camera, request.time)?,
-            None => None,
-        };
-        // Of another size it is of another camera.
-        let captured = captured.filter(|rgb| rgb.len() == frame.rgb.len());
-        Ok(Drawn {
-            beside: captured.map(|rgb| Beside::of(&frame, rgb)),
-            request,
-            frame,
-            secs,
-            counts,
-        })
+        Ok(shown?)
     }
 
     /// The scene at a frame.

@@ -48,7 +48,7 @@ pub fn beside_window(
             .map_err(|e| Failure::new(format!("the system cannot start a thread: {e}")))?;
         // Nothing is asked for where the run fails before.
         if let Ok((content, desk)) = asked.recv()
-            && let Err(error) = open_window(content, Box::new(desk))
+            && let Err(error) = open_window(content, Box::new(desk), None)
         {
             tracing::warn!("{error}; the run goes on without a window");
         }

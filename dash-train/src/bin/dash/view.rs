@@ -9,6 +9,7 @@ use dash_kernels::Camera;
 use dash_model::{DynamicScene, rgb8};
 use dash_train::cameras::{CameraEntry, focus_point, write_cameras};
 use dash_train::dataset::{Dataset, Partition, View};
+use dash_train::device::DeviceChoice;
 use dash_train::render::{PictureLayer, RenderJob, Shot, write_video};
 use dash_train::train::RunFolder;
 use dash_train::video::write_png;
@@ -16,7 +17,7 @@ use dash_train::{SplatClip, splat_scene};
 use dash_view::camera_path::PathCamera;
 use dash_view::draw::Frame;
 use dash_view::{
-    Content, FRAME_RATE, FrameSource, Host, NamedCamera, Source, ViewError, open_window,
+    Content, FRAME_RATE, FrameSource, Host, NamedCamera, Screen, Source, ViewError, open_window,
 };
 
 use crate::Shared;
@@ -53,12 +54,25 @@ pub struct ViewArgs {
 }
 
 pub fn run(args: &ViewArgs, shared: &Shared) -> Result<String, Failure> {
-    let device = shared.device.unwrap_or_default().device()?;
+    let (device, screen) = device_and_screen(shared.device.unwrap_or_default())?;
     let mut desk = Desk::new(device, args.fps);
     let content = desk.content(&args.scene, args.dataset.as_deref())?;
     let name = content.name.clone();
-    open_window(content, Box::new(desk)).map_err(|error| Failure::new(error.to_string()))?;
+    open_window(content, Box::new(desk), screen)
+        .map_err(|error| Failure::new(error.to_string()))?;
     Ok(format!("{name}: closed"))
+}
+
+/// The device that draws the scene, and, where wgpu serves it, the same for the window.
+fn device_and_screen(choice: DeviceChoice) -> Result<(Device, Option<Screen>), Failure> {
+    match choice.adapter() {
+        Some(adapter) => {
+            let shared = Screen::open(adapter);
+            let (device, screen) = shared.map_err(|error| Failure::new(error.to_string()))?;
+            Ok((device, Some(screen)))
+        }
+        None => Ok((choice.device()?, None)),
+    }
 }
 
 /// What the window asks of datasets and files.
@@ -272,7 +286,7 @@ impl Host for Desk {
 
     fn save_picture(&mut self, frame: &Frame) -> Result<PathBuf, ViewError> {
         let path = self.free("picture", "png")?;
-        write_png(&path, frame.width, frame.height, &frame.rgb).map_err(told)?;
+        write_png(&path, frame.width, frame.height, &frame.rgb()).map_err(told)?;
         Ok(path)
     }
 
