@@ -10,8 +10,8 @@ use super::scores::{DecompositionScores, Evaluation, MetricSettings, ViewScores}
 use crate::Error;
 use crate::dataset::{Dataset, Partition, View};
 use crate::metrics::{
-    DecompositionCounts, decomposition_counts, masked_psnr, moving_pixels_by_bands, ms_ssim,
-    n_bands, psnr, ssim,
+    DecompositionCounts, corrected, decomposition_counts, masked_psnr, moving_pixels_by_bands,
+    ms_ssim, n_bands, psnr, ssim,
 };
 use crate::render::{Picture, render_timed};
 
@@ -94,6 +94,12 @@ pub(super) fn evaluate_views(
         n_dynamic,
         psnr: mean_of_all(per_view.iter().map(|view| view.psnr)),
         psnr_dynamic: mean_of_some(per_view.iter().filter_map(|view| view.psnr_dynamic)),
+        psnr_corrected: mean_of_all(per_view.iter().map(|view| view.psnr_corrected)),
+        psnr_dynamic_corrected: mean_of_some(
+            per_view
+                .iter()
+                .filter_map(|view| view.psnr_dynamic_corrected),
+        ),
         ssim: mean_of_all(per_view.iter().map(|view| view.ssim)),
         ms_ssim: mean_of_all(per_view.iter().map(|view| view.ms_ssim)),
         lpips_vgg: mean_of_all(per_view.iter().map(|view| view.lpips_vgg)),
@@ -135,16 +141,20 @@ fn score(
         }
     }
     let lpips = perceptual.score(&image, &truth, [width, height])?;
-    let over_counted = |counted: &Vec<bool>| masked_psnr(&image, &truth, counted);
+    let over_counted = |image: &[f32]| match &counted {
+        None => finite(psnr(image, &truth)),
+        Some(counted) => masked_psnr(image, &truth, counted).and_then(finite),
+    };
+    let over_moving = |image: &[f32]| masked_psnr(image, &truth, &moving).and_then(finite);
+    let corrected = corrected(&image, &truth, counted.as_deref());
     Ok(ViewScores {
         camera: view.camera_name.clone(),
         frame: view.frame,
         time: view.time,
-        psnr: match &counted {
-            None => finite(psnr(&image, &truth)),
-            Some(counted) => over_counted(counted).and_then(finite),
-        },
-        psnr_dynamic: masked_psnr(&image, &truth, &moving).and_then(finite),
+        psnr: over_counted(&image),
+        psnr_dynamic: over_moving(&image),
+        psnr_corrected: over_counted(&corrected),
+        psnr_dynamic_corrected: over_moving(&corrected),
         ssim: finite(ssim(&image, &truth, width, height)),
         ms_ssim: finite(ms_ssim(&image, &truth, width, height)),
         lpips_vgg: lpips.vgg,

@@ -5,7 +5,8 @@ use serde::{Deserialize, Serialize};
 use super::perceptual::Perceptual;
 use crate::dataset::Partition;
 use crate::metrics::{
-    DECOMPOSITION_RULE, MOVING_PIXELS_RULE, MS_SSIM_RULE, PSNR_RULE, SSIM_RULE, ms_ssim_scales,
+    CORRECTION_RULE, DECOMPOSITION_RULE, MOVING_PIXELS_RULE, MS_SSIM_RULE, PSNR_RULE, SSIM_RULE,
+    ms_ssim_scales,
 };
 
 /// How rendered values were rounded.
@@ -25,6 +26,10 @@ pub struct ViewScores {
     pub psnr: Option<f64>,
     /// dB, over the moving pixels of this camera's video.
     pub psnr_dynamic: Option<f64>,
+    /// dB, with the exposure of the captured picture.
+    pub psnr_corrected: Option<f64>,
+    /// dB, over the moving pixels, with the exposure of the captured picture.
+    pub psnr_dynamic_corrected: Option<f64>,
     /// In [-1, 1].
     pub ssim: Option<f64>,
     /// In [0, 1].
@@ -59,6 +64,9 @@ pub struct MetricSettings {
     pub psnr: String,
     /// How the moving pixels are found.
     pub moving_pixels: String,
+    /// How the exposure is corrected.
+    #[serde(default)]
+    pub correction: String,
     /// How SSIM is taken.
     pub ssim: String,
     /// How MS-SSIM is taken.
@@ -91,6 +99,10 @@ pub struct Evaluation {
     pub psnr: Option<f64>,
     /// Mean over the views of cameras in which something moves, dB.
     pub psnr_dynamic: Option<f64>,
+    /// Mean over views, each with the exposure of its captured picture, dB.
+    pub psnr_corrected: Option<f64>,
+    /// The same of `psnr_dynamic`.
+    pub psnr_dynamic_corrected: Option<f64>,
     /// Mean over views.
     pub ssim: Option<f64>,
     /// Mean over views.
@@ -129,6 +141,7 @@ impl MetricSettings {
             background,
             psnr: PSNR_RULE.into(),
             moving_pixels: MOVING_PIXELS_RULE.into(),
+            correction: CORRECTION_RULE.into(),
             ssim: SSIM_RULE.into(),
             ms_ssim: MS_SSIM_RULE.into(),
             ms_ssim_scales: ms_ssim_scales(width, height),

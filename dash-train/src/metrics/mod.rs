@@ -6,12 +6,14 @@
 //!
 //! # Map
 //! - this file: PSNR over all pixels and over a mask.
+//! - `exposure`: a picture with the exposure of another.
 //! - `similarity`: SSIM and MS-SSIM.
 //! - `moving`: the moving pixels in the video of a static camera.
 //! - `decomposition`: the dynamic set's alpha against the moving pixels.
 //! - `lpips`: distances between a network's features, on a device and with weights from files.
 
 mod decomposition;
+mod exposure;
 pub mod lpips;
 mod moving;
 mod similarity;
@@ -19,6 +21,7 @@ mod similarity;
 pub use decomposition::{
     DECOMPOSITION_RULE, DYNAMIC_ALPHA_THRESHOLD, DecompositionCounts, decomposition_counts,
 };
+pub use exposure::{CORRECTION_RULE, corrected};
 pub use moving::{MOVING_PIXELS_RULE, MOVING_THRESHOLD, moving_pixels};
 pub(crate) use moving::{moving_pixels_by_bands, n_bands};
 pub use similarity::{MS_SSIM_RULE, SSIM_RULE, ms_ssim, ms_ssim_scales, ssim};
