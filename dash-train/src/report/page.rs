@@ -5,10 +5,10 @@ use crate::draw::{dark_style, escaped};
 
 const STYLE: &str = "\
 :root{color-scheme:light dark}
-body{font:15px/1.5 Ubuntu,Helvetica Neue,Arial,Liberation Sans,sans-serif;max-width:940px;margin:2em auto;\
+body{font:15px/1.5 Ubuntu,Helvetica Neue,Arial,Liberation Sans,sans-serif;max-width:1240px;margin:2em auto;\
 padding:0 1em;color:#1c1e21;background:#fff}
 h1{font-size:1.6em}h2{font-size:1.25em;margin:2em 0 .4em}h3{font-size:1.05em;margin:1.6em 0 .3em}
-svg{max-width:100%;height:auto;display:block}
+svg{max-width:100%;height:auto;display:block}p,figure,.caption{max-width:940px}
 figure{margin:1.5em 0}figcaption,.caption{color:#5c6166;font-size:.86em;line-height:1.45;margin:.3em 0}
 .wide{overflow-x:auto}table{border-collapse:collapse;font-size:.86em}
 th{text-align:left;padding-right:.8em;font-weight:600;border-bottom:1px solid #5c6166}

@@ -137,29 +137,34 @@ impl Studio {
     fn draw(&mut self, request: Request) -> Result<Drawn, ViewError> {
         let start = Instant::now();
         let shown = self.show(&request)?;
+        // What stands beside a captured picture is compared with it on the host.
+        let texture = match (&self.screen, request.beside) {
+            (Some(screen), None) => screen.texture(&shown)?,
+            _ => None,
+        };
+        let picture = match texture {
+            Some(texture) => DrawnPicture::Texture(texture),
+            None => DrawnPicture::Host(shown.frame()?),
+        };
+        let secs = start.elapsed().as_secs_f64();
         let captured = match request.beside {
             Some(camera) => self.host.captured(camera, request.time)?,
             None => None,
         };
-        let texture = match (&self.screen, &captured) {
-            (Some(screen), None) => screen.texture(&shown)?,
-            _ => None,
-        };
-        let (picture, beside) = match texture {
-            Some(texture) => (DrawnPicture::Texture(texture), None),
-            None => {
-                let frame = shown.frame()?;
-                // Of another size it is of another camera.
-                let captured = captured.filter(|rgb| rgb.len() == 3 * frame.width * frame.height);
-                let beside = captured.map(|rgb| Beside::of(&frame, &rgb));
-                (DrawnPicture::Host(frame), beside)
+        let beside = match (&picture, captured) {
+            // Of another size it is of another camera.
+            (DrawnPicture::Host(frame), Some(rgb))
+                if rgb.len() == 3 * frame.width * frame.height =>
+            {
+                Some(Beside::of(frame, &rgb))
             }
+            _ => None,
         };
         Ok(Drawn {
             counts: self.scene(request.frame)?.counts(),
-            secs: start.elapsed().as_secs_f64(),
             request,
             picture,
+            secs,
             beside,
         })
     }
