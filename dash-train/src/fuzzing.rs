@@ -8,9 +8,9 @@ use burn::tensor::Device;
 use dash_model::{DynamicScene, read_splats};
 
 pub use crate::dataset::fuzzing::{
-    colmap_cameras_binary, colmap_cameras_text, colmap_images_binary, colmap_images_text,
-    colmap_points_binary, colmap_points_text, frame_names, image, image_header, nerfies_camera,
-    npy, points_npy, points_ply, technicolor, transforms,
+    cloud_npz, colmap_cameras_binary, colmap_cameras_text, colmap_images_binary,
+    colmap_images_text, colmap_points_binary, colmap_points_text, frame_names, image, image_header,
+    nerfies_camera, npy, panoptic_meta, points_npy, points_ply, technicolor, transforms,
 };
 
 /// A parser that takes bytes and says whether it accepted them.
@@ -26,6 +26,8 @@ pub struct Parser {
 pub const PARSERS: &[Parser] = &[
     parser("npy", npy),
     parser("points_npy", points_npy),
+    parser("cloud_npz", cloud_npz),
+    parser("panoptic_meta", panoptic_meta),
     parser("technicolor", technicolor),
     parser("nerfies_camera", nerfies_camera),
     parser("transforms", transforms),

@@ -8,7 +8,8 @@ use super::poses::colmap::{ModelCamera, ModelImage};
 use super::poses::colmap::{binary, pinhole, place, text};
 use super::poses::nerfies::CameraFile;
 use super::poses::{
-    npy as arrays, technicolor as technicolor_parameters, transforms as transforms_files,
+    npy as arrays, npz as archives, panoptic as panoptic_files,
+    technicolor as technicolor_parameters, transforms as transforms_files,
 };
 use crate::Error;
 use crate::files::{self, parse_json};
@@ -22,6 +23,22 @@ pub fn npy(_: &Path, bytes: &[u8]) -> bool {
 /// `points.npy` of Nerfies captures.
 pub fn points_npy(_: &Path, bytes: &[u8]) -> bool {
     arrays::parse_points(Path::new("points.npy"), bytes).is_ok()
+}
+
+/// `init_pt_cld.npz` of captures for Dynamic 3D Gaussians.
+pub fn cloud_npz(_: &Path, bytes: &[u8]) -> bool {
+    let path = Path::new("init_pt_cld.npz");
+    let array = archives::array(path, bytes, "data");
+    array.is_ok_and(|array| arrays::parse_cloud(path, &array).is_ok())
+}
+
+/// `train_meta.json` of captures for Dynamic 3D Gaussians: its cameras and file names.
+pub fn panoptic_meta(_: &Path, bytes: &[u8]) -> bool {
+    let path = Path::new("train_meta.json");
+    panoptic_files::parse(path, bytes).is_ok_and(|pictures| {
+        let mut names = pictures.iter().map(|picture| &picture.name);
+        names.all(|name| confined(name, path).is_ok())
+    })
 }
 
 /// `cameras_parameters.txt` and its cameras.

@@ -26,6 +26,8 @@ pub enum Layout {
     Rig,
     /// 4DGaussians, multi-view: `camNN/frame_*.jpg` and a COLMAP model in `sparse_/`.
     Multipleview,
+    /// Panoptic Sports, Dynamic 3D Gaussians: `train_meta.json`, `test_meta.json` and `ims/`.
+    Panoptic,
     /// A format outside this crate; see [`Format`](super::Format).
     #[value(skip)]
     Custom,
@@ -41,6 +43,7 @@ impl fmt::Display for Layout {
             Self::Nerfies => "nerfies",
             Self::Rig => "rig",
             Self::Multipleview => "multipleview",
+            Self::Panoptic => "panoptic",
             Self::Custom => "custom",
         })
     }
@@ -52,7 +55,8 @@ impl FromStr for Layout {
     fn from_str(name: &str) -> Result<Self, Error> {
         <Self as ValueEnum>::from_str(name, true).map_err(|_| Error::LoadOption {
             option: "--layout",
-            expected: "n3dv, blender, colmap, technicolor, nerfies, rig or multipleview".into(),
+            expected: "n3dv, blender, colmap, technicolor, nerfies, rig, multipleview or panoptic"
+                .into(),
             found: format!("`{name}`"),
         })
     }

@@ -8,7 +8,7 @@ use crate::dataset::{Dataset, Layout, Partition, View};
 use crate::files::frame_numbers;
 
 /// Files by which layouts are known.
-const MARKS: [(Layout, &str); 16] = [
+const MARKS: [(Layout, &str); 17] = [
     (Layout::N3dv, "poses_bounds.npy"),
     (Layout::Blender, "transforms_train.json"),
     (Layout::Blender, "transforms.json"),
@@ -22,6 +22,7 @@ const MARKS: [(Layout, &str); 16] = [
     (Layout::Technicolor, "cameras_parameters.txt"),
     (Layout::Technicolor, "colmap/dense/workspace/sparse"),
     (Layout::Nerfies, "dataset.json"),
+    (Layout::Panoptic, "train_meta.json"),
     (Layout::Rig, "videos"),
     (Layout::Rig, "transforms.json"),
     (Layout::Rig, "sparse"),

@@ -90,7 +90,7 @@ const PANOPTIC: Protocol = Protocol {
         scene("softball", &[]),
         scene("tennis", &[]),
     ],
-    layout: "rig: images/camNN/ and a transforms.json with a pose per camera",
+    layout: "panoptic, as published: ims/, train_meta.json, test_meta.json, init_pt_cld.npz; or a rig",
     held_out: Some(&[0, 10, 15, 30]),
     size: [640, 360],
     n_frames: Some(150),

@@ -40,6 +40,8 @@ pub enum SynthLayout {
     Technicolor,
     /// Nerfies and HyperNeRF: `rgb/1x/ID.png`, `camera/ID.json` and lists of ids.
     Nerfies,
+    /// Panoptic Sports, Dynamic 3D Gaussians: `ims/CAMERA/%06d.png`, `train_meta.json` and `test_meta.json`.
+    Panoptic,
     /// A rig of videos: `videos/camNN.mp4` and `transforms.json` (needs ffmpeg).
     Rig,
 }
@@ -67,9 +69,9 @@ macro_rules! named {
 
 named!(SceneKind, "--scene", "bounce, static, tiny or flow",
     Bounce => "bounce", Static => "static", Tiny => "tiny", Flow => "flow");
-named!(SynthLayout, "--layout", "n3dv, blender, colmap, technicolor, nerfies or rig",
+named!(SynthLayout, "--layout", "n3dv, blender, colmap, technicolor, nerfies, panoptic or rig",
     N3dv => "n3dv", Blender => "blender", Colmap => "colmap", Technicolor => "technicolor",
-    Nerfies => "nerfies", Rig => "rig");
+    Nerfies => "nerfies", Panoptic => "panoptic", Rig => "rig");
 
 /// Settings of [`write`](fn@super::write).
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]

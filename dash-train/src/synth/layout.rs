@@ -5,6 +5,7 @@ use super::colmap;
 use super::config::{SynthConfig, SynthLayout};
 use super::files;
 use super::nerfies;
+use super::panoptic;
 use super::poses::{bounds, opengl_world_from_camera, quaternion};
 use super::truth::ViewStats;
 use crate::Error;
@@ -24,6 +25,7 @@ impl SynthLayout {
             Self::Colmap => format!("images/cam{camera:02}.png"),
             Self::Technicolor => format!("Synth_undist_{frame:05}_{camera:02}.png"),
             Self::Nerfies => format!("rgb/1x/{}.png", nerfies::id(camera, frame)),
+            Self::Panoptic => format!("ims/{}", panoptic::name(camera, frame)),
             Self::Rig => format!("images/cam{camera:02}/{frame:04}.png"),
         }
     }
@@ -44,6 +46,7 @@ impl SynthLayout {
             Self::Colmap => format!("motion_masks/cam{camera:02}.png"),
             Self::Technicolor => format!("motion_masks/cam{camera:02}/{frame:05}.png"),
             Self::Nerfies => format!("motion_masks/{}.png", nerfies::id(camera, frame)),
+            Self::Panoptic => format!("motion_masks/{}", panoptic::name(camera, frame)),
         }
     }
 
@@ -54,6 +57,7 @@ impl SynthLayout {
             Self::Blender | Self::Rig => "points3d.ply",
             Self::Colmap => "sparse/0/points3D.bin",
             Self::Nerfies => "points.npy",
+            Self::Panoptic => "init_pt_cld.npz",
         }
     }
 
@@ -66,6 +70,7 @@ impl SynthLayout {
                 let positions = points.iter().flat_map(|p| [p.x, p.y, p.z].map(f64::from));
                 files::write_npy(&path, &positions.collect::<Vec<_>>(), 3)
             }
+            Self::Panoptic => files::write_bytes(&path, &panoptic::cloud(points)),
             _ => files::write_ply(&path, points),
         }
     }
@@ -102,6 +107,7 @@ impl SynthLayout {
                 files::write_bytes(&path, camera_parameters(cameras).as_bytes())
             }
             Self::Nerfies => nerfies::write_cameras(root, config, cameras, stats),
+            Self::Panoptic => panoptic::write_cameras(root, config, cameras),
             Self::Rig => files::write_json(&root.join("transforms.json"), &rig(cameras)),
         }
     }

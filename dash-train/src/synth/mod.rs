@@ -26,6 +26,7 @@
 //!   `points3D_downsample2.ply`.
 //! - `nerfies`: `rgb/1x/CC_FFFFF.png`, `camera/CC_FFFFF.json`, `dataset.json` (camera 0 in `val_ids`),
 //!   `metadata.json`, `scene.json`, `points.npy`.
+//! - `panoptic`: `ims/C/%06d.png`, `train_meta.json`, `test_meta.json` (camera 0), `init_pt_cld.npz`.
 //! - `rig`: `videos/camNN.mp4`, `transforms.json`, `points3d.ply`.
 //! - all: `motion_masks/`, and `truth.json`, see [`Truth`].
 //!
@@ -33,7 +34,7 @@
 //! - `shape`: rays and solids; `texture`, `color` and `noise`: their surfaces; `motion`; `scene`: objects and light.
 //! - `room` and `furniture`: the scenes; `rig`: cameras; `cloud`: points.
 //! - `render`, `tracer` and `rendered`: pictures.
-//! - `layout`, `poses`, `colmap`, `nerfies` and `files`: formats; `truth`; `write`.
+//! - `layout`, `poses`, `colmap`, `nerfies`, `panoptic` and `files`: formats; `truth`; `write`.
 
 mod cloud;
 mod colmap;
@@ -45,6 +46,7 @@ mod layout;
 mod motion;
 mod nerfies;
 mod noise;
+mod panoptic;
 mod poses;
 mod render;
 mod rendered;

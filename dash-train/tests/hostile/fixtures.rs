@@ -14,6 +14,7 @@ use dash_train::cameras::{CameraEntry, write_cameras};
 #[cfg(feature = "fourdgs")]
 use dash_train::four_dgs::{ClipOptions, write_clip};
 use dash_train::ply::{PointCloud, write_points};
+use dash_train::synth::{self, SynthConfig, SynthLayout};
 use dash_train::train::{DataConfig, Preset, RunConfig, TrainConfig};
 use image::{DynamicImage, ImageFormat};
 use rand::SeedableRng;
@@ -26,6 +27,8 @@ pub fn fixtures(parser: &str) -> Vec<Vec<u8>> {
     match parser {
         "npy" => vec![npy("<f8", "False", 8, 17), npy(">f4", "True", 4, 17)],
         "points_npy" => vec![npy("<f4", "False", 4, 3), npy(">f8", "True", 8, 3)],
+        "cloud_npz" => vec![of_panoptic("init_pt_cld.npz")],
+        "panoptic_meta" => vec![of_panoptic("train_meta.json")],
         "technicolor" => vec![TECHNICOLOR.into()],
         "nerfies_camera" => vec![NERFIES.into()],
         "transforms" => vec![NERFSTUDIO.into(), BLENDER.into()],
@@ -107,6 +110,22 @@ fn npy(descr: &str, fortran_order: &str, width: usize, columns: u8) -> Vec<u8> {
         }
     }
     bytes
+}
+
+/// A file of a made-up capture in the layout of Dynamic 3D Gaussians.
+fn of_panoptic(name: &str) -> Vec<u8> {
+    let config = SynthConfig {
+        layout: SynthLayout::Panoptic,
+        cameras: 2,
+        frames: 2,
+        width: 16,
+        height: 16,
+        ..SynthConfig::default()
+    };
+    let folder = tempfile::tempdir().expect("a scratch folder");
+    let out = folder.path().join("clip");
+    synth::write(&out, &config).expect("writes");
+    fs::read(out.join(name)).expect("written above")
 }
 
 /// `cameras.bin`: a pinhole camera and one with distortion.

@@ -8,6 +8,7 @@
 //! | `rig.rs` | a rig of the user's own: `videos/` or `images/CAMERA/`, and poses by camera |
 //! | `blender/` | D-NeRF, Blender, nerfstudio: `transforms*.json` |
 //! | `nerfies.rs` | Nerfies, HyperNeRF: `dataset.json`, `camera/`, `rgb/` |
+//! | `panoptic.rs` | Panoptic Sports, Dynamic 3D Gaussians: `train_meta.json`, `ims/` |
 //! | `colmap.rs` | a static capture: `sparse/0`, `images/`, or a model beside its images |
 //!
 //! A new format is a file here and a line in [`FORMATS`]; one outside this crate goes to
@@ -18,6 +19,7 @@ mod colmap;
 mod multipleview;
 mod n3dv;
 mod nerfies;
+mod panoptic;
 mod rig;
 mod technicolor;
 
@@ -31,13 +33,14 @@ use crate::Error;
 use crate::files;
 
 /// The formats that are read; the first that recognises a folder reads it.
-pub static FORMATS: [&dyn Format; 7] = [
+pub static FORMATS: [&dyn Format; 8] = [
     &technicolor::Technicolor,
     &n3dv::N3dv,
     &multipleview::Multipleview,
     &rig::Rig,
     &blender::Blender,
     &nerfies::Nerfies,
+    &panoptic::Panoptic,
     &colmap::Colmap,
 ];
 /// Files of captures that are not supported: what they are, and what the user can do.
@@ -148,7 +151,7 @@ fn unknown(folder: &Folder, formats: &[&dyn Format]) -> Error {
         root,
         "poses_bounds.npy (n3dv), sparse_/ and camNN/ (multipleview), transforms_train.json or \
          transforms.json (blender, rig), sparse/0/cameras.bin (colmap, rig), cameras.txt and images.txt (colmap), \
-         dataset.json, metadata.json and camera/ (nerfies) \
+         dataset.json, metadata.json and camera/ (nerfies), train_meta.json and ims/ (panoptic) \
          or cameras_parameters.txt (technicolor)",
         found,
         remedy,

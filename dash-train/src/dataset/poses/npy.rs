@@ -32,6 +32,15 @@ pub(crate) fn parse_points(path: &Path, bytes: &[u8]) -> Result<Vec<[f64; 3]>, E
     parse_rows(path, bytes, "[points, 3] of f32 or f64 (positions)")
 }
 
+/// Parses points with their colours and a label, of which there may be none.
+pub(crate) fn parse_cloud(path: &Path, bytes: &[u8]) -> Result<Vec<[f64; 7]>, Error> {
+    parse_rows(
+        path,
+        bytes,
+        "[points, 7] of f32 or f64 (positions, colours, a label)",
+    )
+}
+
 /// Parses an array of rows of f32 or f64, in either memory order and byte order.
 fn parse_rows<const COLUMNS: usize>(
     path: &Path,

@@ -13,6 +13,7 @@ mod masks;
 mod multipleview;
 mod n3dv;
 mod nerfies;
+mod panoptic;
 mod partition;
 mod paths;
 mod real;

@@ -225,6 +225,7 @@ fn the_same_configuration_gives_the_same_bytes_on_any_number_of_threads() {
         SynthLayout::Blender,
         SynthLayout::Colmap,
         SynthLayout::Nerfies,
+        SynthLayout::Panoptic,
         SynthLayout::Technicolor,
     ] {
         let mut trees = Vec::new();
