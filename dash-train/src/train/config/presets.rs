@@ -104,7 +104,7 @@ impl TrainConfig {
         });
         self.extensions.gaps = Some(GapsConfig {
             coarsen: 0.25,
-            steadiness: 0.1,
+            steadiness: 20.0,
         });
         // At the rates of long runs they stay behind.
         self.extensions.capture_rates = Some(CaptureRatesConfig {
@@ -318,7 +318,7 @@ fn our_extensions() -> ExtensionsConfig {
         }),
         gaps: Some(GapsConfig {
             coarsen: 1.0 / 16.0,
-            steadiness: 0.1,
+            steadiness: 20.0,
         }),
         exposure: Some(ExposureConfig { rate: 2e-3 }),
         rest_cost: Some(RestCostConfig {

@@ -8,8 +8,7 @@ use crate::Error;
 use crate::train::core::{Extension, Run};
 use crate::train::paper::Dash;
 
-/// Share of the Gaussians that the decomposition made dynamic which is no crowd yet. Only where synchronised cameras show
-/// every time: of a monocular capture each time has one picture, and more Gaussians show nothing more.
+/// Share of the Gaussians that the decomposition made dynamic which is no crowd yet.
 const FREE_SHARE: f32 = 0.5;
 
 /// `[extensions.crowding]`
@@ -40,7 +39,7 @@ impl Extension<Dash> for Crowding {
     }
 
     fn before_step(&mut self, run: &mut Run<Dash>) -> Result<(), Error> {
-        if run.has_just_decomposed() && run.is_synchronized() {
+        if run.has_just_decomposed() {
             let (_, n) = run.scene.counts();
             let free = (FREE_SHARE * n as f32) as usize;
             run.dynamic_state.crowd = Some(free.max(self.0.free));
@@ -61,15 +60,12 @@ mod tests {
     use crate::train::{Preset, TrainConfig, Trainer};
 
     /// The crowd once a decomposition made `n` Gaussians dynamic.
-    fn crowd_after(n: usize, is_synchronized: bool, set: &str) -> Option<usize> {
+    fn crowd_after(n: usize, set: &str) -> Option<usize> {
         let mut config = TrainConfig::preset(Preset::Quick);
         config.set(set).expect("a known key");
         let dataset = Arc::new(synth::loaded(6, 4, [32, 24]));
         let mut trainer = Trainer::new(config, dataset, &Device::flex()).expect("valid");
         let run = &mut trainer.run;
-        if !is_synchronized {
-            run.start = None;
-        }
         run.step = run.stages().end;
         let points = vec![[0.0; 3]; n];
         let rows = GaussianRows::from_points(&points, &points, 0, 0.1);
@@ -88,10 +84,9 @@ mod tests {
     #[test]
     fn half_of_what_the_decomposition_makes_dynamic_is_no_crowd() {
         let on = "extensions.crowding.free=400";
-        let after = |n| crowd_after(n, true, on);
+        let after = |n| crowd_after(n, on);
         let expected = [1, 800, 900, 6_000].map(after);
         assert_eq!(expected, [400, 400, 450, 3_000].map(Some));
-        assert_eq!(crowd_after(6_000, true, "extensions.crowding=none"), None);
-        assert_eq!(crowd_after(6_000, false, on), Some(400), "monocular");
+        assert_eq!(crowd_after(6_000, "extensions.crowding=none"), None);
     }
 }

@@ -26,7 +26,7 @@ pub struct GapsConfig {
     /// go on into a gap is told from how they move beside it, and cells of one picture each tell that badly. Source: ours.
     pub coarsen: f32,
     /// Weight of how far dynamic Gaussians are from a straight way at one speed between neighbouring training times, in
-    /// units of the extent, in monocular captures. Source: ours.
+    /// units of the extent, times the photometric loss, in monocular captures. Source: ours.
     pub steadiness: f32,
 }
 
@@ -73,12 +73,38 @@ impl Extension<Dash> for TimeGaps {
         &mut self,
         run: &mut Run<Dash>,
         _view: &View,
-        _forward: &Forward,
+        forward: &Forward,
     ) -> Result<Vec<Tensor<1>>, Error> {
-        let found = run.method.unsteadiness.take();
-        Ok(found
-            .map(|cost| cost * self.0.steadiness)
-            .into_iter()
-            .collect())
+        let Some(cost) = run.method.unsteadiness.take() else {
+            return Ok(Vec::new());
+        };
+        Ok(vec![weighed(cost, &forward.loss, self.0.steadiness)])
+    }
+}
+
+/// A cost that counts as much as the photometric loss is large: the less exactly pictures can be matched, the less each
+/// of them says about where things are. The loss itself gains nothing by it.
+fn weighed(cost: Tensor<1>, photometric: &Tensor<1>, weight: f32) -> Tensor<1> {
+    cost * photometric.clone().detach() * weight
+}
+
+#[cfg(test)]
+mod tests {
+    use burn::tensor::Device;
+
+    use super::*;
+    use crate::train::core::to_host;
+
+    #[test]
+    fn steadiness_counts_by_the_photometric_loss() {
+        let device = Device::flex().autodiff();
+        let leaf = |value: f32| Tensor::<1>::from_floats([value], &device).require_grad();
+        let (cost, photometric) = (leaf(2.0), leaf(0.25));
+        let term = weighed(cost.clone(), &photometric, 20.0);
+        assert_eq!(to_host(term.clone()), [10.0]);
+        let gradients = term.backward();
+        let v_cost = cost.grad(&gradients).expect("counts");
+        assert_eq!(to_host(v_cost), [5.0]);
+        assert!(photometric.grad(&gradients).is_none());
     }
 }

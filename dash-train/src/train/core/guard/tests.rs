@@ -61,7 +61,7 @@ fn averaged(trainer: &Trainer) -> usize {
 }
 
 fn floaters(trainer: &mut Trainer) -> &mut FloatersConfig {
-    &mut trainer.hooks.get_mut::<Floaters>().expect("on").0
+    &mut trainer.hooks.get_mut::<Floaters>().expect("on").config
 }
 
 fn rest_cost(trainer: &mut Trainer) -> &mut RestCostConfig {
