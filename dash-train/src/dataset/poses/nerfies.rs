@@ -5,14 +5,10 @@ use std::path::Path;
 use dash_kernels::Camera;
 use serde::Deserialize;
 
+use super::intrinsics::Intrinsics;
 use super::pose;
 use crate::Error;
-use crate::dataset::pixels::MAX_IMAGE_SIDE;
 use crate::dataset::pixels::distortion::Distortion;
-use crate::dataset::pixels::scale::is_in_the_middle;
-
-/// A smaller skew moves no pixel that matters.
-const MAX_SKEW_PX: f64 = 0.1;
 
 /// The file's fields; OpenCV axes and lens model, sizes and focal length in pixels.
 #[derive(Debug, Deserialize)]
@@ -52,40 +48,20 @@ impl CameraFile {
             Error::invalid(path, expected, found, "mend the file or write it again")
         };
         let aspect = self.pixel_aspect_ratio.unwrap_or(1.0);
-        let (fx, fy) = (self.focal_length, self.focal_length * aspect);
-        let [cx, cy] = self.principal_point;
-        let positive = |v: f64| v > 0.0 && v.is_finite();
-        if !(positive(fx) && positive(fy) && cx.is_finite() && cy.is_finite()) {
-            return Err(malformed(
-                "positive finite intrinsics",
-                format!("focal lengths {fx}, {fy}, principal point {cx}, {cy}"),
-            ));
-        }
-        if self.skew.is_nan() || self.skew.abs() > MAX_SKEW_PX {
-            let found = format!("skew {}", self.skew);
-            return Err(malformed("pixels without skew", found));
-        }
-        let [width, height] = self.image_size;
-        let side = |v: f64| v.fract() == 0.0 && v >= 1.0 && v <= f64::from(MAX_IMAGE_SIDE);
-        if !(side(width) && side(height)) {
-            return Err(malformed(
-                "a whole `image_size`",
-                format!("{width}, {height}"),
-            ));
-        }
-        let size = (width as usize, height as usize);
-        if !is_in_the_middle([cx, cy], size) {
-            return Err(malformed(
-                "a principal point near the middle of pictures of the `image_size`",
-                format!("{cx}, {cy} for {width}x{height}"),
-            ));
-        }
+        let intrinsics = Intrinsics {
+            size: self.image_size,
+            focal: [self.focal_length, self.focal_length * aspect],
+            principal_point: self.principal_point,
+            skew: self.skew,
+        };
+        let intrinsics = intrinsics
+            .camera()
+            .map_err(|(expected, found)| malformed(expected, found))?;
         let distortion = self.distortion().ok_or_else(|| {
             malformed("at most 3 radial and 2 tangential coefficients, finite", {
                 format!("{self:?}")
             })
         })?;
-        let intrinsics = Camera::new(fx, fy, cx, cy, size.0, size.1);
         let camera = pose::place(intrinsics, self.orientation, place(self.position))
             .map_err(|found| malformed("a world-to-camera rotation and a position", found))?;
         Ok((camera, distortion))

@@ -5,17 +5,11 @@ use std::path::Path;
 use dash_kernels::Camera;
 use serde::Deserialize;
 
+use super::intrinsics::{Intrinsics, Wrong};
 use super::pose;
 use crate::Error;
-use crate::dataset::pixels::MAX_IMAGE_SIDE;
-use crate::dataset::pixels::scale::is_in_the_middle;
 use crate::files::parse_json;
 
-/// What is wrong with a picture's camera: what was expected, and what was found.
-type Wrong = (&'static str, String);
-
-/// A smaller skew moves no pixel that matters.
-const MAX_SKEW_PX: f64 = 0.1;
 /// How far the last row of a matrix may be from 0, 0, 0, 1.
 const LAST_ROW_TOLERANCE: f64 = 1e-6;
 
@@ -109,27 +103,14 @@ pub(crate) fn parse(path: &Path, bytes: &[u8]) -> Result<Vec<Picture>, Error> {
 }
 
 fn camera(size: [f64; 2], k: &[[f64; 3]; 3], w2c: &[[f64; 4]; 4]) -> Result<Camera, Wrong> {
-    let side = |v: f64| v.fract() == 0.0 && v >= 1.0 && v <= f64::from(MAX_IMAGE_SIDE);
-    let [width, height] = size;
-    if !(side(width) && side(height)) {
-        return Err(("a whole `w` and `h`", format!("{width} and {height}")));
-    }
     let [[fx, skew, cx], [_, fy, cy], _] = *k;
-    let positive = |v: f64| v > 0.0 && v.is_finite();
-    if !(positive(fx) && positive(fy) && cx.is_finite() && cy.is_finite()) {
-        let found = format!("focal lengths {fx}, {fy}, principal point {cx}, {cy}");
-        return Err(("positive finite intrinsics", found));
-    }
-    if skew.is_nan() || skew.abs() > MAX_SKEW_PX {
-        return Err(("pixels without skew", format!("skew {skew}")));
-    }
-    let size = (width as usize, height as usize);
-    if !is_in_the_middle([cx, cy], size) {
-        return Err((
-            "a principal point near the middle of pictures of `w` and `h`",
-            format!("{cx}, {cy} for {width}x{height}"),
-        ));
-    }
+    let intrinsics = Intrinsics {
+        size,
+        focal: [fx, fy],
+        principal_point: [cx, cy],
+        skew,
+    };
+    let intrinsics = intrinsics.camera()?;
     let last = [0.0, 0.0, 0.0, 1.0].iter().zip(&w2c[3]);
     if !last
         .map(|(a, b)| (a - b).abs())
@@ -144,7 +125,6 @@ fn camera(size: [f64; 2], k: &[[f64; 3]; 3], w2c: &[[f64; 4]; 4]) -> Result<Came
         let along = |row: usize| -rows[row][axis] * w2c[row][3];
         along(0) + along(1) + along(2)
     });
-    let intrinsics = Camera::new(fx, fy, cx, cy, size.0, size.1);
     pose::place(intrinsics, rows, position)
         .map_err(|found| ("world-to-camera matrices `w2c`", found))
 }

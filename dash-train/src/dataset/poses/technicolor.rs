@@ -4,14 +4,13 @@ use std::path::Path;
 
 use dash_kernels::Camera;
 
+use super::intrinsics::{check_finite, check_skew};
 use super::pose;
 use crate::Error;
 use crate::dataset::pixels::scale::is_in_the_middle;
 
 /// A column each: focal length, principal point, aspect, skew, quaternion (w, x, y, z), translation.
 const COLUMNS: usize = 12;
-/// A smaller skew moves no pixel that matters.
-const MAX_SKEW_PX: f64 = 0.1;
 
 /// A camera's line.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -57,20 +56,12 @@ pub(crate) fn parse(path: &Path, text: &str) -> Result<Vec<Row>, Error> {
         let &[focal, cu, cv, aspect, skew, qw, qx, qy, qz, tx, ty, tz] = fields.as_slice() else {
             return Err(malformed(format!("{} in line {line}", fields.len())));
         };
-        if skew.is_nan() || skew.abs() > MAX_SKEW_PX {
-            return Err(Error::invalid(
-                path,
-                "pixels without skew",
-                format!("skew {skew} in line {line}"),
-                "undistort the images to a camera without skew",
-            ));
-        }
-        let positive = |v: f64| v > 0.0 && v.is_finite();
-        if !(positive(focal) && positive(aspect) && cu.is_finite() && cv.is_finite()) {
-            return Err(malformed(format!(
-                "focal length {focal}, principal point {cu}, {cv}, aspect {aspect} in line {line}"
-            )));
-        }
+        check_skew(skew).map_err(|(expected, found)| {
+            let remedy = "undistort the images to a camera without skew";
+            Error::invalid(path, expected, format!("{found} in line {line}"), remedy)
+        })?;
+        check_finite([focal, focal * aspect], [cu, cv])
+            .map_err(|(_, found)| malformed(format!("{found}, aspect {aspect} in line {line}")))?;
         rows.push(Row {
             focal,
             principal_point: [cu, cv],

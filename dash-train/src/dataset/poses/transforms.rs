@@ -11,6 +11,7 @@ use dash_kernels::Camera;
 use serde::Deserialize;
 use serde_json::Value;
 
+use super::intrinsics::{Wrong, check_finite};
 use super::pose;
 use crate::Error;
 use crate::dataset::pixels::MAX_IMAGE_SIDE;
@@ -248,11 +249,7 @@ impl Transforms {
 }
 
 /// Focal lengths and principal point for images of this size, or what was expected and found.
-fn pinhole(
-    own: &Intrinsics,
-    shared: &Intrinsics,
-    [w, h]: [f64; 2],
-) -> Result<[f64; 4], (&'static str, String)> {
+fn pinhole(own: &Intrinsics, shared: &Intrinsics, [w, h]: [f64; 2]) -> Result<[f64; 4], Wrong> {
     let from_angle = |angle: Option<f64>, side: f64| angle.map(|a| 0.5 * side / (0.5 * a).tan());
     let angle_x = |i: &Intrinsics| i.camera_angle_x.or(i.x_fov.map(f64::to_radians));
     let angle_y = |i: &Intrinsics| i.camera_angle_y.or(i.y_fov.map(f64::to_radians));
@@ -273,11 +270,7 @@ fn pinhole(
     let fy = focal_y(own).or(focal_y(shared)).unwrap_or(fx);
     let cx = own.cx.or(shared.cx).unwrap_or(w / 2.0);
     let cy = own.cy.or(shared.cy).unwrap_or(h / 2.0);
-    let positive = |v: f64| v > 0.0 && v.is_finite();
-    if !(positive(fx) && positive(fy) && cx.is_finite() && cy.is_finite()) {
-        let found = format!("focal lengths {fx}, {fy}, principal point {cx}, {cy}");
-        return Err(("positive finite intrinsics", found));
-    }
+    check_finite([fx, fy], [cx, cy])?;
     Ok([fx, fy, cx, cy])
 }
 

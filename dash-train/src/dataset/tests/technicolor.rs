@@ -187,7 +187,7 @@ fn malformed_parameters_name_the_file_and_the_line() {
     for (text, word) in [
         (with(4, "0.5"), "skew 0.5"),
         (with(4, "NaN"), "skew NaN"),
-        (with(0, "0"), "focal length 0"),
+        (with(0, "0"), "focal lengths 0, 0"),
         (with(3, "-1"), "aspect -1"),
         (with(1, "inf"), "principal point inf"),
         (with(1, "8"), "near the middle of the 8x6"),
