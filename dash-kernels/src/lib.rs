@@ -17,8 +17,12 @@
 //! | [`displacement`], [`trajectory`] | displacements of trajectories at a time; extents of trajectories |
 //! | [`rows`] | some rows of a matrix, rows of two matrices joined |
 //! | [`rgba8`] | pictures in 8 bits a channel, for screens and files |
-//! | [`finite`] | which tensors hold NaN or infinity |
+//! | [`finite`] | which tensors and rows hold NaN or infinity |
+//! | [`coverage`] | costs of visible motion and of nearness to the camera |
+//! | [`screen_gradients`] | what density control gathers of a view |
+//! | [`exposure`] | colours of splats as a camera with an exposure of its own sees them |
 //! | [`limits`] | largest buffer of a device |
+//! | [`counts`] | launches and reads of a piece of work |
 //!
 //! Each operation's folder has the public function with its checks (`mod.rs`), a plain f64 reference (`reference.rs`),
 //! the CPU kernels (`cpu.rs`), the GPU kernels (`cube.rs`, feature `cube`) and the backward node (`autodiff.rs`).
@@ -101,11 +105,14 @@
 
 pub mod adam;
 mod camera;
+pub mod counts;
+pub mod coverage;
 #[cfg(feature = "cube")]
 mod cube;
 mod determinism;
 pub mod displacement;
 mod error;
+pub mod exposure;
 pub mod finite;
 pub mod hash_encode;
 mod host;
@@ -119,6 +126,7 @@ pub mod project;
 pub mod rasterize;
 pub mod rgba8;
 pub mod rows;
+pub mod screen_gradients;
 pub mod space_time;
 pub mod splats;
 pub mod ssim;

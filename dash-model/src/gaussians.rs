@@ -141,6 +141,7 @@ impl Gaussians {
 
 /// Reads a tensor back as host values in row-major order.
 pub(crate) fn to_host<const R: usize>(tensor: Tensor<R>) -> Vec<f32> {
+    dash_kernels::counts::note_read();
     tensor
         .into_data()
         .try_into_vec::<f32>()

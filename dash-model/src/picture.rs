@@ -96,6 +96,7 @@ pub fn rgb8(image: &[f32]) -> Vec<u8> {
 /// # Errors
 /// [`ModelError::Device`] when the device failed.
 pub fn to_host<const D: usize>(tensor: Tensor<D>) -> Result<Vec<f32>, ModelError> {
+    dash_kernels::counts::note_read();
     let data = tensor
         .try_into_data()
         .map_err(|error| ModelError::Device(error.to_string()))?;

@@ -35,6 +35,13 @@ pub(super) fn adam_step(
         });
 }
 
+/// The root mean square of what is positive, over a correction of its bias; in one order.
+pub(super) fn typical_gradient(squares: &[f32], correction: f64) -> f32 {
+    let positive = || squares.iter().filter(|square| **square > 0.0);
+    let sum: f64 = positive().map(|&square| f64::from(square)).sum();
+    (sum / positive().count().max(1) as f64 / correction).sqrt() as f32
+}
+
 #[derive(Clone, Copy)]
 struct Constants {
     beta1: f32,

@@ -49,6 +49,20 @@ impl Default for AdamStep {
     }
 }
 
+/// What a step depends on that only the device knows.
+#[derive(Debug, Clone)]
+pub struct Conditions {
+    /// Flags `[F]`, as [`raise_flags`](crate::finite::raise_flags) raises them.
+    pub flags: Tensor<1>,
+    /// The flag that stops the step.
+    pub stop: usize,
+    /// Added to epsilon, `[1]`; not negative.
+    pub damping: Tensor<1>,
+}
+
+/// The parameter and its moments, all of one shape.
+type Stepped<const R: usize> = (Tensor<R>, Tensor<R>, Tensor<R>);
+
 /// One Adam step on every element: the new `(param, first_moment, second_moment)`.
 ///
 /// Not differentiable: on an autodiff device pass `tensor.inner()`. A tensor whose storage nobody
@@ -86,22 +100,8 @@ pub fn adam_step<const R: usize>(
     first_moment: Tensor<R>,
     second_moment: Tensor<R>,
     settings: &AdamStep,
-) -> Result<(Tensor<R>, Tensor<R>, Tensor<R>), KernelError> {
-    let expected = param.dims();
-    for (name, found) in [
-        ("grad", grad.dims()),
-        ("first_moment", first_moment.dims()),
-        ("second_moment", second_moment.dims()),
-    ] {
-        if found != expected {
-            return Err(KernelError::Shape {
-                op: "adam_step",
-                tensor: name,
-                expected: format!("{expected:?}, as `param`"),
-                found: found.to_vec(),
-            });
-        }
-    }
+) -> Result<Stepped<R>, KernelError> {
+    check_shapes(&param, [&grad, &first_moment, &second_moment])?;
     validate(settings)?;
     let (param, first_moment, second_moment) = Dispatch::adam_step(
         param.into_dispatch(),
@@ -115,6 +115,120 @@ pub fn adam_step<const R: usize>(
         Tensor::from_dispatch(first_moment),
         Tensor::from_dispatch(second_moment),
     ))
+}
+
+/// [`adam_step`], which changes nothing where a flag of the device stops it, and with a damping that the device has worked
+/// out. Nothing is read back.
+///
+/// # Shapes, errors and panics
+/// Those of [`adam_step`], and [`KernelError::Shape`] when the flag is not there or the damping is not one number.
+///
+/// # Example
+/// ```
+/// use burn::tensor::{Device, Tensor};
+/// use dash_kernels::adam::{AdamStep, Conditions, adam_step_unless};
+///
+/// let device = Device::flex();
+/// let zeros = || Tensor::<1>::zeros([2], &device);
+/// let conditions = Conditions {
+///     flags: Tensor::from_floats([0.0, 1.0], &device),
+///     stop: 1,
+///     damping: Tensor::zeros([1], &device),
+/// };
+/// let gradient = Tensor::from_floats([0.3, -5.0], &device);
+/// let settings = AdamStep::default();
+/// let (param, ..) = adam_step_unless(zeros(), gradient, zeros(), zeros(), &settings, &conditions)?;
+/// assert_eq!(param.into_data().try_into_vec::<f32>()?, [0.0, 0.0]);
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
+pub fn adam_step_unless<const R: usize>(
+    param: Tensor<R>,
+    grad: Tensor<R>,
+    first_moment: Tensor<R>,
+    second_moment: Tensor<R>,
+    settings: &AdamStep,
+    conditions: &Conditions,
+) -> Result<Stepped<R>, KernelError> {
+    check_shapes(&param, [&grad, &first_moment, &second_moment])?;
+    validate(settings)?;
+    let Conditions {
+        flags,
+        stop,
+        damping,
+    } = conditions;
+    for (name, found, fits, expected) in [
+        ("flags", flags.dims(), flags.dims()[0] > *stop, *stop + 1),
+        ("damping", damping.dims(), damping.dims() == [1], 1),
+    ] {
+        if !fits {
+            return Err(KernelError::Shape {
+                op: "adam_step_unless",
+                tensor: name,
+                expected: format!("[{expected}]"),
+                found: found.to_vec(),
+            });
+        }
+    }
+    let (param, first_moment, second_moment) = Dispatch::adam_step_unless(
+        param.into_dispatch(),
+        grad.into_dispatch(),
+        first_moment.into_dispatch(),
+        second_moment.into_dispatch(),
+        flags.clone().into_dispatch(),
+        damping.clone().into_dispatch(),
+        *settings,
+        *stop,
+    );
+    Ok((
+        Tensor::from_dispatch(param),
+        Tensor::from_dispatch(first_moment),
+        Tensor::from_dispatch(second_moment),
+    ))
+}
+
+/// The root mean square of what is positive among `squares [n]`, over a `correction` of their bias: with an optimizer's second
+/// moments the typical gradient of the elements that have one. `-> [1]`, 0 where nothing is positive. Nothing is read back.
+///
+/// # Panics
+/// On tensors of an autodiff device.
+///
+/// # Example
+/// ```
+/// use burn::tensor::{Device, Tensor};
+/// use dash_kernels::adam::typical_gradient;
+///
+/// let squares = Tensor::from_floats([0.0, 4.0, 12.0], &Device::flex());
+/// let found = typical_gradient(squares, 0.5);
+/// assert_eq!(found.into_data().try_into_vec::<f32>()?, [4.0]);
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
+pub fn typical_gradient(squares: Tensor<1>, correction: f64) -> Tensor<1> {
+    if squares.dims() == [0] {
+        return Tensor::zeros([1], &squares.device());
+    }
+    let found = Dispatch::typical_gradient(squares.into_dispatch(), correction);
+    Tensor::from_dispatch(found)
+}
+
+fn check_shapes<const R: usize>(
+    param: &Tensor<R>,
+    others: [&Tensor<R>; 3],
+) -> Result<(), KernelError> {
+    let expected = param.dims();
+    for (name, other) in ["grad", "first_moment", "second_moment"]
+        .into_iter()
+        .zip(others)
+    {
+        if other.dims() != expected {
+            return Err(KernelError::Shape {
+                op: "adam_step",
+                tensor: name,
+                expected: format!("{expected:?}, as `param`"),
+                found: other.dims().to_vec(),
+            });
+        }
+    }
+    Ok(())
 }
 
 fn validate(settings: &AdamStep) -> Result<(), KernelError> {
@@ -152,6 +266,22 @@ pub trait AdamUpdate: Backend {
         second_moment: FloatTensor<Self>,
         settings: AdamStep,
     ) -> (FloatTensor<Self>, FloatTensor<Self>, FloatTensor<Self>);
+
+    /// See [`adam_step_unless`]; shapes and settings have been checked.
+    #[allow(clippy::too_many_arguments)]
+    fn adam_step_unless(
+        param: FloatTensor<Self>,
+        grad: FloatTensor<Self>,
+        first_moment: FloatTensor<Self>,
+        second_moment: FloatTensor<Self>,
+        flags: FloatTensor<Self>,
+        damping: FloatTensor<Self>,
+        settings: AdamStep,
+        stop: usize,
+    ) -> (FloatTensor<Self>, FloatTensor<Self>, FloatTensor<Self>);
+
+    /// See [`typical_gradient`]; there is an element.
+    fn typical_gradient(squares: FloatTensor<Self>, correction: f64) -> FloatTensor<Self>;
 }
 
 impl<B: HostBackend> AdamUpdate for B {
@@ -168,5 +298,31 @@ impl<B: HostBackend> AdamUpdate for B {
             cpu::adam_step(param, &grad, first, second, &settings);
         });
         (param, first_moment, second_moment)
+    }
+
+    fn adam_step_unless(
+        param: FloatTensor<B>,
+        grad: FloatTensor<B>,
+        first_moment: FloatTensor<B>,
+        second_moment: FloatTensor<B>,
+        flags: FloatTensor<B>,
+        damping: FloatTensor<B>,
+        settings: AdamStep,
+        stop: usize,
+    ) -> (FloatTensor<B>, FloatTensor<B>, FloatTensor<B>) {
+        if B::values(&flags)[stop] != 0.0 {
+            return (param, first_moment, second_moment);
+        }
+        let damping = f64::from(B::values(&damping)[0]);
+        let settings = AdamStep {
+            epsilon: settings.epsilon + if damping >= 0.0 { damping } else { 0.0 },
+            ..settings
+        };
+        B::adam_step(param, grad, first_moment, second_moment, settings)
+    }
+
+    fn typical_gradient(squares: FloatTensor<B>, correction: f64) -> FloatTensor<B> {
+        let found = cpu::typical_gradient(&B::values(&squares), correction);
+        B::tensor(vec![found], [1], &squares)
     }
 }

@@ -45,3 +45,16 @@ pub fn adam_step<T: Float>(
         }
     }
 }
+
+/// The root mean square of what is positive, over a correction. See [`typical_gradient`](super::typical_gradient).
+pub fn typical_gradient<T: Float>(squares: &[T], correction: T) -> T {
+    let (mut sum, mut n) = (T::zero(), T::zero());
+    for &square in squares.iter().filter(|&&square| square > T::zero()) {
+        sum = sum + square;
+        n = n + T::one();
+    }
+    match n > T::zero() {
+        true => (sum / n / correction).sqrt(),
+        false => T::zero(),
+    }
+}

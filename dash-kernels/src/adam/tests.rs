@@ -1,6 +1,6 @@
 use burn::tensor::Tensor;
 
-use super::{AdamStep, adam_step, cpu, reference};
+use super::{AdamStep, Conditions, adam_step, adam_step_unless, cpu, reference, typical_gradient};
 use crate::testing::*;
 
 /// No multiple of a group, and more than a parallel piece.
@@ -241,5 +241,88 @@ fn wrong_shapes_and_settings_are_refused() {
         ] {
             assert!(step(3, bad).is_err(), "{bad:?}");
         }
+    }
+}
+
+#[test]
+fn a_raised_flag_stops_the_step_and_damping_is_added_to_epsilon() {
+    let settings = AdamStep {
+        learning_rate: 0.1,
+        epsilon: 0.25,
+        step: 3,
+        ..AdamStep::default()
+    };
+    for device in devices() {
+        let mut rng = rng(11);
+        let [start, grad, first] = [(); 3].map(|()| uniform(&mut rng, 100, -1.0, 1.0));
+        let second = uniform(&mut rng, 100, 0.0, 1.0);
+        let step = |stop: usize, damping: f32| {
+            let conditions = Conditions {
+                flags: tensor(&[1.0, 0.0, 0.5], [3], &device),
+                stop,
+                damping: tensor(&[damping], [1], &device),
+            };
+            let [start, grad, first, second] =
+                [&start, &grad, &first, &second].map(|v| tensor(v, [10, 10], &device));
+            let (param, first, second) =
+                adam_step_unless(start, grad, first, second, &settings, &conditions).expect("fits");
+            [values(param), values(first), values(second)]
+        };
+        let before = [start.clone(), first.clone(), second.clone()];
+        assert_eq!(step(0, 0.5), before);
+        assert_eq!(step(2, 0.5), before);
+        for (damping, epsilon) in [(0.0, 0.25), (0.5, 0.75), (f32::NAN, 0.25), (-1.0, 0.25)] {
+            let mut expected = before.each_ref().map(|values| to_f64(values));
+            let [param, first, second] = &mut expected;
+            let settings = AdamStep {
+                epsilon,
+                ..settings
+            };
+            reference::adam_step(param, &to_f64(&grad), first, second, &settings);
+            for (found, expected) in step(1, damping).iter().zip(&expected) {
+                assert_agrees(&format!("{device:?}, damping {damping}"), found, expected);
+            }
+        }
+    }
+}
+
+#[test]
+fn conditions_of_other_shapes_are_refused() {
+    for device in devices() {
+        let zeros = |n: usize| Tensor::<1>::zeros([n], &device);
+        let fits = |n_flags: usize, stop: usize, n_damping: usize| {
+            let conditions = Conditions {
+                flags: zeros(n_flags),
+                stop,
+                damping: zeros(n_damping),
+            };
+            let settings = AdamStep::default();
+            adam_step_unless(
+                zeros(2),
+                zeros(2),
+                zeros(2),
+                zeros(2),
+                &settings,
+                &conditions,
+            )
+            .is_ok()
+        };
+        assert!(fits(2, 1, 1) && !fits(1, 1, 1) && !fits(2, 1, 2) && !fits(2, 1, 0));
+    }
+}
+
+#[test]
+fn the_typical_gradient_is_that_of_elements_that_have_one() {
+    for device in devices() {
+        for n in [1, 50, N] {
+            let mut squares = uniform(&mut rng(12), n, 0.0, 1e-6);
+            squares.iter_mut().step_by(3).for_each(|v| *v = 0.0);
+            let found = typical_gradient(tensor(&squares, [n], &device), 0.02);
+            let expected = reference::typical_gradient(&to_f64(&squares), 0.02);
+            let found = to_f64(&values(found));
+            assert_close(&format!("{device:?}, {n}"), &found, &[expected], 0.0, 1e-5);
+        }
+        let nothing = typical_gradient(Tensor::zeros([0], &device), 1.0);
+        assert_eq!(values(nothing), [0.0]);
     }
 }

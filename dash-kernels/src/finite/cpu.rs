@@ -22,6 +22,14 @@ pub(super) fn all_finite(values: &[f32]) -> bool {
         .all(|values| dispatch(Piece(values)))
 }
 
+/// Rows of `width` values of which one is not finite; none where `width` is 0.
+pub(super) fn broken_rows(values: &[f32], width: usize) -> impl Iterator<Item = usize> + '_ {
+    let n = if width == 0 { 0 } else { values.len() };
+    let rows = values[..n].chunks(width.max(1)).enumerate();
+    rows.filter(|(_, row)| !row.iter().all(|value| value.is_finite()))
+        .map(|(row, _)| row)
+}
+
 struct Piece<'a>(&'a [f32]);
 
 impl Kernel for Piece<'_> {

@@ -1,7 +1,8 @@
 //! Search for values that are not finite on CubeCL devices.
 //!
-//! A launch searches six tensors. A unit owns every `stride`-th value of each and raises a tensor's flag if one of them
-//! is not finite; units that raise the same flag write the same word. No shared memory, no atomics; deterministic.
+//! A launch searches six tensors. A unit owns every `stride`-th value of each, raises the tensor's flag if one of them is not
+//! finite, and marks its row; units that raise the same flag write the same word. No shared memory, no atomics;
+//! deterministic.
 
 use burn_cubecl::CubeBackend;
 use burn_cubecl::tensor::CubeTensor;
@@ -9,7 +10,7 @@ use cubecl::prelude::*;
 
 use crate::cube::{arg, contiguous, is_finite, own_memory, units};
 
-use super::{RAISED, RaiseFlags};
+use super::{AT_ONCE, RAISED, RaiseFlags, Slots};
 
 /// Values of the longest tensor that a unit reads.
 const VALUES_PER_UNIT: usize = 16;
@@ -23,96 +24,105 @@ impl RaiseFlags for CubeBackend {
         e: CubeTensor,
         f: CubeTensor,
         flags: CubeTensor,
-        first: usize,
-        last: usize,
+        slots: Slots,
     ) -> CubeTensor {
-        let tensors = [a, b, c, d, e, f].map(contiguous);
+        let tensors: [CubeTensor; AT_ONCE] = [a, b, c, d, e, f].map(contiguous);
         let lengths = tensors.each_ref().map(|tensor| tensor.meta.num_elements());
         let n = lengths.into_iter().fold(0, usize::max);
-        if n == 0 {
-            return flags;
-        }
         let flags = own_memory(flags);
         let client = flags.client.clone();
         let stride = n.div_ceil(VALUES_PER_UNIT);
-        let [n_a, n_b, n_c, n_d, n_e, n_f] = lengths.map(|n| n as u32);
         let (count, dim) = units(&client, stride);
+        let place = |k: usize| {
+            let (marks, width) = slots.marks[k];
+            let [n, flag, marks, width] =
+                [lengths[k], slots.flags[k], marks, width].map(|value| value as u32);
+            PlaceLaunch::new(n, flag, marks, width)
+        };
+        let places = PlacesLaunch::new(place(0), place(1), place(2), place(3), place(4), place(5));
         let [a, b, c, d, e, f] = tensors.each_ref().map(arg);
-        let lengths = LengthsLaunch::new(n_a, n_b, n_c, n_d, n_e, n_f);
         raise_kernel::launch(
             &client,
             count,
             dim,
-            TensorsLaunch::new(a, b, c, d, e, f, lengths),
+            TensorsLaunch::new(a, b, c, d, e, f, places),
             arg(&flags),
-            first as u32,
-            last as u32,
+            slots.any as u32,
             stride as u32,
         );
         flags
     }
 }
 
-/// Lengths of the tensors; their memory may be longer.
+/// A tensor's length (its memory may be longer), its flag, its first mark and values in a row.
 #[derive(CubeType, CubeLaunch, Clone, Copy)]
-struct Lengths {
-    a: u32,
-    b: u32,
-    c: u32,
-    d: u32,
-    e: u32,
-    f: u32,
+struct Place {
+    n: u32,
+    flag: u32,
+    marks: u32,
+    width: u32,
+}
+
+/// Those of each tensor.
+#[derive(CubeType, CubeLaunch, Clone, Copy)]
+struct Places {
+    a: Place,
+    b: Place,
+    c: Place,
+    d: Place,
+    e: Place,
+    f: Place,
 }
 
 /// The tensors of a launch.
 #[derive(CubeType, CubeLaunch)]
 struct Tensors {
-    a: Box<[f32]>, // [n.a]
-    b: Box<[f32]>, // [n.b]
-    c: Box<[f32]>, // [n.c]
-    d: Box<[f32]>, // [n.d]
-    e: Box<[f32]>, // [n.e]
-    f: Box<[f32]>, // [n.f]
-    n: Lengths,
+    a: Box<[f32]>, // [places.a.n]
+    b: Box<[f32]>, // [places.b.n]
+    c: Box<[f32]>, // [places.c.n]
+    d: Box<[f32]>, // [places.d.n]
+    e: Box<[f32]>, // [places.e.n]
+    f: Box<[f32]>, // [places.f.n]
+    places: Places,
 }
 
-/// Raises the flag of `slot` if one of this unit's values is not finite.
+/// Raises flags and marks of this unit's values that are not finite.
 #[cube]
 fn look(
-    values: &[f32], // [n]
-    n: u32,
-    flags: &mut [f32], // [number of tensors]
-    slot: u32,
+    values: &[f32],    // [place.n]
+    flags: &mut [f32], // [F]
+    place: Place,
+    any: u32,
     stride: u32,
 ) {
-    let mut sound = true;
     let mut i = ABSOLUTE_POS;
-    while i < n as usize {
-        sound = sound && is_finite(values[i]);
+    while i < place.n as usize {
+        if !is_finite(values[i]) {
+            flags[any as usize] = RAISED;
+            flags[place.flag as usize] = RAISED;
+            if place.width > 0 {
+                flags[(place.marks + i as u32 / place.width) as usize] = RAISED;
+            }
+        }
         i += stride as usize;
-    }
-    if !sound {
-        flags[slot as usize] = RAISED;
     }
 }
 
-/// The tensors' flags start at `first`; tensors after `last` repeat it.
 #[cube(launch)]
 fn raise_kernel(
     tensors: Tensors,
-    flags: &mut [f32], // [number of tensors]
-    first: u32,
-    last: u32,
+    flags: &mut [f32], // [F]
+    any: u32,
     stride: u32,
 ) {
     if ABSOLUTE_POS >= stride as usize {
         terminate!();
     }
-    let n = tensors.n;
-    look(&tensors.a, n.a, flags, first, stride);
-    look(&tensors.b, n.b, flags, first + u32::min(1u32, last), stride);
-    look(&tensors.c, n.c, flags, first + u32::min(2u32, last), stride);
-    look(&tensors.d, n.d, flags, first + u32::min(3u32, last), stride);
-    look(&tensors.e, n.e, flags, first + u32::min(4u32, last), stride);
-    look(&tensors.f, n.f, flags, first + u32::min(5u32, last), stride);
+    let places = tensors.places;
+    look(&tensors.a, flags, places.a, any, stride);
+    look(&tensors.b, flags, places.b, any, stride);
+    look(&tensors.c, flags, places.c, any, stride);
+    look(&tensors.d, flags, places.d, any, stride);
+    look(&tensors.e, flags, places.e, any, stride);
+    look(&tensors.f, flags, places.f, any, stride);
 }

@@ -1,7 +1,7 @@
 use burn::tensor::{Device, Tensor};
 
-use super::all_finite;
-use crate::testing::{devices, normals, poison, rng, tensor, to_f32};
+use super::{RAISED, Searched, all_finite, raise_flags};
+use crate::testing::{devices, normals, poison, rng, tensor, to_f32, values};
 
 /// On both sides of a vector's, a unit's and a piece's length.
 const LENGTHS: [usize; 7] = [1, 15, 17, 4097, 65_536, 65_537, 200_003];
@@ -60,5 +60,60 @@ fn empty_and_strided_tensors_are_looked_through() {
         let found = all_finite(&tensors);
         assert_eq!(found, [true, false, true, true], "{device:?}");
         assert_eq!(all_finite(&tensors[..1]), [true], "{device:?}");
+    }
+}
+
+/// Flags outlive a step: a second look adds to what the first has found.
+#[test]
+fn rows_are_marked_and_flags_stay_raised() {
+    const MARKS: usize = 12;
+    const ROWS: usize = 1_000;
+    for device in devices() {
+        let search = |broken: &[(usize, usize)]| -> Vec<Searched> {
+            (0..8)
+                .map(|k| {
+                    let width = k + 1;
+                    let mut rows = vec![0.5; ROWS * width];
+                    for &(_, row) in broken.iter().filter(|(tensor, _)| *tensor == k) {
+                        rows[row * width + k / 2] = f32::NAN;
+                    }
+                    Searched {
+                        values: tensor(&rows, [ROWS * width], &device),
+                        flag: 2 + k,
+                        // The fourth has no marks.
+                        marks: (k != 3).then_some((MARKS, width)),
+                    }
+                })
+                .collect()
+        };
+        let flags = Tensor::<1>::zeros([MARKS + ROWS], &device);
+        let found = raise_flags(flags, &search(&[]), 0).expect("fits");
+        assert!(values(found.clone()).iter().all(|&flag| flag == 0.0));
+        let first = search(&[(0, 0), (7, 999), (3, 500)]);
+        let found = raise_flags(found, &first, 0).expect("fits");
+        let found = raise_flags(found, &search(&[(2, 17)]), 1).expect("fits");
+        let found = values(found);
+        let raised: Vec<usize> = (0..found.len()).filter(|&k| found[k] == RAISED).collect();
+        // Two steps; tensors 0, 2, 3 and 7; rows 0, 17 and 999.
+        let expected = [0, 1, 2, 4, 5, 9, MARKS, MARKS + 17, MARKS + 999];
+        assert_eq!(raised, expected, "{device:?}");
+    }
+}
+
+#[test]
+fn flags_and_marks_that_are_not_there_are_refused() {
+    for device in devices() {
+        let zeros = |n: usize| Tensor::<1>::zeros([n], &device);
+        let raise = |n: usize, marks, any: usize, flag: usize| {
+            let values = zeros(6);
+            let searched = [Searched {
+                values,
+                flag,
+                marks,
+            }];
+            raise_flags(zeros(n), &searched, any).is_ok()
+        };
+        assert!(raise(2, None, 0, 1) && !raise(1, None, 0, 1) && !raise(2, None, 2, 0));
+        assert!(raise(5, Some((2, 2)), 0, 1) && !raise(4, Some((2, 2)), 0, 1));
     }
 }

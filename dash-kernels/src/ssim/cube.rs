@@ -12,6 +12,7 @@
 //! here both images are first shifted by their values in the middle of the tile, which changes
 //! no variance and leaves little to cancel.
 
+pub(crate) mod loss;
 mod tile;
 
 use burn_cubecl::CubeBackend;
@@ -23,8 +24,8 @@ use crate::cube::{arg, calculate_cubes, contiguous, finite_or_zero, is_finite, u
 use super::window::RADIUS;
 use super::{Ssim, SsimVjp};
 use tile::{
-    Frame, FrameLaunch, Tile, blur_moments_along_rows, blurred_from, gradient_at, load, own_tile,
-    pixel, terms,
+    Frame, FrameLaunch, Tile, blur_moments_along_rows, blurred_from, gradient_at, load,
+    moment_gradients, own_tile, pixel, terms,
 };
 
 /// Side of a tile in pixels.
@@ -95,7 +96,12 @@ fn n_cubes([height, width, channels]: [usize; 3]) -> usize {
 }
 
 fn frame([height, width, channels]: [usize; 3]) -> FrameLaunch {
-    FrameLaunch::new(height as u32, width as u32, channels as u32)
+    FrameLaunch::new(
+        height as u32,
+        width as u32,
+        channels as u32,
+        channels as u32,
+    )
 }
 
 #[cube(launch)]
@@ -176,9 +182,11 @@ fn ssim_vjp_kernel(
             let v_mean = blurred_from(&blurred, item, TILE);
             let v_square = blurred_from(&blurred, item + plane, TILE);
             let v_product = blurred_from(&blurred, item + comptime!(2 * plane), TILE);
-            let a = pixel(x, row as i32, column as i32, tile.channel, &frame) - tile.shift_x;
-            let b = pixel(y, row as i32, column as i32, tile.channel, &frame) - tile.shift_y;
             let at = (row * frame.width + column) * frame.channels + tile.channel;
+            let (i, j) = (row as i32, column as i32);
+            let stride = frame.channels;
+            let a = pixel(x, i, j, tile.channel, stride, &frame) - tile.shift_x;
+            let b = pixel(y, i, j, tile.channel, stride, &frame) - tile.shift_y;
             let v = v_mean + 2.0f32 * a * v_square + b * v_product;
             v_x[at as usize] = select(is_finite(x[at as usize]), finite_or_zero(v), 0.0f32);
         }
@@ -210,21 +218,10 @@ fn moments_vjp(
         let row = tile.top + (item / REACH) as i32 - comptime!(RADIUS as i32);
         let column = tile.left + (item % REACH) as i32 - comptime!(RADIUS as i32);
         let v = gradient_at(v_out, row, column, tile.channel, frame);
-        let luminance = t.luminance / t.luminance_norm;
-        let contrast = t.contrast / t.contrast_norm;
-        let similarity = luminance * contrast;
-        let v_product = 2.0f32 * v * luminance / t.contrast_norm;
-        let v_square = select(
-            t.variance > 0.0f32,
-            -(v * similarity) / t.contrast_norm,
-            0.0f32,
-        );
-        let through_luminance =
-            2.0f32 * v * (t.mean_y * contrast - t.mean_x * similarity) / t.luminance_norm;
-        gradients[item] =
-            through_luminance - v_product * t.shifted_y - 2.0f32 * t.shifted_x * v_square;
-        gradients[item + v_plane] = v_square;
-        gradients[item + comptime!(2 * v_plane)] = v_product;
+        let gradient = moment_gradients(&t, v);
+        gradients[item] = gradient.mean;
+        gradients[item + v_plane] = gradient.square;
+        gradients[item + comptime!(2 * v_plane)] = gradient.product;
         item += UNITS;
     }
 }

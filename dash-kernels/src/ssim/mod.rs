@@ -4,7 +4,7 @@ mod autodiff;
 mod blur;
 pub mod cpu;
 #[cfg(feature = "cube")]
-mod cube;
+pub(crate) mod cube;
 pub mod reference;
 pub(crate) mod terms;
 #[cfg(test)]

@@ -1,8 +1,10 @@
 //! The JSON file that `dash bench` writes and `dash report` reads.
 
+use std::collections::BTreeMap;
 use std::fs;
 use std::path::Path;
 
+use dash_kernels::counts::Counts;
 use serde::{Deserialize, Serialize};
 
 use super::error::ErrorStats;
@@ -60,8 +62,35 @@ pub struct Measurement {
     pub error: ErrorStats,
     /// Absent where only the error was measured.
     pub time: Option<Timing>,
+    /// What a picture, or a step on average, asks of the device.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub asked: Option<Asked>,
     /// What a reader must know.
     pub note: Option<String>,
+}
+
+/// What is asked of a device, on average.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Asked {
+    /// Kernels launched.
+    pub launches: f64,
+    /// Tensors read back.
+    pub reads: f64,
+    /// Launches of each kernel.
+    pub kernels: BTreeMap<String, f64>,
+}
+
+impl Asked {
+    pub(super) fn of(counts: &Counts, repeats: usize) -> Self {
+        let each = |n: usize| n as f64 / repeats as f64;
+        let kernels = counts.kernels.iter();
+        Self {
+            launches: each(counts.launches()),
+            reads: each(counts.reads),
+            kernels: kernels.map(|(name, &n)| (name.clone(), each(n))).collect(),
+        }
+    }
 }
 
 /// The error of one variant for one input of a series that gets harder.

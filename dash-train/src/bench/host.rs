@@ -35,6 +35,7 @@ pub(super) fn measure<I>(
         size: inputs.len(),
         error,
         time: timing.ok(),
+        asked: None,
         note: Some(NOTE.into()),
     });
 }

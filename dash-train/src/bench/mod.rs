@@ -40,7 +40,7 @@ use rand_pcg::Pcg64;
 use crate::Error;
 use error::Errors;
 pub use error::{ErrorStats, Norms};
-pub use file::{FORMAT, KernelBench, Measurement, Pass, StiffnessPoint, read_bench};
+pub use file::{Asked, FORMAT, KernelBench, Measurement, Pass, StiffnessPoint, read_bench};
 pub use timing::Timing;
 use timing::time;
 
@@ -259,6 +259,7 @@ impl Target<'_> {
             size,
             error: ErrorStats::default(),
             time: None,
+            asked: None,
             note: None,
         }
     }

@@ -6,7 +6,7 @@
 use std::sync::Arc;
 
 use burn::tensor::Device;
-use dash_kernels::Camera;
+use dash_kernels::{Camera, counts};
 use dash_model::{
     DeformationField, DynamicPart, DynamicScene, GaussianRows, Gaussians, SpaceBox,
     TrajectoryBasis, logit,
@@ -14,7 +14,7 @@ use dash_model::{
 use rand::Rng;
 use rand_pcg::Pcg64;
 
-use super::{Bench, Measurement, Op, Pass, Target, generator, time};
+use super::{Asked, Bench, Measurement, Op, Pass, Target, generator, time};
 use crate::Error;
 use crate::dataset::{Dataset, Layout, View};
 use crate::numbers::standard_normal;
@@ -40,6 +40,8 @@ const RADIUS: f32 = 2.0;
 const SIGMA: (f32, f32) = (3.0, 0.6);
 /// Of the trajectories over the whole clip, world units.
 const MOTION: f32 = 0.1;
+/// Steps over which launches and reads are counted.
+const COUNTED: usize = 4;
 /// Views between one picture and the next: another camera, eight or nine frames on.
 const STRIDE: usize = 43;
 
@@ -69,21 +71,28 @@ pub(super) fn measure(bench: &mut Bench, target: Target, n: usize) -> Result<(),
             still.render(&view.camera, view.time)?;
             Ok(())
         })?;
+        let (shown, asked) = counts::of(|| still.render(&dataset.views[0].camera, 0.5));
+        shown?;
         bench.add(Measurement {
             time: Some(pictures),
+            asked: Some(Asked::of(&asked, 1)),
             note: Some(NOTE.into()),
             ..target.measurement(Op::Scene, variant, Pass::Forward, n)
         });
         let learning = scene(&trainer, n, &target.device.clone().autodiff())?;
         trainer.run.continue_with(learning, dataset);
-        let steps = time(Some(target.device), || match trainer.step()?.skipped {
-            false => Ok(()),
-            true => Err(Error::DeviceFault(
+        let steps = time(Some(target.device), || match trainer.step()?.n_skipped {
+            0 => Ok(()),
+            _ => Err(Error::DeviceFault(
                 "a step of training a sound scene was not finite".into(),
             )),
         })?;
+        let (stepped, asked) =
+            counts::of(|| (0..COUNTED).try_for_each(|_| trainer.step().map(|_| ())));
+        stepped?;
         bench.add(Measurement {
             time: Some(steps),
+            asked: Some(Asked::of(&asked, COUNTED)),
             note: Some(NOTE.into()),
             ..target.measurement(Op::Scene, variant, Pass::Gradient, n)
         });

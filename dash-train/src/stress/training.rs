@@ -269,7 +269,7 @@ fn train(
     let mut n_skipped = 0;
     while !trainer.is_finished() {
         let report = trainer.step()?;
-        n_skipped += usize::from(report.skipped);
+        n_skipped += report.n_skipped;
         measured.saw(&[report.loss, report.psnr]);
     }
     measured.none(format!("{name}steps skipped"), n_skipped);

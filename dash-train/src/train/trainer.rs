@@ -8,8 +8,8 @@ use dash_model::{DynamicScene, GaussianRows, Gaussians};
 
 use super::config::TrainConfig;
 use super::core::{
-    self, Adaptive, Densify, DensityStatistics, Extension, Finished, Hooks, Run, SkippedStep,
-    StepReport, checkpoint, hold_out,
+    self, Adaptive, Densify, Extension, Finished, Hooks, Run, SkippedStep, StepReport, ViewSums,
+    checkpoint, hold_out,
 };
 use super::paper::Dash;
 use crate::Error;
@@ -97,7 +97,7 @@ impl Trainer {
     /// One optimisation step, with what its step number brings: changes of stage, density control.
     ///
     /// A step in which the loss, a parameter or a gradient is not finite changes no parameter and no moment: what is at
-    /// fault is removed or cleared, and told by a warning and by [`Trainer::take_skipped_steps`].
+    /// fault is removed or cleared, and told by a warning and by [`Trainer::take_skipped_steps`], on a GPU within fifty steps.
     ///
     /// # Errors
     /// When too many steps in a row had to be skipped, or a kernel refuses its input.
@@ -153,7 +153,7 @@ impl Trainer {
     /// Replaces the first Gaussians of a run that has not begun.
     pub(crate) fn start_from(&mut self, rows: &GaussianRows) {
         self.run.scene.static_set = Gaussians::from_rows(rows, &self.run.device);
-        self.run.static_state.statistics = DensityStatistics::new(rows.len());
+        self.run.static_state.gathered = ViewSums::new(rows.len(), &self.run.device);
     }
 }
 

@@ -12,6 +12,8 @@ pub(super) struct Frame {
     pub height: u32,
     pub width: u32,
     pub channels: u32,
+    /// Channels of the first image in memory, of which the similarity looks at the first `channels`.
+    pub wide: u32,
 }
 
 /// The tile and channel of this cube.
@@ -26,18 +28,25 @@ pub(super) struct Tile {
     pub shift_y: f32,
 }
 
+/// Whether a pixel lies in the images.
+#[cube]
+pub(super) fn is_inside(row: i32, column: i32, frame: &Frame) -> bool {
+    row >= 0i32 && column >= 0i32 && (row as u32) < frame.height && (column as u32) < frame.width
+}
+
+/// A value of an image of `stride` channels, zero outside the image.
 #[cube]
 pub(super) fn pixel(
-    image: &[f32], // [H, W, C]
+    image: &[f32], // [H, W, stride]
     row: i32,
     column: i32,
     channel: u32,
+    stride: u32,
     frame: &Frame,
 ) -> f32 {
     let mut value = 0.0f32;
-    if row >= 0i32 && column >= 0i32 && (row as u32) < frame.height && (column as u32) < frame.width
-    {
-        let at = ((row as u32) * frame.width + column as u32) * frame.channels + channel;
+    if is_inside(row, column, frame) {
+        let at = ((row as u32) * frame.width + column as u32) * stride + channel;
         let stored = image[at as usize];
         if is_finite(stored) {
             value = f32::clamp(stored, -LARGEST, LARGEST);
@@ -48,7 +57,7 @@ pub(super) fn pixel(
 
 #[cube]
 pub(super) fn own_tile(
-    x: &[f32], // [H, W, C]
+    x: &[f32], // [H, W, wide]
     y: &[f32], // [H, W, C]
     frame: &Frame,
 ) -> Tile {
@@ -66,15 +75,15 @@ pub(super) fn own_tile(
         top: top as i32,
         left: left as i32,
         channel,
-        shift_x: pixel(x, row as i32, column as i32, channel, frame),
-        shift_y: pixel(y, row as i32, column as i32, channel, frame),
+        shift_x: pixel(x, row as i32, column as i32, channel, frame.wide, frame),
+        shift_y: pixel(y, row as i32, column as i32, channel, frame.channels, frame),
     }
 }
 
 /// Reads both images in a square of `side` pixels that begins `margin` before the tile.
 #[cube]
 pub(super) fn load(
-    x: &[f32],                  // [H, W, C]
+    x: &[f32],                  // [H, W, wide]
     y: &[f32],                  // [H, W, C]
     pixels: &mut Shared<[f32]>, // [2, side, side]
     tile: &Tile,
@@ -86,9 +95,9 @@ pub(super) fn load(
     while i < comptime!(side * side) {
         let row = tile.top + (i / side) as i32 - comptime!(margin as i32);
         let column = tile.left + (i % side) as i32 - comptime!(margin as i32);
-        pixels[i] = pixel(x, row, column, tile.channel, frame) - tile.shift_x;
+        pixels[i] = pixel(x, row, column, tile.channel, frame.wide, frame) - tile.shift_x;
         pixels[i + comptime!(side * side)] =
-            pixel(y, row, column, tile.channel, frame) - tile.shift_y;
+            pixel(y, row, column, tile.channel, frame.channels, frame) - tile.shift_y;
         i += UNITS;
     }
 }
@@ -191,10 +200,40 @@ pub(super) fn gradient_at(
     frame: &Frame,
 ) -> f32 {
     let mut v = 0.0f32;
-    if row >= 0i32 && column >= 0i32 && (row as u32) < frame.height && (column as u32) < frame.width
-    {
+    if is_inside(row, column, frame) {
         let at = ((row as u32) * frame.width + column as u32) * frame.channels + channel;
         v = finite_or_zero(v_out[at as usize]);
     }
     v
+}
+
+/// Gradients of the moments of the shifted images, and the similarity.
+#[derive(CubeType, Clone, Copy)]
+pub(super) struct MomentGradients {
+    pub mean: f32,
+    pub square: f32,
+    pub product: f32,
+    pub similarity: f32,
+}
+
+/// From the gradient of the similarity at a pixel.
+#[cube]
+pub(super) fn moment_gradients(t: &Terms, v: f32) -> MomentGradients {
+    let luminance = t.luminance / t.luminance_norm;
+    let contrast = t.contrast / t.contrast_norm;
+    let similarity = luminance * contrast;
+    let product = 2.0f32 * v * luminance / t.contrast_norm;
+    let square = select(
+        t.variance > 0.0f32,
+        -(v * similarity) / t.contrast_norm,
+        0.0f32,
+    );
+    let through_luminance =
+        2.0f32 * v * (t.mean_y * contrast - t.mean_x * similarity) / t.luminance_norm;
+    MomentGradients {
+        mean: through_luminance - product * t.shifted_y - 2.0f32 * t.shifted_x * square,
+        square,
+        product,
+        similarity,
+    }
 }

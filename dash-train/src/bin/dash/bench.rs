@@ -95,10 +95,14 @@ fn scene_line(measured: &Measurement) -> Option<String> {
         Pass::Gradient => "training steps",
     };
     let (rate, size) = (1e3 / ms, measured.size);
+    let asked = measured.asked.as_ref().map_or_else(String::new, |asked| {
+        let (launches, reads) = (asked.launches, asked.reads);
+        format!(", {launches:.0} launches and {reads:.2} reads each")
+    });
     let Measurement {
         backend, variant, ..
     } = measured;
     Some(format!(
-        "{backend}: {size} Gaussians, {variant}: {ms:.2} ms, {rate:.1} {what} a second\n"
+        "{backend}: {size} Gaussians, {variant}: {ms:.2} ms, {rate:.1} {what} a second{asked}\n"
     ))
 }

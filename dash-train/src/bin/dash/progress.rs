@@ -120,12 +120,15 @@ impl TrainProgress {
     /// One step is done; `secs` of training so far.
     pub fn step(&mut self, report: &StepReport, secs: f64) {
         let (loss, psnr) = match self.smoothed {
-            Some(before) if report.skipped => before,
+            Some(before) if report.n_sound() == 0 => before,
             None => (report.loss, report.psnr),
-            Some((loss, psnr)) => (
-                loss + SMOOTHING * (report.loss - loss),
-                psnr + SMOOTHING * (report.psnr - psnr),
-            ),
+            Some((loss, psnr)) => {
+                let share = 1.0 - (1.0 - SMOOTHING).powi(report.n_sound() as i32);
+                (
+                    loss + share * (report.loss - loss),
+                    psnr + share * (report.psnr - psnr),
+                )
+            }
         };
         self.smoothed = Some((loss, psnr));
         let (first, since) = match self.start {

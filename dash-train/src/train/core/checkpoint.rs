@@ -15,7 +15,6 @@ use rand_pcg::Pcg64;
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 
-use super::densify::DensityStatistics;
 use super::hooks::Hooks;
 use super::method::Method;
 use super::optimizer::Optimizer;
@@ -23,6 +22,7 @@ use super::run::Run;
 use super::sampler::ViewSampler;
 use super::saved::Saved;
 use super::sets::Set;
+use super::view_sums::ViewSums;
 use crate::Error;
 use crate::dataset::Dataset;
 pub(crate) use damage::with_remedy;
@@ -215,10 +215,8 @@ fn statistics<M>(run: &Run<M>) -> Saved {
         .iter()
         .zip([&run.static_state, &run.dynamic_state])
     {
-        let (gradient, seen) = state.statistics.parts();
-        saved.insert(&format!("{}.gradient", set.name()), gradient.to_vec());
-        // Counts stay below 2^24 between two rounds, so f32 holds them exactly.
-        let seen = seen.iter().map(|&count| count as f32).collect();
+        let (gradient, seen) = state.gathered.parts();
+        saved.insert(&format!("{}.gradient", set.name()), gradient);
         saved.insert(&format!("{}.seen", set.name()), seen);
     }
     saved
@@ -244,8 +242,7 @@ fn restore_statistics<M: Method>(
                 ));
             }
         }
-        let seen = seen.into_iter().map(|count| count as u32).collect();
-        run.state(set).statistics = DensityStatistics::from_parts(gradient, seen);
+        run.state(set).gathered = ViewSums::from_parts(&gradient, &seen, &run.device.clone());
     }
     Ok(())
 }

@@ -2,10 +2,11 @@
 
 use dash_model::Gaussians;
 
-use super::densify::{DensityStatistics, Edit};
+use super::densify::Edit;
 use super::method::Method;
 use super::run::Run;
 use super::sets::{RowEdit, Set};
+use super::view_sums::ViewSums;
 
 impl<M: Method> Run<M> {
     /// Gaussians of a set.
@@ -48,7 +49,7 @@ impl<M: Method> Run<M> {
         if set == Set::Dynamic && stay.is_empty() {
             self.optimizer.forget("scene.dynamic.");
             self.scene.dynamic = None;
-            self.dynamic_state.statistics = DensityStatistics::new(0);
+            self.dynamic_state.gathered = ViewSums::default();
         } else if let Some(gaussians) = self.gaussians(set) {
             let rows = gaussians.to_rows().gather(stay);
             let kept = Gaussians::from_rows(&rows, &self.device);
@@ -57,7 +58,7 @@ impl<M: Method> Run<M> {
                 .edit_rows(set.prefix(), stay, &fresh, n_before);
             self.set_gaussians(set, kept);
             let state = self.state(set);
-            state.statistics = state.statistics.gather(stay);
+            state.gathered = state.gathered.gather(stay);
         }
         self.follow(set, stay, n_before);
     }
@@ -69,7 +70,8 @@ impl<M: Method> Run<M> {
         self.optimizer
             .edit_rows(set.prefix(), sources, fresh, n_before);
         self.set_gaussians(set, Gaussians::from_rows(&edit.rows, &self.device));
-        self.state(set).statistics = DensityStatistics::new(edit.rows.len());
+        let gathered = ViewSums::new(edit.rows.len(), &self.device);
+        self.state(set).gathered = gathered;
         self.follow(set, sources, n_before);
     }
 
@@ -78,7 +80,8 @@ impl<M: Method> Run<M> {
         let n_before = self.len(set);
         self.optimizer.extend_rows(set.prefix(), n_before, added);
         self.set_gaussians(set, gaussians);
-        self.state(set).statistics.grow(added);
+        let device = self.device.clone();
+        self.state(set).gathered.grow(added, &device);
         let old = (0..n_before).map(Some);
         self.edits.push(RowEdit {
             set,
@@ -88,6 +91,7 @@ impl<M: Method> Run<M> {
     }
 
     fn follow(&mut self, set: Set, sources: &[usize], n_before: usize) {
+        self.notes.follow(set, sources);
         self.method.rows_changed(set, sources);
         self.edits.push(RowEdit {
             set,

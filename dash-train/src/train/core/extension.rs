@@ -63,7 +63,8 @@ pub trait Extension<M>: Any + Send {
         Ok(Vec::new())
     }
 
-    /// After a backward pass whose gradients are finite, before the optimizer's step.
+    /// After a backward pass, before the optimizer's step. On a CPU all gradients are finite then. On a GPU the optimizer
+    /// stops itself where one is not.
     fn after_backward(&mut self, _run: &mut Run<M>, _gradients: &mut Gradients) {}
 
     /// Once the parameters have moved, before density control.
@@ -77,7 +78,7 @@ pub trait Extension<M>: Any + Send {
         Ok(())
     }
 
-    /// After a step that was skipped because something was not finite.
+    /// Once it is known that a step was skipped because something was not finite: on a GPU up to fifty steps later.
     fn skipped(&mut self, _run: &mut Run<M>) {}
 
     /// Lets state per Gaussian follow an edit of a set's rows.

@@ -6,11 +6,11 @@
 
 use std::collections::BTreeSet;
 
-use burn::tensor::Gradients;
-use dash_kernels::finite::all_finite;
+use burn::tensor::{Gradients, Tensor};
 
 use super::method::Method;
-use super::module_visit::{ModuleVisit, Watch, clear};
+use super::module_visit::{ModuleVisit, Watch, Watched, clear};
+use super::notes::{Findings, Noted};
 use super::optimizer::to_host;
 use super::run::Run;
 use super::sets::Set;
@@ -29,91 +29,156 @@ const MAX_REMOVED_SHARE: f64 = 0.01;
 const MAX_LOST_SHARE: f64 = 0.1;
 
 /// All rows of part of a tensor that are not finite.
-pub struct Fault {
+struct Fault {
     tensor: String,
     place: Place,
     of: usize,
     rows: Vec<usize>,
 }
 
-/// Every parameter and every gradient that is not finite; `None` where they all are, and the loss.
+/// What was read of the steps since the last time.
+pub(crate) struct Reading {
+    steps: Vec<Noted>,
+    faults: Vec<Fault>,
+}
+
+impl Reading {
+    /// Whether everything was finite in all of the steps.
+    pub(super) fn is_sound(&self) -> bool {
+        self.steps.iter().all(|step| step.is_sound)
+    }
+
+    /// Mean loss and PSNR of the steps in which all was finite; the last step's where there is none.
+    pub(super) fn means(&self) -> [f32; 2] {
+        let psnr = |step: &Noted| -10.0 * step.mse.max(1e-10).log10();
+        let sound = || self.steps.iter().filter(|step| step.is_sound);
+        let n = sound().count() as f32;
+        match self.steps.last() {
+            Some(last) if n == 0.0 => [last.loss, psnr(last)],
+            _ => [
+                sound().map(|step| step.loss).sum::<f32>() / n,
+                sound().map(psnr).sum::<f32>() / n,
+            ],
+        }
+    }
+
+    /// Steps read, and those of them that changed nothing.
+    pub(super) fn counts(&self) -> [usize; 2] {
+        let skipped = self.steps.iter().filter(|step| !step.is_sound).count();
+        [self.steps.len(), skipped]
+    }
+}
+
+/// Has the device note the step's loss and mean squared error, and which parameters and gradients are not finite. The
+/// optimizer then changes nothing if one of them is not. What was noted is read where it is due: `None` where it is not.
 pub(crate) fn look<M: Method>(
     run: &mut Run<M>,
     gradients: &Gradients,
-    loss: f32,
-) -> Option<Vec<Fault>> {
+    losses: [Tensor<1>; 2],
+    view: &str,
+) -> Option<Reading> {
     let mut watch = Watch::new(gradients);
     watch.visit("scene", &run.scene);
     let mut visit = ModuleVisit::Watch(watch);
     run.method.visit(&mut visit);
-    let ModuleVisit::Watch(watch) = visit else {
+    let ModuleVisit::Watch(Watch { watched, .. }) = visit else {
         return None;
     };
-    let values: Vec<_> = watch
-        .watched
-        .iter()
-        .map(|watched| watched.values.clone())
-        .collect();
-    let finite = all_finite(&values);
-    if loss.is_finite() && finite.iter().all(|&finite| finite) {
+    let (n_static, n_dynamic) = run.scene.counts();
+    let step = run.step + 1;
+    let losses = losses.map(Tensor::inner);
+    let stop = run
+        .notes
+        .add((step, view), losses, &watched, [n_static, n_dynamic]);
+    let is_last = step >= run.config.iterations;
+    if !(run.notes.is_due() || is_last) {
+        run.optimizer.stop = Some(stop);
         return None;
     }
-    let broken = watch.watched.into_iter().zip(finite);
-    let faults = broken.filter(|(_, finite)| !finite).map(|(watched, _)| {
-        let values = to_host(watched.values);
-        let width = values.len().checked_div(watched.n_rows).unwrap_or(0);
-        let rows = values.chunks(width.max(1)).enumerate();
-        let rows = rows.filter(|(_, row)| !row.iter().all(|value| value.is_finite()));
+    // The host knows now what the flag would tell.
+    run.optimizer.stop = None;
+    let Findings {
+        steps,
+        tensors,
+        rows,
+    } = run.notes.take();
+    let faults = tensors.into_iter().map(|(tensor, place)| {
+        let of_it = |w: &&Watched| w.tensor == tensor && w.place == place;
+        let watched = watched.iter().find(of_it);
+        let marked = watched.and_then(|w| w.set()).map(|set| &rows[set]);
+        let exact = watched.map(broken_rows).unwrap_or_default();
         Fault {
-            tensor: watched.tensor,
-            place: watched.place,
-            of: watched.n_rows,
-            rows: rows.map(|(row, _)| row).collect(),
+            of: watched.map_or(0, |w| w.n_rows),
+            rows: match marked {
+                Some(marked) if exact.is_empty() => marked.iter().copied().collect(),
+                _ => exact,
+            },
+            tensor,
+            place,
         }
     });
-    Some(faults.collect())
+    Some(Reading {
+        faults: faults.collect(),
+        steps,
+    })
 }
 
-/// Mends what is at fault and takes note of the step that is left out.
+/// Rows that are not finite now.
+fn broken_rows(watched: &Watched) -> Vec<usize> {
+    let values = to_host(watched.values.clone());
+    let width = values.len().checked_div(watched.n_rows).unwrap_or(0);
+    let rows = values.chunks(width.max(1)).enumerate();
+    rows.filter(|(_, row)| !row.iter().all(|value| value.is_finite()))
+        .map(|(row, _)| row)
+        .collect()
+}
+
+/// Mends what is at fault and takes note of the steps that changed nothing.
 ///
 /// # Errors
 /// [`Error::NotFinite`] once [`MAX_SKIPPED_IN_A_ROW`] steps were skipped in a row, and at once where
 /// more than [`MAX_LOST_SHARE`] of a set of Gaussians are lost.
-pub(crate) fn skip<M: Method>(
-    run: &mut Run<M>,
-    faults: Vec<Fault>,
-    view: &str,
-    loss: f32,
-) -> Result<(), Error> {
+pub(crate) fn skip<M: Method>(run: &mut Run<M>, reading: Reading) -> Result<(), Error> {
+    let Reading { steps, faults } = reading;
     let lost = too_much_lost(&faults);
     let remedies = match lost {
         true => Vec::new(),
         false => mend(run, &faults),
     };
-    let found = faults.into_iter().map(|fault| NonFinite {
-        tensor: fault.tensor,
-        place: fault.place,
-        n_rows: fault.rows.len(),
-        of: fault.of,
-        rows: fault.rows.into_iter().take(NAMED_ROWS).collect(),
-    });
-    let skipped = SkippedStep {
-        step: run.step + 1,
-        view: view.to_string(),
-        loss_is_finite: loss.is_finite(),
-        found: found.collect(),
-        remedies,
-    };
-    tracing::warn!("{skipped}");
-    run.skipped.in_a_row += 1;
-    let n = run.skipped.in_a_row;
-    if lost || n >= MAX_SKIPPED_IN_A_ROW {
-        return Err(Error::NotFinite {
-            n,
-            last: skipped.to_string(),
-        });
+    let found: Vec<NonFinite> = faults
+        .into_iter()
+        .map(|fault| NonFinite {
+            tensor: fault.tensor,
+            place: fault.place,
+            n_rows: fault.rows.len(),
+            of: fault.of,
+            rows: fault.rows.into_iter().take(NAMED_ROWS).collect(),
+        })
+        .collect();
+    let mut longest = (0, String::new());
+    for step in steps {
+        if step.is_sound {
+            run.skipped.end_row();
+            continue;
+        }
+        let skipped = SkippedStep {
+            step: step.step,
+            view: step.view,
+            loss_is_finite: step.loss.is_finite(),
+            found: found.clone(),
+            remedies: remedies.clone(),
+        };
+        run.skipped.in_a_row += 1;
+        if run.skipped.in_a_row > longest.0 {
+            longest = (run.skipped.in_a_row, skipped.to_string());
+        }
+        run.skipped.untold.push(skipped);
     }
-    run.skipped.untold.push(skipped);
+    let (n, last) = longest;
+    tracing::warn!("{last}");
+    if lost || n >= MAX_SKIPPED_IN_A_ROW {
+        return Err(Error::NotFinite { n, last });
+    }
     Ok(())
 }
 

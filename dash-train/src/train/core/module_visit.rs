@@ -7,6 +7,7 @@ use burn::tensor::{Gradients, Tensor, TensorData};
 use dash_model::parameters::Path;
 
 use super::optimizer::to_host;
+use super::sets::Set;
 use super::skipped::Place;
 
 /// What the guard does with modules: a method shows it each of its own.
@@ -37,6 +38,14 @@ pub(super) struct Watched {
     pub(super) place: Place,
     pub(super) n_rows: usize,
     pub(super) values: Tensor<1>,
+}
+
+impl Watched {
+    /// The place among [`Set::BOTH`] of the set whose Gaussians it belongs to.
+    pub(super) fn set(&self) -> Option<usize> {
+        let mut sets = Set::BOTH.iter();
+        sets.position(|set| self.tensor.starts_with(set.prefix()))
+    }
 }
 
 /// Gathers parameters and their gradients.

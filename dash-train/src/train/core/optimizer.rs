@@ -7,7 +7,8 @@ use std::collections::BTreeMap;
 
 use burn::module::{Module, ModuleMapper, Param};
 use burn::tensor::{Device, Gradients, Tensor, TensorData};
-use dash_kernels::adam::{AdamStep, adam_step};
+use dash_kernels::adam::{AdamStep, Conditions, adam_step, adam_step_unless, typical_gradient};
+use dash_kernels::counts::note_read;
 use dash_model::gather_rows;
 use dash_model::parameters::{HostTensor, Path, named_parameters};
 
@@ -56,24 +57,43 @@ impl Moments {
         value: Tensor<1>,
         gradient: Tensor<1>,
         rate: Rate,
+        stop: Option<&Stop>,
     ) -> (Tensor<1>, Self) {
-        let typical = if rate.damping > 0.0 {
-            self.typical_gradient(&gradient)
-        } else {
-            0.0
-        };
+        let device = value.device();
+        let damping = (rate.damping > 0.0).then(|| {
+            let (squares, steps) = match self.steps {
+                0 => (gradient.clone().powi_scalar(2), None),
+                steps => (self.second.clone(), Some(steps)),
+            };
+            let correction = steps.map_or(1.0, |steps| 1.0 - BETA2.powf(steps as f64));
+            typical_gradient(squares, correction) * rate.damping
+        });
         let step = AdamStep {
             learning_rate: f64::from(rate.rate),
             beta1: BETA1,
             beta2: BETA2,
-            epsilon: EPSILON + f64::from(rate.damping) * typical,
+            epsilon: EPSILON,
             step: self.steps + 1,
             skip_zero_grad: false,
         };
-        let (value, first, second) = adam_step(value, gradient, self.first, self.second, &step)
-            .expect(
-                "a parameter, its gradient and its moments have one shape, and rates are validated",
-            );
+        let stepped = match (stop, damping) {
+            (None, None) => adam_step(value, gradient, self.first, self.second, &step),
+            (stop, damping) => {
+                let stop = match stop {
+                    Some(stop) => stop.clone(),
+                    None => Stop::never(&device),
+                };
+                let conditions = Conditions {
+                    flags: stop.flags,
+                    stop: stop.place,
+                    damping: damping.unwrap_or(stop.zero),
+                };
+                adam_step_unless(value, gradient, self.first, self.second, &step, &conditions)
+            }
+        };
+        let (value, first, second) = stepped.expect(
+            "a parameter, its gradient and its moments have one shape, and rates are validated",
+        );
         let moments = Self {
             first,
             second,
@@ -81,20 +101,26 @@ impl Moments {
         };
         (value, moments)
     }
+}
 
-    /// Root mean square of the gradients so far, over the elements that had one; of the first
-    /// `gradient` before any step.
-    fn typical_gradient(&self, gradient: &Tensor<1>) -> f64 {
-        let (squares, correction) = if self.steps == 0 {
-            (gradient.clone().powi_scalar(2), 1.0)
-        } else {
-            let correction = 1.0 - BETA2.powf(self.steps as f64);
-            (self.second.clone(), correction)
-        };
-        let squares = to_host(squares);
-        let with_one = squares.iter().filter(|square| **square > 0.0);
-        let sum: f64 = with_one.clone().map(|&square| f64::from(square)).sum();
-        (sum / with_one.count().max(1) as f64 / correction).sqrt()
+/// A flag on the device that stops a step: where it is raised, nothing changes.
+#[derive(Debug, Clone)]
+pub(crate) struct Stop {
+    pub(super) flags: Tensor<1>,
+    pub(super) place: usize,
+    /// `[1]`, for parameters without damping.
+    pub(super) zero: Tensor<1>,
+}
+
+impl Stop {
+    /// A flag that nothing raises.
+    fn never(device: &Device) -> Self {
+        let zero = Tensor::zeros([1], device);
+        Self {
+            flags: zero.clone(),
+            place: 0,
+            zero,
+        }
     }
 }
 
@@ -102,6 +128,8 @@ impl Moments {
 #[derive(Default)]
 pub struct Optimizer {
     moments: BTreeMap<String, Moments>,
+    /// What stops the present step, where the host does not know yet whether all is finite.
+    pub(crate) stop: Option<Stop>,
 }
 
 impl Optimizer {
@@ -270,7 +298,10 @@ impl Optimizer {
                 },
             );
         }
-        Ok(Self { moments })
+        Ok(Self {
+            moments,
+            stop: None,
+        })
     }
 }
 
@@ -281,6 +312,7 @@ fn upload(values: Vec<f32>, device: &Device) -> Tensor<1> {
 
 /// Reads a tensor back as host values in row-major order.
 pub(crate) fn to_host<const R: usize>(tensor: Tensor<R>) -> Vec<f32> {
+    note_read();
     tensor
         .into_data()
         .try_into_vec::<f32>()
@@ -319,7 +351,8 @@ impl<F: Fn(&str) -> Rate> ModuleMapper for Stepper<'_, F> {
             .moments
             .remove(&name)
             .unwrap_or_else(|| Moments::of(&value));
-        let (value, moments) = moments.step(value, gradient, rate);
+        let stop = self.optimizer.stop.as_ref();
+        let (value, moments) = moments.step(value, gradient, rate, stop);
         self.optimizer.moments.insert(name, moments);
         let updated = Tensor::from_inner(value.reshape(shape)).require_grad();
         Param::from_mapped_value(id, updated, mapper)

@@ -4,7 +4,7 @@ use burn::tensor::{Tensor, TensorData};
 use dash_kernels::photometric::photometric;
 use dash_kernels::rows::join_rows;
 
-use super::forward::{Forward, Probe};
+use super::forward::Forward;
 use super::hooks::Hooks;
 use super::loss::where_counted;
 use super::method::Method;
@@ -30,15 +30,15 @@ pub(super) fn forward<M: Method>(
             (splats, Some(moved.motion))
         }
     };
-    let static_probe = Probe::new(&static_splats, camera, &run.device);
-    let mut splats = static_splats + static_probe.leaf.clone();
     let (dynamic_splats, terms) = M::dynamic_splats(run, view)?;
-    let mut dynamic_probe = None;
+    let of_static = static_splats.clone().inner();
+    let of_dynamic = dynamic_splats.clone().map(Tensor::inner);
+    let mut splats = static_splats;
     if let Some(dynamic) = dynamic_splats {
-        let probe = Probe::new(&dynamic, camera, &run.device);
-        splats = join_rows(splats, dynamic + probe.leaf.clone())?;
-        dynamic_probe = Some(probe);
+        splats = join_rows(splats, dynamic)?;
     }
+    let leaf = run.zeros(splats.dims()).require_grad();
+    splats = splats + leaf.clone();
     for extension in &mut hooks.extensions {
         splats = extension.splats(run, splats);
     }
@@ -52,8 +52,9 @@ pub(super) fn forward<M: Method>(
         image,
         target,
         target_on_host,
-        static_probe,
-        dynamic_probe,
+        static_splats: of_static,
+        dynamic_splats: of_dynamic,
+        leaf,
         motion,
     };
     let mut terms = terms;

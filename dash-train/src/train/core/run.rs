@@ -3,7 +3,7 @@
 use std::collections::BTreeSet;
 use std::sync::Arc;
 
-use burn::tensor::Device;
+use burn::tensor::{Device, Tensor};
 use dash_model::{
     DynamicScene, Gaps, GaussianRows, Gaussians, OffsetPlacement, SceneSettings, SpaceBox,
     TrajectoryBasis,
@@ -13,9 +13,10 @@ use rand_pcg::Pcg64;
 
 use super::capture::{self, TimeSpan};
 use super::config::{DensifyConfig, ScheduleConfig};
-use super::densify::{DensityStatistics, SceneScale};
+use super::densify::SceneScale;
 use super::hold_out;
 use super::initial::{Region, initial_points, near_plane};
+use super::notes::Notes;
 use super::optimizer::Optimizer;
 use super::rates::Rates;
 use super::sampler::ViewSampler;
@@ -23,6 +24,7 @@ use super::sets::{RowEdit, Set};
 use super::shortage;
 use super::skipped::Skipped;
 use super::times::Times;
+use super::view_sums::ViewSums;
 use crate::Error;
 use crate::dataset::{Dataset, View};
 
@@ -30,10 +32,10 @@ use crate::dataset::{Dataset, View};
 const FIRST_SCALE: f32 = 0.01;
 
 /// What density control gathers of one set.
-#[derive(Debug, Clone, Default, PartialEq)]
+#[derive(Debug, Clone, Default)]
 pub struct SetState {
     /// Gradients of screen positions since the last round.
-    pub statistics: DensityStatistics,
+    pub gathered: ViewSums,
     /// Number of Gaussians above which the gradient threshold rises in proportion to their number, so that each of
     /// many has to pay for more; `None`: it never does.
     pub crowd: Option<usize>,
@@ -84,6 +86,12 @@ pub struct Run<M> {
     pub method: M,
     /// Edits of rows that extensions have not been told yet.
     pub(super) edits: Vec<RowEdit>,
+    /// What was noted of steps on the device.
+    pub(crate) notes: Notes,
+    /// Zeros of the size that was last asked for.
+    zeros: Option<Tensor<2>>,
+    /// Mean loss and PSNR of the steps that were read last.
+    pub(super) last_means: [f32; 2],
     /// Steps left out because something was not finite.
     pub(super) skipped: Skipped,
     /// Seconds that steps have waited for images.
@@ -149,7 +157,7 @@ impl<M> Run<M> {
             times: Times::of(views().map(|view| view.time)),
             method: method(&facts),
             static_state: SetState {
-                statistics: DensityStatistics::new(rows.len()),
+                gathered: ViewSums::new(rows.len(), &device),
                 crowd: None,
             },
             dynamic_state: SetState::default(),
@@ -160,6 +168,9 @@ impl<M> Run<M> {
             updates_scene: true,
             frozen_after: None,
             edits: Vec::new(),
+            notes: Notes::new(&device),
+            zeros: None,
+            last_means: [f32::NAN; 2],
             skipped: Skipped::default(),
             waited_secs: 0.0,
             config,
@@ -187,6 +198,16 @@ impl<M> Run<M> {
             Set::Static => &self.config.densify.static_set,
             Set::Dynamic => &self.config.densify.dynamic,
         }
+    }
+
+    /// Zeros on the run's device, not made anew while the same size is asked for.
+    pub(super) fn zeros(&mut self, size: [usize; 2]) -> Tensor<2> {
+        let known = self.zeros.take().filter(|zeros| zeros.dims() == size);
+        let device = self.device.clone().inner();
+        let zeros = self
+            .zeros
+            .insert(known.unwrap_or_else(|| Tensor::zeros(size, &device)));
+        Tensor::from_inner(zeros.clone())
     }
 
     /// What lengths are measured by.

@@ -1,14 +1,13 @@
 //! One step of training.
 
-use burn::tensor::{Gradients, Tensor};
-use dash_kernels::splats::MEAN_X;
+use burn::tensor::Gradients;
 
-use super::densify::{self, DensityStatistics, MEANS, Round};
-use super::forward::{Forward, Probe};
-use super::guard;
+use super::densify::{self, DensityStatistics, Round};
+use super::forward::Forward;
+use super::guard::{self, Reading};
 use super::hooks::Hooks;
 use super::method::Method;
-use super::optimizer::{Rate, to_host};
+use super::optimizer::Rate;
 use super::pass::forward;
 use super::run::Run;
 use super::sets::Set;
@@ -22,17 +21,27 @@ pub struct StepReport {
     pub step: usize,
     /// The stage of the method that it belonged to.
     pub stage: &'static str,
-    /// The whole loss.
+    /// Mean loss of the steps that were read last: of this one on a CPU, of fifty on a GPU, which is read once in as many
+    /// steps.
     pub loss: f32,
-    /// Peak signal-to-noise ratio of the step's training view, dB.
+    /// Mean peak signal-to-noise ratio of their training views, dB.
     pub psnr: f32,
+    /// How many steps were read in this one; 0: `loss` and `psnr` are those of before.
+    pub n_read: usize,
     /// Static Gaussians.
     pub n_static: usize,
     /// Dynamic Gaussians.
     pub n_dynamic: usize,
-    /// Whether the step changed nothing because something was not finite; `loss` and `psnr` then need not
-    /// be finite either.
-    pub skipped: bool,
+    /// Steps among those read that changed nothing because something was not finite. They don't count in `loss` and `psnr`,
+    /// unless all were skipped: then these are of the last, and need not be finite.
+    pub n_skipped: usize,
+}
+
+impl StepReport {
+    /// Steps that `loss` and `psnr` are new means of; 0 where nothing sound was read.
+    pub fn n_sound(&self) -> usize {
+        self.n_read - self.n_skipped
+    }
 }
 
 /// One optimisation step, with what its step number brings: changes of stage, density control.
@@ -63,12 +72,14 @@ pub fn step<M: Method>(run: &mut Run<M>, hooks: &mut Hooks<M>) -> Result<StepRep
     let waited = waiting(run);
     let forward = forward(run, hooks, view)?;
     run.waited_secs += waiting(run) - waited;
-    let loss = to_host(forward.loss.clone())[0];
-    let mse = to_host(forward.mse.clone())[0];
     let mut gradients = forward.loss.backward();
-    let faults = guard::look(run, &gradients, loss);
-    let skipped = faults.is_some();
-    match faults {
+    let losses = [forward.loss.clone(), forward.mse.clone()];
+    let reading = guard::look(run, &gradients, losses, &view.name);
+    let [n_read, n_skipped] = reading.as_ref().map_or([0; 2], Reading::counts);
+    if let Some(reading) = &reading {
+        run.last_means = reading.means();
+    }
+    match reading.filter(|reading| !reading.is_sound()) {
         None => {
             gather(run, &forward, view, &mut gradients)?;
             M::after_backward(run, view, &forward)?;
@@ -77,16 +88,19 @@ pub fn step<M: Method>(run: &mut Run<M>, hooks: &mut Hooks<M>) -> Result<StepRep
                 extension.after_backward(run, &mut gradients);
             }
             update(run, &mut gradients);
-            run.skipped.end_row();
+            if n_read > 0 {
+                run.skipped.end_row();
+            }
         }
-        Some(faults) => {
-            guard::skip(run, faults, &view.name, loss)?;
+        Some(reading) => {
+            guard::skip(run, reading)?;
             hooks.each(run, |extension, run| {
                 extension.skipped(run);
                 Ok(())
             })?;
         }
     }
+    run.optimizer.stop = None;
     let stage = M::stage(run);
     run.step += 1;
     hooks.each(run, |extension, run| {
@@ -97,14 +111,16 @@ pub fn step<M: Method>(run: &mut Run<M>, hooks: &mut Hooks<M>) -> Result<StepRep
     hooks.each(run, |extension, run| extension.after_step(run))?;
 
     let (n_static, n_dynamic) = run.scene.counts();
+    let [loss, psnr] = run.last_means;
     Ok(StepReport {
         step: run.step,
         stage,
         loss,
-        psnr: -10.0 * mse.max(1e-10).log10(),
+        psnr,
+        n_read,
         n_static,
         n_dynamic,
-        skipped,
+        n_skipped,
     })
 }
 
@@ -134,7 +150,7 @@ fn waiting<M>(run: &Run<M>) -> f64 {
 }
 
 /// Takes the gradients of screen positions, which density control needs.
-fn gather<M: Method>(
+fn gather<M>(
     run: &mut Run<M>,
     forward: &Forward,
     view: &View,
@@ -142,22 +158,19 @@ fn gather<M: Method>(
 ) -> Result<(), Error> {
     let camera = &view.camera;
     let half_size = [camera.width as f32 / 2.0, camera.height as f32 / 2.0];
-    let mut add = |set: Set, probe: &Probe| {
-        if let Some(v_splats) = probe.leaf.grad_remove(gradients) {
-            let statistics = &mut run.state(set).statistics;
-            statistics.add(&of_means(v_splats), &probe.splats, half_size);
-        }
+    let Some(v_splats) = forward.leaf.grad_remove(gradients) else {
+        return Ok(());
     };
-    add(Set::Static, &forward.static_probe);
-    if let Some(probe) = &forward.dynamic_probe {
-        add(Set::Dynamic, probe);
+    let (splats, n_static) = (&forward.static_splats, forward.static_splats.dims()[0]);
+    let gathered = &mut run.static_state.gathered;
+    gathered.add_gradients(v_splats.clone(), 0, splats.clone(), half_size)?;
+    match &forward.dynamic_splats {
+        None => Ok(()),
+        Some(splats) => {
+            let gathered = &mut run.dynamic_state.gathered;
+            gathered.add_gradients(v_splats, n_static, splats.clone(), half_size)
+        }
     }
-    Ok(())
-}
-
-/// The columns of a gradient `[N, C]` that are those of the means, row by row.
-fn of_means(v_splats: Tensor<2>) -> Vec<f32> {
-    to_host(v_splats.narrow(1, MEAN_X, MEANS))
 }
 
 /// One step of Adam on everything that has a gradient.
@@ -194,10 +207,7 @@ fn control_density<M: Method>(run: &mut Run<M>, hooks: &mut Hooks<M>) {
         let rows = gaussians.to_rows();
         let (max_gaussians, scale) = (M::capacity(run, set), run.scale());
         let (step, since) = (run.step, M::began(run, set));
-        let statistics = std::mem::replace(
-            &mut run.state(set).statistics,
-            DensityStatistics::new(rows.len()),
-        );
+        let statistics = DensityStatistics::of(&run.state(set).gathered);
         let round = Round {
             set,
             step,

@@ -5,22 +5,17 @@
 //! held-out camera is drawn without any. Cameras that turn out to be alike have none from then on. A camera with one picture, of a time that no other camera shows, has none: its
 //! exposure and the scene's colours at that time are ambiguous. Source: Dynamic 3D Gaussians (Luiten et al. 2024).
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 
 use burn::tensor::{Device, Gradients, Tensor, TensorData};
-use dash_kernels::splats::{N_COLUMNS, RED};
+use dash_kernels::exposure::{CHANNELS, RESPONSE, expose};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use crate::Error;
 use crate::dataset::View;
-use crate::train::core::optimizer::Moments;
+use crate::train::core::optimizer::{Moments, Stop};
 use crate::train::core::{Extension, Rate, Run, Saved, to_host};
-
-/// Channels of a colour.
-const CHANNELS: usize = 3;
-/// Gains and offsets of a camera.
-const VALUES: usize = 2 * CHANNELS;
 
 /// Share of the run after which it is decided whether cameras differ.
 const DECIDED: f32 = 0.4;
@@ -37,31 +32,62 @@ pub struct ExposureConfig {
     pub rate: f32,
 }
 
-/// What a camera does to the colours of the scene: gains beyond 1, then offsets.
-struct Response {
-    values: Vec<f32>,
-    moments: Moments,
+/// What the cameras do to the colours of the scene, on the device: gains beyond 1, then offsets.
+struct Responses {
+    /// The row of each camera.
+    rows: BTreeMap<usize, usize>,
+    /// `[cameras, 2 C]`.
+    values: Tensor<2>,
+    /// Of each row.
+    moments: Vec<Moments>,
 }
 
-impl Response {
-    /// Of a camera that does nothing.
-    fn none(device: &Device) -> Self {
+impl Responses {
+    /// Of cameras that do nothing.
+    fn none(cameras: BTreeSet<usize>, device: &Device) -> Self {
+        let n = cameras.len();
+        let zeros = Tensor::zeros([RESPONSE], device);
         Self {
-            values: vec![0.0; VALUES],
-            moments: Moments::of(&tensor(vec![0.0; VALUES], device)),
+            rows: cameras.into_iter().zip(0..).collect(),
+            values: Tensor::zeros([n, RESPONSE], device),
+            moments: (0..n).map(|_| Moments::of(&zeros)).collect(),
         }
     }
-}
 
-fn tensor(values: Vec<f32>, device: &Device) -> Tensor<1> {
-    Tensor::from_data(TensorData::new(values, [VALUES]), device)
+    /// One step of Adam on a camera, given its gradient `[2, C]`; then all are moved so that their means are zero.
+    fn update(&mut self, row: usize, gradient: Tensor<2>, rate: Rate, stop: Option<&Stop>) {
+        let value = self.values.clone().narrow(0, row, 1).reshape([RESPONSE]);
+        let moments = std::mem::replace(&mut self.moments[row], Moments::of(&value));
+        let (value, moments) = moments.step(value, gradient.reshape([RESPONSE]), rate, stop);
+        self.moments[row] = moments;
+        let row = row..row + 1;
+        let values = self.values.clone();
+        let values = values.slice_assign([row, 0..RESPONSE], value.reshape([1, RESPONSE]));
+        self.values = values.clone() - values.mean_dim(0);
+    }
+
+    /// Whether all cameras are known to be alike: what they seem to do then is what the scene does not fit yet.
+    fn are_alike(&self) -> bool {
+        let n = self.moments.len();
+        let steps: u64 = self.moments.iter().map(|moments| moments.steps).sum();
+        if n == 0 || steps < KNOWN * n as u64 {
+            return false;
+        }
+        let values = to_host(self.values.clone());
+        let gray = |r: &[f32], channel: usize| 0.5 * r[channel] + r[CHANNELS + channel];
+        let rows = values.chunks_exact(RESPONSE);
+        let squares = rows.flat_map(|r| (0..CHANNELS).map(move |c| gray(r, c).powi(2)));
+        let mean = squares.sum::<f32>() / (n * CHANNELS) as f32;
+        mean.sqrt() < LEAST
+    }
 }
 
 /// See [`ExposureConfig`].
 pub struct Exposure {
     config: ExposureConfig,
-    cameras: BTreeMap<usize, Response>,
-    /// The camera of the step, and its gains and offsets as a leaf `[2, C]` of the graph.
+    /// `None` where cameras have no exposure of their own.
+    responses: Option<Responses>,
+    /// The row of the step's camera, and its gains and offsets as a leaf `[2, C]` of the graph.
     present: Option<(usize, Tensor<2>)>,
 }
 
@@ -70,41 +96,9 @@ impl Exposure {
     pub fn new(config: ExposureConfig) -> Self {
         Self {
             config,
-            cameras: BTreeMap::new(),
+            responses: None,
             present: None,
         }
-    }
-
-    /// One step of Adam on a camera, given its gradient `[2, C]`; then all are moved so that their means are zero.
-    fn update(&mut self, camera: usize, gradient: Tensor<2>) {
-        let Some(response) = self.cameras.remove(&camera) else {
-            return;
-        };
-        let value = tensor(response.values, &gradient.device());
-        let rate = Rate::plain(self.config.rate);
-        let (value, moments) = response
-            .moments
-            .step(value, gradient.reshape([VALUES]), rate);
-        let values = to_host(value);
-        self.cameras.insert(camera, Response { values, moments });
-        let n = self.cameras.len() as f32;
-        for k in 0..VALUES {
-            let mean = self.cameras.values().map(|r| r.values[k]).sum::<f32>() / n;
-            self.cameras.values_mut().for_each(|r| r.values[k] -= mean);
-        }
-    }
-}
-
-impl Exposure {
-    /// Whether all cameras are known to be alike: what they seem to do then is what the scene does not fit yet.
-    fn are_alike(&self) -> bool {
-        let cameras = || self.cameras.values();
-        let n = self.cameras.len();
-        let steps: u64 = cameras().map(|r| r.moments.steps).sum();
-        let gray = |r: &Response, channel| 0.5 * r.values[channel] + r.values[CHANNELS + channel];
-        let squares = cameras().flat_map(|r| (0..CHANNELS).map(|c| gray(r, c).powi(2)));
-        let mean = squares.sum::<f32>() / (n * CHANNELS) as f32;
-        n > 0 && steps >= KNOWN * n as u64 && mean.sqrt() < LEAST
     }
 }
 
@@ -124,92 +118,93 @@ impl<M> Extension<M> for Exposure {
         }
         let told_apart =
             |view: &&View| of_camera[&view.camera_index] > 1 || of_time[&view.frame] > 1;
-        self.cameras = views()
-            .filter(told_apart)
-            .map(|view| (view.camera_index, Response::none(&device)))
-            .collect();
+        let cameras = views().filter(told_apart).map(|view| view.camera_index);
+        let cameras: BTreeSet<usize> = cameras.collect();
+        self.responses = (!cameras.is_empty()).then(|| Responses::none(cameras, &device));
     }
 
-    fn before_forward(&mut self, run: &mut Run<M>, view: &View) {
+    fn before_forward(&mut self, _run: &mut Run<M>, view: &View) {
         self.present = None;
         // One camera alone is what all have in common.
-        if self.cameras.len() < 2 {
-            return;
+        let responses = self.responses.as_ref().filter(|r| r.rows.len() > 1);
+        let row = responses.and_then(|r| r.rows.get(&view.camera_index));
+        if let (Some(responses), Some(&row)) = (responses, row) {
+            let values = responses.values.clone().narrow(0, row, 1);
+            let leaf = Tensor::from_inner(values.reshape([2, CHANNELS])).require_grad();
+            self.present = Some((row, leaf));
         }
-        let Some(response) = self.cameras.get(&view.camera_index) else {
-            return;
-        };
-        let values = TensorData::new(response.values.clone(), [2, CHANNELS]);
-        let leaf = Tensor::<2>::from_data(values, &run.device).require_grad();
-        self.present = Some((view.camera_index, leaf));
     }
 
     fn splats(&mut self, _run: &Run<M>, splats: Tensor<2>) -> Tensor<2> {
         let Some((_, leaf)) = &self.present else {
             return splats;
         };
-        let (before, after) = (RED, N_COLUMNS - RED - CHANNELS);
-        let device = splats.device();
-        let zeros = |columns: usize| Tensor::<2>::zeros([2, columns], &device);
-        let row = Tensor::cat(vec![zeros(before), leaf.clone(), zeros(after)], 1);
-        let gains = row.clone().narrow(0, 0, 1) + 1.0;
-        splats * gains + row.narrow(0, 1, 1)
+        expose(splats, leaf.clone()).expect("a response is two rows of three")
     }
 
-    fn after_backward(&mut self, _run: &mut Run<M>, gradients: &mut Gradients) {
-        if let Some((camera, leaf)) = self.present.take()
+    fn after_backward(&mut self, run: &mut Run<M>, gradients: &mut Gradients) {
+        if let Some((row, leaf)) = self.present.take()
             && let Some(gradient) = leaf.grad_remove(gradients)
+            && let Some(responses) = &mut self.responses
         {
-            self.update(camera, gradient);
+            let rate = Rate::plain(self.config.rate);
+            responses.update(row, gradient, rate, run.optimizer.stop.as_ref());
         }
     }
 
     fn after_step(&mut self, run: &mut Run<M>) -> Result<(), Error> {
-        if run.step == (DECIDED * run.config.iterations as f32).round() as usize && self.are_alike()
-        {
+        let decides = run.step == (DECIDED * run.config.iterations as f32).round() as usize;
+        if decides && self.responses.as_ref().is_some_and(Responses::are_alike) {
             tracing::info!("all cameras have the same exposure");
-            self.cameras.clear();
+            self.responses = None;
         }
         Ok(())
     }
 
     fn save(&self) -> Saved {
         let mut saved = Saved::default();
-        let numbers = self
-            .cameras
-            .values()
-            .flat_map(|Response { values, moments }| {
-                let moments_of = |tensor: &Tensor<1>| to_host(tensor.clone());
-                let [first, second] = [&moments.first, &moments.second].map(moments_of);
-                [values.clone(), first, second, vec![moments.steps as f32]].concat()
-            });
-        saved.insert("cameras", numbers.collect());
+        let mut numbers = Vec::new();
+        if let Some(responses) = &self.responses {
+            let values = to_host(responses.values.clone());
+            for (values, moments) in values.chunks_exact(RESPONSE).zip(&responses.moments) {
+                numbers.extend_from_slice(values);
+                for moment in [&moments.first, &moments.second] {
+                    numbers.extend(to_host(moment.clone()));
+                }
+                numbers.push(moments.steps as f32);
+            }
+        }
+        saved.insert("cameras", numbers);
         saved
     }
 
     fn restore(&mut self, run: &Run<M>, mut saved: Saved) -> Result<(), String> {
-        const EACH: usize = 3 * VALUES + 1;
+        const EACH: usize = 3 * RESPONSE + 1;
         let numbers = saved.take("cameras")?;
-        if numbers.is_empty() {
-            self.cameras.clear();
-        }
-        if numbers.len() != EACH * self.cameras.len() {
+        let Some(responses) = self.responses.as_mut().filter(|_| !numbers.is_empty()) else {
+            self.responses = None;
+            return Ok(());
+        };
+        let n = responses.rows.len();
+        if numbers.len() != EACH * n {
             return Err(format!(
-                "{} numbers of {} cameras, of {EACH} each",
-                numbers.len(),
-                self.cameras.len()
+                "{} numbers of {n} cameras, of {EACH} each",
+                numbers.len()
             ));
         }
         let device = run.device.clone().inner();
-        for (response, numbers) in self.cameras.values_mut().zip(numbers.chunks_exact(EACH)) {
-            let part = |k: usize| numbers[k * VALUES..(k + 1) * VALUES].to_vec();
-            response.values = part(0);
-            response.moments = Moments {
-                first: tensor(part(1), &device),
-                second: tensor(part(2), &device),
-                steps: numbers[3 * VALUES] as u64,
-            };
-        }
+        let part = |row: &[f32], k: usize| row[k * RESPONSE..(k + 1) * RESPONSE].to_vec();
+        let upload = |values| Tensor::from_data(TensorData::new(values, [RESPONSE]), &device);
+        let rows = || numbers.chunks_exact(EACH);
+        let values: Vec<f32> = rows().flat_map(|row| part(row, 0)).collect();
+        responses.values = Tensor::from_data(TensorData::new(values, [n, RESPONSE]), &device);
+        responses.moments = rows()
+            .map(|row| Moments {
+                first: upload(part(row, 1)),
+                second: upload(part(row, 2)),
+                steps: row[3 * RESPONSE] as u64,
+            })
+            .collect();
         Ok(())
     }
 }

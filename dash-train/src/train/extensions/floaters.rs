@@ -3,14 +3,14 @@
 use std::collections::BTreeSet;
 
 use burn::tensor::Tensor;
+use dash_kernels::coverage::nearness;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use crate::Error;
 use crate::dataset::View;
-use crate::train::core::coverage::nearness;
 use crate::train::core::loss::opacity;
-use crate::train::core::{Extension, Forward, Run, to_host};
+use crate::train::core::{Extension, Forward, Run};
 
 /// `[extensions.floaters]`
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
@@ -64,7 +64,7 @@ impl<M> Extension<M> for Floaters {
     fn loss_terms(
         &mut self,
         run: &mut Run<M>,
-        _view: &View,
+        view: &View,
         forward: &Forward,
     ) -> Result<Vec<Tensor<1>>, Error> {
         let mut terms = Vec::new();
@@ -74,19 +74,18 @@ impl<M> Extension<M> for Floaters {
         }
         let weight = self.config.nearness;
         if weight > 0.0 {
-            let motion = forward
-                .motion
-                .clone()
-                .map(|motion| to_host(motion.detach()));
-            let cost = nearness(
-                &run.scene.static_set,
-                forward.static_probe.coverage(),
-                &motion.unwrap_or_default(),
-            );
-            terms.extend(cost.map(|cost| cost * weight));
-            if let (Some(dynamic), Some(probe)) = (&run.scene.dynamic, &forward.dynamic_probe) {
-                let cost = nearness(&dynamic.gaussians, probe.coverage(), &[]);
-                terms.extend(cost.map(|cost| cost * weight));
+            let of_rows = |splats: &Tensor<2>| Tensor::from_inner(splats.clone());
+            let mut add = |cost: Tensor<1>| terms.push(cost * weight);
+            add(nearness(
+                run.scene.static_set.opacity_logits.val(),
+                of_rows(&forward.static_splats),
+                forward.motion.clone(),
+                &view.camera,
+            )?);
+            if let (Some(dynamic), Some(splats)) = (&run.scene.dynamic, &forward.dynamic_splats) {
+                let logits = dynamic.gaussians.opacity_logits.val();
+                let splats = of_rows(splats);
+                add(nearness(logits, splats, None, &view.camera)?);
             }
         }
         Ok(terms)

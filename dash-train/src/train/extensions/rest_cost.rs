@@ -1,12 +1,12 @@
 //! A cost of visible motion: Gaussians that no picture needs to move come to rest.
 
 use burn::tensor::Tensor;
+use dash_kernels::coverage::visible_motion;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use crate::Error;
 use crate::dataset::View;
-use crate::train::core::coverage::visible_motion;
 use crate::train::core::{Extension, Forward, Run};
 use crate::train::paper::Dash;
 
@@ -48,7 +48,7 @@ impl Extension<Dash> for RestCost {
     fn loss_terms(
         &mut self,
         run: &mut Run<Dash>,
-        _view: &View,
+        view: &View,
         forward: &Forward,
     ) -> Result<Vec<Tensor<1>>, Error> {
         let (Some(motion), Some(_)) = (&forward.motion, run.method.motion_space) else {
@@ -64,10 +64,11 @@ impl Extension<Dash> for RestCost {
             false => (alone, far_alone),
         };
         // A cost of no weight is not worked out.
-        let cost = (weight > 0.0).then(|| {
-            let coverage = forward.static_probe.coverage();
-            visible_motion(motion.clone(), coverage, far) * weight
-        });
-        Ok(cost.into_iter().collect())
+        if weight <= 0.0 {
+            return Ok(Vec::new());
+        }
+        let splats = Tensor::from_inner(forward.static_splats.clone());
+        let cost = visible_motion(motion.clone(), splats, &view.camera, far)?;
+        Ok(vec![cost * weight])
     }
 }

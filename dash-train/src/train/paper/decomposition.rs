@@ -2,7 +2,6 @@
 
 use std::sync::Arc;
 
-use dash_model::decomposition::MotionStatistics;
 use dash_model::{DeformationField, DynamicPart, DynamicScene, Gaussians, SpaceBox};
 
 use super::config::{Decomposition, Form, Trajectories};
@@ -11,7 +10,7 @@ use super::state::Dash;
 use crate::Error;
 use crate::dataset::Dataset;
 use crate::train::core::initial::{BOX_MARGIN, BOX_TAIL};
-use crate::train::core::{DensityStatistics, Run, Set, to_host};
+use crate::train::core::{Run, Set, ViewSums, to_host};
 
 impl Run<Dash> {
     /// Ends the decomposition stage: the Gaussians that move, or all, become the dynamic part.
@@ -26,9 +25,10 @@ impl Run<Dash> {
         };
         self.method.motion = None;
         self.method.motion_space = None;
-        self.method.statistics = MotionStatistics::default();
+        self.method.scales = ViewSums::default();
         self.method.held_still = Vec::new();
         self.optimizer.forget("motion.");
+        self.notes.forget_rows();
         let mut rows = self.scene.static_set.to_rows();
         rows.trajectory_width = 0;
         rows.trajectories.clear();
@@ -69,8 +69,8 @@ impl Run<Dash> {
             gaussians: Gaussians::from_rows(&dynamic_rows, &self.device),
             field,
         });
-        self.static_state.statistics = DensityStatistics::new(still.len());
-        self.dynamic_state.statistics = DensityStatistics::new(moving.len());
+        self.static_state.gathered = ViewSums::new(still.len(), &self.device);
+        self.dynamic_state.gathered = ViewSums::new(moving.len(), &self.device);
         Ok(())
     }
 
@@ -78,8 +78,8 @@ impl Run<Dash> {
     /// views, which may be of another size.
     pub(crate) fn continue_with(&mut self, scene: DynamicScene, dataset: Arc<Dataset>) {
         let (n_static, n_dynamic) = scene.counts();
-        self.static_state.statistics = DensityStatistics::new(n_static);
-        self.dynamic_state.statistics = DensityStatistics::new(n_dynamic);
+        self.static_state.gathered = ViewSums::new(n_static, &self.device);
+        self.dynamic_state.gathered = ViewSums::new(n_dynamic, &self.device);
         self.step = self.stages().end + 1;
         self.scene = scene;
         self.dataset = dataset;

@@ -2,7 +2,6 @@
 
 use burn::tensor::{Gradients, Tensor};
 use dash_model::MotionField;
-use dash_model::decomposition::MotionStatistics;
 use dash_model::parameters::{named_parameters, with_parameters};
 use rand::SeedableRng;
 use rand_pcg::Pcg64;
@@ -13,7 +12,7 @@ use super::state::Dash;
 use crate::Error;
 use crate::dataset::View;
 use crate::train::core::loss::static_motion;
-use crate::train::core::{Forward, Method, ModuleVisit, Moved, Run, Saved, Set};
+use crate::train::core::{Forward, Method, ModuleVisit, Moved, Run, Saved, Set, ViewSums};
 
 /// Steps between two looks at which Gaussians Eq. 5 holds still.
 pub(crate) const MASK_INTERVAL: usize = 50;
@@ -140,7 +139,7 @@ impl Method for Dash {
 
     fn after_backward(run: &mut Run<Self>, view: &View, forward: &Forward) -> Result<(), Error> {
         if run.method.motion_space.is_some() {
-            run.gather_scale(&forward.static_probe.splats, view);
+            run.gather_scale(&forward.static_splats, view);
             if run.step.is_multiple_of(MASK_INTERVAL) {
                 run.method.held_still = run.moving()?.iter().map(|moves| !moves).collect();
             }
@@ -171,7 +170,7 @@ impl Method for Dash {
 
     fn rows_changed(&mut self, set: Set, sources: &[usize]) {
         if set == Set::Static && self.motion_space.is_some() {
-            self.statistics = self.statistics.gather(sources);
+            self.scales = self.scales.gather(sources);
             let held_still = &self.held_still;
             self.held_still = sources.iter().map(|&row| held_still[row]).collect();
         }
@@ -212,9 +211,9 @@ impl Method for Dash {
             held_still: self.held_still.clone(),
             nothing_moves: self.nothing_moves,
         });
-        let (weighted, weights) = self.statistics.parts();
-        saved.insert("weighted", weighted.to_vec());
-        saved.insert("weights", weights.to_vec());
+        let (weighted, weights) = self.scales.parts();
+        saved.insert("weighted", weighted);
+        saved.insert("weights", weights);
         if let Some(motion) = &self.motion {
             let parameters = named_parameters(motion).into_iter();
             let named = parameters.map(|(name, tensor)| (format!("{MOTION}{name}"), tensor));
@@ -225,10 +224,8 @@ impl Method for Dash {
 
     fn restore(run: &mut Run<Self>, mut saved: Saved) -> Result<(), String> {
         let state: State = saved.read()?;
-        let statistics =
-            MotionStatistics::from_parts(saved.take("weighted")?, saved.take("weights")?);
+        let (weighted, weights) = (saved.take("weighted")?, saved.take("weights")?);
         let n_static = run.scene.static_set.len();
-        let (weighted, weights) = statistics.parts();
         for (what, found, expected) in [
             ("motions of static", weighted.len(), n_static),
             ("weights of static", weights.len(), weighted.len()),
@@ -268,7 +265,7 @@ impl Method for Dash {
         method.motion_space = state.motion_space;
         method.held_still = state.held_still;
         method.nothing_moves = state.nothing_moves;
-        method.statistics = statistics;
+        method.scales = ViewSums::from_parts(&weighted, &weights, &run.device);
         Ok(())
     }
 }

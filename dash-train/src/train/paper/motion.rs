@@ -3,7 +3,7 @@
 use std::ops::RangeInclusive;
 
 use burn::tensor::{Gradients, Tensor};
-use dash_kernels::splats::{DEPTH, N_COLUMNS, RADIUS_X};
+use dash_kernels::splats::{DEPTH, RADIUS_X};
 use dash_model::decomposition::{MotionStatistics, select_dynamic};
 use dash_model::{HashEncoder, MotionField, SpaceBox};
 
@@ -11,7 +11,7 @@ use super::config::{Form, MotionMeasure, Trajectories};
 use super::state::Dash;
 use crate::Error;
 use crate::dataset::View;
-use crate::train::core::{Rate, Run, to_host};
+use crate::train::core::{Rate, Run, ViewSums, to_host};
 
 /// Sizes of scenes that are measured in their own units.
 const ORDINARY_EXTENTS: RangeInclusive<f32> = 0.05..=2000.0;
@@ -38,7 +38,7 @@ impl Run<Dash> {
             &self.device,
         )?);
         method.motion_space = Some(space);
-        method.statistics = MotionStatistics::new(n);
+        method.scales = ViewSums::new(n, &self.device);
         method.held_still = vec![true; n];
         Ok(())
     }
@@ -72,7 +72,7 @@ impl Run<Dash> {
         let extents = to_host(self.extents(coefficients)?);
         let motion: Vec<f32> = extents
             .iter()
-            .zip(self.method.statistics.means())
+            .zip(self.method.mean_scales())
             .map(|(extent, scale)| extent * scale)
             .collect();
         Ok(select_dynamic(
@@ -82,24 +82,23 @@ impl Run<Dash> {
         ))
     }
 
-    /// Takes note of how large a world unit of each visible Gaussian's motion appears in a view, given its splats.
-    pub(super) fn gather_scale(&mut self, splats: &[f32], view: &View) {
-        let focal = (view.camera.fx / view.camera.width as f64) as f32;
-        let measure = self.method.config.measure;
-        let (scales, weights): (Vec<f32>, Vec<f32>) = splats
-            .chunks_exact(N_COLUMNS)
-            .map(|splat| {
-                let depth = splat[DEPTH];
-                let visible = splat[RADIUS_X] > 0.0 && depth > 0.0;
-                let scale = match measure {
-                    MotionMeasure::World => 1.0,
-                    MotionMeasure::DistanceWeighted => 1.0 / (depth * depth + 1e-6),
-                    MotionMeasure::Screen => focal / depth,
-                };
-                (scale, if visible { 1.0 } else { 0.0 })
-            })
-            .unzip();
-        self.method.statistics.add(&scales, &weights);
+    /// Takes note of how large a world unit of each visible Gaussian's motion appears in a view, given its splats `[N, C]`.
+    pub(super) fn gather_scale(&mut self, splats: &Tensor<2>, view: &View) {
+        let column = |column: usize| splats.clone().narrow(1, column, 1);
+        let (depth, radius) = (column(DEPTH), column(RADIUS_X));
+        let visible = radius
+            .greater_elem(0.0)
+            .bool_and(depth.clone().greater_elem(0.0));
+        let scale = match self.method.config.measure {
+            MotionMeasure::World => depth.ones_like(),
+            MotionMeasure::DistanceWeighted => (depth.clone() * depth + 1e-6).recip(),
+            MotionMeasure::Screen => {
+                depth.recip() * (view.camera.fx / view.camera.width as f64) as f32
+            }
+        };
+        let shown = visible.clone().float();
+        let scale = scale.mask_fill(visible.bool_not(), 0.0);
+        self.method.scales.add(Tensor::cat(vec![scale, shown], 1));
     }
 
     /// One step of the optimizer on the coarse field.
@@ -125,6 +124,12 @@ impl Run<Dash> {
 }
 
 impl Dash {
+    /// How large a world unit of each Gaussian's motion appears, mean over the views that showed it.
+    pub(crate) fn mean_scales(&self) -> Vec<f32> {
+        let (sums, views) = self.scales.parts();
+        MotionStatistics::from_parts(sums, views).means()
+    }
+
     /// The rate of a parameter of the coarse field, when so much is left of it.
     pub(crate) fn motion_rate(&self, left: f32, name: &str) -> Rate {
         let config = &self.config.motion_field;

@@ -1,12 +1,11 @@
 //! The state of a run of DASH beside the scene.
 
 use burn::tensor::Tensor;
-use dash_model::decomposition::MotionStatistics;
 use dash_model::{DeformationConfig, HashEncoderConfig, MotionField, SpaceBox, TrajectoryBasis};
 
 use super::config::{Decomposition, MethodConfig, Trajectories, spans};
 use super::stages::Stages;
-use crate::train::core::{Around, CaptureFacts, Run};
+use crate::train::core::{Around, CaptureFacts, Run, ViewSums};
 
 /// Most spans of a polyline.
 const MAX_SPANS: usize = 48;
@@ -34,8 +33,8 @@ pub struct Dash {
     pub motion: Option<MotionField>,
     /// The space of coarse motion; present from the warm-up to the decomposition.
     pub motion_space: Option<SpaceBox>,
-    /// How large motion appears, per world unit.
-    pub statistics: MotionStatistics,
+    /// How large a world unit of each Gaussian's motion appears, summed over views.
+    pub scales: ViewSums,
     /// Which Gaussians Eq. 5 holds still.
     pub held_still: Vec<bool>,
     /// Where an extension puts the static set in the step's view, relative to its means `[N, 3]`.
@@ -66,7 +65,7 @@ impl Dash {
             nothing_moves: false,
             motion: None,
             motion_space: None,
-            statistics: MotionStatistics::default(),
+            scales: ViewSums::default(),
             held_still: Vec::new(),
             displacement: None,
             asks_around: false,

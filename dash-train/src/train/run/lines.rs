@@ -92,10 +92,11 @@ impl Log {
         trainer: &mut Trainer,
         seconds: f64,
     ) -> Result<(), Error> {
-        if !report.skipped {
-            self.loss += report.loss;
-            self.psnr += report.psnr;
-            self.count += 1;
+        let n = report.n_sound();
+        if n > 0 {
+            self.loss += n as f32 * report.loss;
+            self.psnr += n as f32 * report.psnr;
+            self.count += n;
         }
         let (step, last) = (report.step, trainer.is_finished());
         // A line of skipped steps alone has no means and waits for more.

@@ -75,14 +75,15 @@ impl Board {
         (told.step, told.iterations, told.secs) = (report.step, iterations, secs);
         told.stage = report.stage;
         (told.n_static, told.n_dynamic) = (report.n_static, report.n_dynamic);
-        if report.skipped {
+        let n_sound = report.n_sound();
+        if n_sound == 0 {
             return;
         }
         let (n, loss, psnr) = state.since;
         let (n, loss, psnr) = (
-            n + 1,
-            loss + f64::from(report.loss),
-            psnr + f64::from(report.psnr),
+            n + n_sound,
+            loss + n_sound as f64 * f64::from(report.loss),
+            psnr + n_sound as f64 * f64::from(report.psnr),
         );
         state.since = (n, loss, psnr);
         if n < state.stride {

@@ -49,9 +49,10 @@ fn report(step: usize, loss: f32) -> StepReport {
         stage: "test",
         loss,
         psnr: 20.0,
+        n_read: 1,
         n_static: 3,
         n_dynamic: 2,
-        skipped: false,
+        n_skipped: 0,
     }
 }
 

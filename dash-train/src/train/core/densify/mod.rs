@@ -14,7 +14,6 @@ use super::config::{DensifyConfig, ScheduleConfig};
 use super::sets::Set;
 pub use adaptive::Adaptive;
 pub use statistics::DensityStatistics;
-pub(crate) use statistics::MEANS;
 
 /// Opacity that a reset leaves at most. Source: 3DGS.
 const RESET_OPACITY: f32 = 0.01;

@@ -1,12 +1,6 @@
 //! What density control gathers between two rounds.
 
-use rayon::prelude::*;
-
-/// Gaussians that a thread takes at least.
-const PORTION: usize = 4096;
-
-/// Columns of packed splats that hold the mean.
-pub(crate) const MEANS: usize = 2;
+use crate::train::core::view_sums::ViewSums;
 
 /// Screen-space gradients gathered between two rounds.
 #[derive(Debug, Clone, Default, PartialEq)]
@@ -16,30 +10,10 @@ pub struct DensityStatistics {
 }
 
 impl DensityStatistics {
-    /// Nothing gathered for `n` Gaussians.
-    pub fn new(n: usize) -> Self {
-        Self {
-            gradient: vec![0.0; n],
-            seen: vec![0; n],
-        }
-    }
-
-    /// Adds one view: gradients with respect to the means of packed splats, and the splats (for visibility).
-    /// `half_size` is half the image in pixels, which makes the gradient independent of it.
-    pub fn add(&mut self, v_means: &[f32], splats: &[f32], half_size: [f32; 2]) {
-        use dash_kernels::splats::{N_COLUMNS, RADIUS_X};
-        let rows = v_means
-            .par_chunks_exact(MEANS)
-            .zip(splats.par_chunks_exact(N_COLUMNS));
-        let sums = self.gradient.par_iter_mut().zip(&mut self.seen);
-        let rows = rows.zip(sums).with_min_len(PORTION);
-        rows.for_each(|((v, splat), (gradient, seen))| {
-            let (x, y) = (v[0] * half_size[0], v[1] * half_size[1]);
-            if splat[RADIUS_X] > 0.0 && x.is_finite() && y.is_finite() {
-                *gradient += x.hypot(y);
-                *seen += 1;
-            }
-        });
+    /// What the device has summed.
+    pub fn of(sums: &ViewSums) -> Self {
+        let (gradient, views) = sums.parts();
+        Self::from_parts(gradient, views.into_iter().map(|n| n as u32).collect())
     }
 
     /// Mean gradient of a Gaussian over the views that saw it.
@@ -48,20 +22,6 @@ impl DensityStatistics {
             self.gradient[row] / self.seen[row] as f32
         } else {
             0.0
-        }
-    }
-
-    /// Appends Gaussians without statistics.
-    pub fn grow(&mut self, added: usize) {
-        self.gradient.resize(self.gradient.len() + added, 0.0);
-        self.seen.resize(self.seen.len() + added, 0);
-    }
-
-    /// Follows a change of the rows.
-    pub fn gather(&self, sources: &[usize]) -> Self {
-        Self {
-            gradient: sources.iter().map(|&row| self.gradient[row]).collect(),
-            seen: sources.iter().map(|&row| self.seen[row]).collect(),
         }
     }
 

@@ -11,7 +11,7 @@ use super::*;
 use crate::dataset::Dataset;
 use crate::synth;
 use crate::train::config::tests::small;
-use crate::train::core::DensityStatistics;
+use crate::train::core::ViewSums;
 use crate::train::extensions::{Averaging, Floaters, FloatersConfig, RestCost, RestCostConfig};
 use crate::train::paper::Decomposition;
 use crate::train::{TrainConfig, Trainer};
@@ -36,11 +36,18 @@ fn config() -> TrainConfig {
     ])
 }
 
+/// A run of which every step is read, as on a CPU.
+fn read_at_once(config: TrainConfig, device: &Device) -> Trainer {
+    let mut trainer = Trainer::new(config, dataset(), device).expect("valid");
+    trainer.run.notes.every = 1;
+    trainer
+}
+
 /// A run after `steps` steps, none of them skipped.
 fn trained(steps: usize, device: &Device) -> Trainer {
-    let mut trainer = Trainer::new(config(), dataset(), device).expect("valid");
+    let mut trainer = read_at_once(config(), device);
     for _ in 0..steps {
-        assert!(!trainer.step().expect("trains").skipped);
+        assert_eq!(trainer.step().expect("trains").n_skipped, 0);
     }
     trainer
 }
@@ -77,10 +84,10 @@ fn edit_static(trainer: &mut Trainer, edit: impl FnOnce(&mut GaussianRows)) {
 /// The one step that is skipped; the next one is not.
 fn skipped_once(trainer: &mut Trainer) -> SkippedStep {
     let step = trainer.steps_done() + 1;
-    assert!(trainer.step().expect("goes on").skipped);
+    assert_eq!(trainer.step().expect("goes on").n_skipped, 1);
     let mut skipped = trainer.take_skipped_steps();
     assert_eq!(skipped.len(), 1);
-    assert!(!trainer.step().expect("goes on").skipped, "mended");
+    assert_eq!(trainer.step().expect("goes on").n_skipped, 0, "mended");
     assert!(trainer.take_skipped_steps().is_empty(), "told once");
     let skipped = skipped.remove(0);
     assert_eq!(skipped.step, step);
@@ -92,9 +99,9 @@ fn colours_without_higher_coefficients_train() {
     for device in devices() {
         let mut config = config();
         config.set("sh_degree=0").expect("a known key");
-        let mut trainer = Trainer::new(config, dataset(), &device).expect("valid");
+        let mut trainer = read_at_once(config, &device);
         while !trainer.is_finished() {
-            assert!(!trainer.step().expect("trains").skipped);
+            assert_eq!(trainer.step().expect("trains").n_skipped, 0);
         }
         assert_eq!(trainer.run.scene.static_set.sh_degree(), 0);
     }
@@ -133,9 +140,9 @@ fn the_mean_of_the_last_steps_starts_anew_without_what_was_lost() {
     for device in devices() {
         let mut config = config();
         config.set("extensions.averaging.share=0.5").expect("a known key");
-        let mut trainer = Trainer::new(config, dataset(), &device).expect("valid");
+        let mut trainer = read_at_once(config, &device);
         while trainer.steps_done() < 31 {
-            assert!(!trainer.step().expect("trains").skipped);
+            assert_eq!(trainer.step().expect("trains").n_skipped, 0);
         }
         assert_eq!(averaged(&trainer), 1);
         let n = trainer.run.scene.static_set.len();
@@ -157,7 +164,6 @@ fn the_mean_of_the_last_steps_starts_anew_without_what_was_lost() {
 fn a_lost_loss_is_traced_to_its_gaussians() {
     for device in devices() {
         let mut trainer = trained(3, &device);
-        
         let n = trainer.run.scene.static_set.len();
         edit_static(&mut trainer, |rows| {
             rows.opacity_logits[5] = f32::NAN;
@@ -184,7 +190,7 @@ fn the_skipped_step_changes_no_other_parameter_and_no_moment() {
     let (moments, steps) = trainer.run.optimizer.to_tensors();
     let table = "scene.dynamic.field.encoder.table";
     spoil(&mut trainer, table, &[6], f32::INFINITY);
-    assert!(trainer.step().expect("goes on").skipped);
+    assert_eq!(trainer.step().expect("goes on").n_skipped, 1);
     for ((name, before), (_, after)) in before.iter().zip(parameters(&trainer)) {
         for (i, (before, after)) in before.iter().zip(after).enumerate() {
             let expected = match format!("scene.{name}") == table && i == 6 {
@@ -250,10 +256,10 @@ fn a_gradient_that_overflows_costs_its_gaussian() {
         let own = trainer.run.scene.static_set.trajectories.as_ref();
         let row = own.expect("settled").val().narrow(0, 7, 1);
         let cost = ((row + 1.0) * 1e30).powi_scalar(2).sum();
-        let loss = to_host(cost.clone())[0];
-        assert_eq!(loss, f32::INFINITY);
-        let faults = look(&mut trainer.run, &cost.backward(), loss).expect("reads");
-        skip(&mut trainer.run, faults, "made", loss).expect("mends");
+        assert_eq!(to_host(cost.clone()), [f32::INFINITY]);
+        let losses = [cost.clone(), cost.clone()];
+        let reading = look(&mut trainer.run, &cost.backward(), losses, "made");
+        skip(&mut trainer.run, reading.expect("due")).expect("mends");
         let skipped = trainer.take_skipped_steps().remove(0);
         assert!(!skipped.loss_is_finite);
         let [found] = skipped.found.as_slice() else {
@@ -262,7 +268,7 @@ fn a_gradient_that_overflows_costs_its_gaussian() {
         assert!(found.tensor.ends_with("trajectories"), "{skipped}");
         assert_eq!((found.place, &found.rows[..]), (Place::Gradient, &[7][..]));
         assert_eq!(trainer.run.scene.static_set.len(), n - 1);
-        assert!(!trainer.step().expect("goes on").skipped, "mended");
+        assert_eq!(trainer.step().expect("goes on").n_skipped, 0, "mended");
     }
 }
 
@@ -277,7 +283,7 @@ fn a_trajectory_of_any_length_trains() {
             rows.trajectories[7 * width..8 * width].fill(1e30);
             rows.opacity_logits[7] = 2.0;
         });
-        assert!(!trainer.step().expect("trains").skipped);
+        assert_eq!(trainer.step().expect("trains").n_skipped, 0);
     }
 }
 
@@ -327,21 +333,92 @@ fn a_run_that_lost_all_its_gaussians_ends_with_an_empty_scene() {
             if !moves {
                 config.method.decomposition = Decomposition::None;
             }
-            let mut trainer = Trainer::new(config, dataset(), &device).expect("valid");
+            let mut trainer = read_at_once(config, &device);
             for _ in 0..2 {
                 trainer.step().expect("trains");
             }
             let n = trainer.run.scene.static_set.len();
             edit_static(&mut trainer, |rows| *rows = rows.gather(&[]));
             trainer.run.optimizer.edit_rows(Set::Static.prefix(), &[], &[], n);
-            trainer.run.static_state.statistics = DensityStatistics::new(0);
+            trainer.run.static_state.gathered = ViewSums::default();
             while !trainer.is_finished() {
                 let report = trainer.step().expect("goes on");
-                assert!(!report.skipped && report.loss.is_finite());
+                assert!(report.n_skipped == 0 && report.loss.is_finite());
                 assert_eq!((report.n_static, report.n_dynamic), (0, 0));
             }
             let finished = trainer.finished().expect("nothing to leave out");
             assert_eq!(finished.scene.counts(), (0, 0));
         }
+    }
+}
+
+/// As a GPU is read: nothing waits, and yet a fault costs no more than the steps in which it is there.
+#[test]
+fn a_fault_is_found_when_it_is_read_and_changes_nothing_before() {
+    const EVERY: usize = 4;
+    for device in devices() {
+        let mut trainer = trained(SPLIT + 3, &device);
+        trainer.run.notes.every = EVERY;
+        let n = trainer.run.scene.static_set.len();
+        edit_static(&mut trainer, |rows| rows.means[2][1] = f32::NAN);
+        let before = parameters(&trainer);
+        for _ in 1..EVERY {
+            let report = trainer.step().expect("goes on");
+            assert_eq!((report.n_read, report.n_skipped), (0, 0));
+            assert!(report.loss.is_finite(), "that of before");
+        }
+        assert!(parameters(&trainer) == before, "nothing changes");
+        assert!(trainer.take_skipped_steps().is_empty(), "not known yet");
+        let report = trainer.step().expect("goes on");
+        assert_eq!((report.n_read, report.n_skipped), (EVERY, EVERY));
+        let skipped = trainer.take_skipped_steps();
+        let steps: Vec<usize> = skipped.iter().map(|skipped| skipped.step).collect();
+        assert_eq!(steps, [16, 17, 18, 19]);
+        for skipped in &skipped {
+            assert_eq!(skipped.found.len(), 1, "{skipped}");
+            assert_eq!(skipped.found[0].rows, [2]);
+        }
+        assert_eq!(trainer.run.scene.static_set.len(), n - 1);
+        for _ in 0..EVERY {
+            assert_eq!(trainer.step().expect("goes on").n_skipped, 0, "mended");
+        }
+        assert!(parameters(&trainer) != before, "it learns");
+    }
+}
+
+/// A gradient that overflows is gone when it is looked for; its row's mark is not, and follows the rows.
+#[test]
+fn a_gradient_that_was_not_finite_is_known_by_its_mark() {
+    for device in devices() {
+        let mut trainer = trained(10, &device);
+        trainer.run.notes.every = 3;
+        let n = trainer.run.scene.static_set.len();
+        let own = trainer.run.scene.static_set.trajectories.as_ref();
+        let row = own.expect("settled").val().narrow(0, 7, 1);
+        let cost = ((row + 1.0) * 1e30).powi_scalar(2).sum();
+        let losses = || [cost.clone(), cost.clone()];
+        let run = &mut trainer.run;
+        assert!(look(run, &cost.clone().backward(), losses(), "made").is_none());
+        assert!(run.optimizer.stop.is_some(), "the device stops the step");
+        // The first two rows go, and with them two places.
+        let stay: Vec<usize> = (2..n).collect();
+        run.keep(Set::Static, &stay);
+        run.step += 1;
+        let quiet = (Tensor::<1>::ones([1], &run.device).require_grad() * 2.0).backward();
+        let fine = || [(); 2].map(|()| Tensor::ones([1], &run.device.clone()));
+        let losses = fine();
+        assert!(look(run, &quiet, losses.clone(), "fine").is_none());
+        let reading = look(run, &quiet, losses, "fine").expect("due");
+        assert_eq!(reading.counts(), [3, 1]);
+        skip(run, reading).expect("mends");
+        let skipped = trainer.take_skipped_steps().remove(0);
+        assert_eq!(skipped.view, "made");
+        assert!(!skipped.loss_is_finite);
+        let [found] = skipped.found.as_slice() else {
+            panic!("{skipped}");
+        };
+        assert!(found.tensor.ends_with("trajectories"), "{skipped}");
+        assert_eq!(found.rows, [5]);
+        assert_eq!(trainer.run.scene.static_set.len(), n - 3);
     }
 }

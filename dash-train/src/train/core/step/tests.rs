@@ -1,9 +1,13 @@
 use std::sync::Arc;
 
 use burn::tensor::Device;
+use dash_kernels::counts;
+use dash_kernels::limits::largest_buffer_bytes;
+use dash_kernels::testing::devices;
 
 use crate::dataset::Dataset;
 use crate::synth;
+use crate::train::config::tests::small;
 use crate::train::core::densify::{reset_due, round_due, was_reset};
 use crate::train::{Keep, Preset, TrainConfig, Trainer};
 
@@ -123,5 +127,38 @@ fn means_are_faster_in_monocular_captures_and_scales_in_synchronised_ones() {
         for (found, expected) in found.into_iter().zip(expected) {
             assert!((found / expected - 1.0).abs() < 1e-2, "{found} {expected}");
         }
+    }
+}
+
+/// Launches of a step of the 4D stage, at most, and on average. Some steps measure smoothness, too.
+const MOST_LAUNCHES: [usize; 2] = [215, 180];
+
+#[test]
+fn a_step_of_a_gpu_reads_nothing_back_and_launches_few_kernels() {
+    let is_gpu = |device: &Device| largest_buffer_bytes(device).is_some();
+    for device in devices().into_iter().filter(is_gpu) {
+        let config = small(&[
+            "iterations=40",
+            "extensions.demotion=none",
+            "densify.static.during=[0, 0]",
+            "densify.dynamic.during=[0, 0]",
+        ]);
+        let dataset = Arc::new(synth::loaded(4, 4, [32, 24]));
+        let mut trainer = Trainer::new(config, dataset, &device).expect("valid");
+        while trainer.steps_done() < 20 {
+            trainer.step().expect("trains");
+        }
+        assert!(trainer.scene().dynamic.is_some());
+        let (most, mean) = (MOST_LAUNCHES[0], MOST_LAUNCHES[1]);
+        let mut sum = 0;
+        for _ in 0..16 {
+            let (report, asked) = counts::of(|| trainer.step());
+            assert_eq!(report.expect("trains").n_read, 0);
+            assert_eq!(asked.reads, 0);
+            let n = asked.launches();
+            assert!((1..=most).contains(&n), "{n}: {asked:?}");
+            sum += n;
+        }
+        assert!(sum <= 16 * mean, "{sum} launches in 16 steps");
     }
 }

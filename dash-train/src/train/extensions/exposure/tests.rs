@@ -2,6 +2,8 @@
 
 use std::sync::Arc;
 
+use dash_kernels::splats::{N_COLUMNS, RED};
+
 use super::*;
 use crate::dataset::Dataset;
 use crate::synth;
@@ -39,6 +41,18 @@ fn training_cameras(dataset: &Dataset) -> Vec<usize> {
     cameras
 }
 
+/// Cameras that have an exposure.
+fn n_cameras(exposure: &Exposure) -> usize {
+    exposure.responses.as_ref().map_or(0, |r| r.rows.len())
+}
+
+/// The exposures of all cameras, row by row.
+fn set(exposure: &mut Exposure, rows: &[[f32; RESPONSE]]) {
+    let responses = exposure.responses.as_mut().expect("several cameras");
+    let values = TensorData::new(rows.concat(), [rows.len(), RESPONSE]);
+    responses.values = Tensor::from_data(values, &responses.values.device());
+}
+
 fn trainer(dataset: Dataset) -> Trainer {
     let mut config = TrainConfig::preset(Preset::Quick);
     config.keep(Keep::All);
@@ -57,8 +71,10 @@ fn colours_are_scaled_and_shifted_and_nothing_else() {
     let index = run.train_views[0];
     let view = &dataset.views[index];
     let values = [0.1, -0.2, 0.3, 0.01, 0.02, -0.03];
-    let response = exposure.cameras.get_mut(&view.camera_index);
-    response.expect("of a training view").values = values.to_vec();
+    let rows = &exposure.responses.as_ref().expect("several cameras").rows;
+    let mut all = vec![[0.0; RESPONSE]; rows.len()];
+    all[rows[&view.camera_index]] = values;
+    set(&mut exposure, &all);
     exposure.before_forward(run, view);
 
     let device = run.device.clone();
@@ -115,10 +131,10 @@ fn the_exposures_of_cameras_are_found_beside_their_mean() {
     let found: &Exposure = found.downcast_ref().expect("an exposure");
     // What becomes of a medium gray.
     let (gains, offsets) = (0..CHANNELS, CHANNELS..2 * CHANNELS);
-    let sum = |r: &Response, of: &std::ops::Range<usize>| r.values[of.clone()].iter().sum::<f32>();
-    let gray: Vec<f32> = found
-        .cameras
-        .values()
+    let sum = |r: &[f32], of: &std::ops::Range<usize>| r[of.clone()].iter().sum::<f32>();
+    let responses = found.responses.as_ref().expect("several cameras");
+    let gray: Vec<f32> = to_host(responses.values.clone())
+        .chunks_exact(RESPONSE)
         .map(|r| (sum(r, &gains) + sum(r, &offsets) / 0.5) / 3.0)
         .collect();
     let mean = GAINS.iter().sum::<f32>() / GAINS.len() as f32;
@@ -159,7 +175,7 @@ fn a_camera_whose_only_picture_is_all_there_is_of_a_time_is_left_as_it_is() {
         let mut trainer = trainer(dataset);
         let mut exposure = Exposure::new(ExposureConfig { rate: 0.1 });
         Extension::<_>::init(&mut exposure, &mut trainer.run);
-        exposure.cameras.len()
+        n_cameras(&exposure)
     };
     assert_eq!(of_views(|_, _| true), 3);
     assert_eq!(
@@ -183,22 +199,24 @@ fn cameras_that_are_alike_lose_their_exposures() {
         let run = &mut trainer.run;
         let mut exposure = Exposure::new(ExposureConfig { rate: 0.1 });
         Extension::<_>::init(&mut exposure, run);
-        for (k, response) in exposure.cameras.values_mut().enumerate() {
-            let sign = if k % 2 == 0 { 1.0 } else { -1.0 };
-            response.values = vec![sign * offset; VALUES];
-            response.moments.steps = steps;
-        }
+        let sign = |k: usize| if k % 2 == 0 { 1.0 } else { -1.0 };
+        let rows: Vec<_> = (0..GAINS.len())
+            .map(|k| [sign(k) * offset; RESPONSE])
+            .collect();
+        set(&mut exposure, &rows);
+        let responses = exposure.responses.as_mut().expect("several cameras");
+        responses.moments.iter_mut().for_each(|m| m.steps = steps);
         run.step = 159;
         exposure.after_step(run).expect("nothing to read");
-        assert_eq!(exposure.cameras.len(), GAINS.len());
+        assert_eq!(n_cameras(&exposure), GAINS.len());
         run.step = 160;
         exposure.after_step(run).expect("nothing to read");
-        let n = exposure.cameras.len();
+        let n = n_cameras(&exposure);
         let mut again = Exposure::new(ExposureConfig { rate: 0.1 });
         Extension::<_>::init(&mut again, run);
         let saved = Extension::<crate::train::paper::Dash>::save(&exposure);
         again.restore(run, saved).expect("its own");
-        assert_eq!(again.cameras.len(), n);
+        assert_eq!(n_cameras(&again), n);
         n
     };
     assert_eq!(left(20, 0.002), 0);

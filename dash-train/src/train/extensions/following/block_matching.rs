@@ -96,7 +96,7 @@ fn fast(
     reach: &[f32],
     is_finite: impl Fn(usize) -> bool,
 ) -> Vec<usize> {
-    let scales = run.method.statistics.means();
+    let scales = run.method.mean_scales();
     let limit = dash_model::logit(MIN_OPACITY);
     (0..rows.len())
         .filter(|&row| {

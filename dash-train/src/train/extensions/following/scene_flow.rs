@@ -58,7 +58,27 @@ struct Present {
     expected: Vec<Vec3>,
     /// 1 for Gaussians that may move, 0 for those that stay where they were.
     moves: Vec<f32>,
+    /// The three on the device, where they were asked for since rows changed: `from` in the unit cube.
+    on_device: Option<[Tensor<2>; 3]>,
     offsets: HashEncoder,
+}
+
+impl Present {
+    /// `from [N, 3]` in the unit cube, `expected [N, 3]` and `moves [N, 1]`.
+    fn on_device(&mut self, run: &Run<Dash>) -> &[Tensor<2>; 3] {
+        let n = self.from.len();
+        let tensor = |values: Vec<f32>, width: usize| {
+            Tensor::<2>::from_data(TensorData::new(values, [n, width]), &run.device)
+        };
+        let flat = |values: &[Vec3]| values.iter().flat_map(Vec3::to_array).collect();
+        self.on_device.get_or_insert_with(|| {
+            [
+                run.region.normalize(tensor(flat(&self.from), 3)),
+                tensor(flat(&self.expected), 3),
+                tensor(self.moves.clone(), 1),
+            ]
+        })
+    }
 }
 
 /// See the module.
@@ -126,26 +146,18 @@ impl SceneFlow {
     }
 
     /// Where Gaussians are at the step's frame, relative to their means `[N, 3]`.
-    pub(super) fn displacement(&self, run: &Run<Dash>) -> Result<Option<Tensor<2>>, Error> {
-        let Some(present) = &self.present else {
+    pub(super) fn displacement(&mut self, run: &Run<Dash>) -> Result<Option<Tensor<2>>, Error> {
+        let Some(present) = &mut self.present else {
             return Ok(None);
         };
         let n = present.from.len();
-        let tensor = |values: &[Vec3]| {
-            let flat: Vec<f32> = values.iter().flat_map(Vec3::to_array).collect();
-            Tensor::<2>::from_data(TensorData::new(flat, [n, 3]), &run.device)
-        };
-        let moves = TensorData::new(present.moves.clone(), [n, 1]);
-        let moves = Tensor::<2>::from_data(moves, &run.device);
-        let from = run.region.normalize(tensor(&present.from));
+        let [from, expected, moves] = present.on_device(run).clone();
         let levels = present
             .offsets
             .forward(from)?
             .reshape([n, LEVELS, FEATURES]);
         let offsets = levels.sum_dim(1).reshape([n, FEATURES]).narrow(1, 0, 3);
-        Ok(Some(
-            tensor(&present.expected) + offsets * moves * self.width,
-        ))
+        Ok(Some(expected + offsets * moves * self.width))
     }
 
     /// One step of Adam on the offsets.
@@ -175,6 +187,7 @@ impl SceneFlow {
         };
         self.known.values_mut().for_each(pick);
         if let Some(present) = &mut self.present {
+            present.on_device = None;
             pick(&mut present.from);
             pick(&mut present.expected);
             let moves = sources
@@ -285,6 +298,7 @@ impl SceneFlow {
             from,
             expected,
             moves,
+            on_device: None,
             offsets,
         })
     }

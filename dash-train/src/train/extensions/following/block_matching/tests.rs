@@ -4,10 +4,10 @@ use std::sync::Arc;
 use burn::tensor::Device;
 use dash_kernels::Camera;
 use dash_model::SpaceBox;
-use dash_model::decomposition::MotionStatistics;
 
 use super::*;
 use crate::dataset::{Dataset, Layout, View};
+use crate::train::core::ViewSums;
 use crate::train::{Preset, TrainConfig, Trainer};
 
 /// Points of a small body.
@@ -126,8 +126,8 @@ pub(in super::super) fn trainer(scale: f32, pace: f32) -> Trainer {
         clamp: true,
     };
     trainer.run.start_motion().expect("valid");
-    trainer.run.method.statistics = MotionStatistics::new(N);
-    trainer.run.method.statistics.add(&[scale; N], &[1.0; N]);
+    let device = trainer.run.device.clone();
+    trainer.run.method.scales = ViewSums::from_parts(&[scale; N], &[1.0; N], &device);
     trainer
 }
 

@@ -95,6 +95,7 @@ impl SceneFlow {
                 from,
                 expected,
                 moves,
+                on_device: None,
                 offsets,
             });
         }
