@@ -84,7 +84,7 @@ pub(crate) fn slow_clips() -> impl Iterator<Item = (SlowClip, bool)> {
         speed,
         noise,
     };
-    let rates = [24, 30, 50, 60, 120, 240];
+    let rates = [24, 60, 240];
     rates.into_iter().flat_map(move |n_frames| {
         [0.0, 1.5, 4.0, 8.0].into_iter().flat_map(move |noise| {
             [

@@ -33,8 +33,7 @@ impl VideoIndex {
     /// # Errors
     /// When `ffprobe` or `ffmpeg` is missing, or the file is no video or one whose pictures can't be shown as meant.
     pub(crate) fn read(path: &Path, skip_broken: bool) -> Result<Self, Error> {
-        let track = Track::read(path)?;
-        let packets = track.packets()?;
+        let (track, packets) = Track::read_all(path)?;
         let size = size_of(&track, skip_broken)?;
         track.tell();
         Ok(Self::new(track, size, &packets))
@@ -202,20 +201,31 @@ impl VideoIndex {
 
 #[cfg(test)]
 mod tests {
-    use super::super::probe::{parse_packets, track};
+    use super::super::probe::{packets_of, track};
     use super::*;
 
-    fn index(listing: &str) -> VideoIndex {
-        let packets = parse_packets(listing).expect("a listing");
+    /// A row of a listing: when it is shown, when it is decoded, flags.
+    type Row = (Option<i64>, Option<i64>, &'static str);
+
+    fn shown(pts: i64, dts: i64, flags: &'static str) -> Row {
+        (Some(pts), Some(dts), flags)
+    }
+
+    fn index(rows: &[Row]) -> VideoIndex {
+        let packets = packets_of(rows).expect("a listing");
         VideoIndex::new(track("a.mp4"), (4, 2), &packets)
     }
 
     #[test]
     fn groups_begin_at_key_frames() {
         // Shown order 0 100 200 | 300 400 ms: the second picture of the file is shown third.
-        let index = index(
-            "packet,0,-9,K__\npacket,200,0,___\npacket,100,1,___\npacket,300,2,K__\npacket,400,3,___\n",
-        );
+        let index = index(&[
+            shown(0, -9, "K__"),
+            shown(200, 0, "___"),
+            shown(100, 1, "___"),
+            shown(300, 2, "K__"),
+            shown(400, 3, "___"),
+        ]);
         assert_eq!((index.n_frames(), index.rate()), (5, Some(10.0)));
         for (frame, group) in [(0, 0..3), (2, 0..3), (3, 3..5), (4, 3..5)] {
             assert_eq!(index.group_of(frame), group);
@@ -232,21 +242,34 @@ mod tests {
     #[test]
     fn a_key_frame_behind_what_is_shown_before_it_begins_no_group() {
         // An open group: the picture at 200 ms comes after the key frame of 300 ms.
-        let index = index("packet,0,0,K__\npacket,100,1,___\npacket,300,2,K__\npacket,200,3,___\n");
+        let index = index(&[
+            shown(0, 0, "K__"),
+            shown(100, 1, "___"),
+            shown(300, 2, "K__"),
+            shown(200, 3, "___"),
+        ]);
         assert_eq!(index.group_of(3), 0..4);
     }
 
     #[test]
     fn pictures_that_are_not_shown_do_not_count() {
-        let index = index("packet,-100,0,KD_\npacket,0,1,___\npacket,100,2,K__\n");
+        let index = index(&[
+            shown(-100, 0, "KD_"),
+            shown(0, 1, "___"),
+            shown(100, 2, "K__"),
+        ]);
         assert_eq!(index.n_frames(), 2);
         assert_eq!(index.group_of(0), 0..1);
     }
 
     #[test]
     fn without_presentation_times_frames_are_counted_from_the_beginning() {
-        let index =
-            index("packet,N/A,0,K_\npacket,40,40,__\npacket,N/A,80,K_\npacket,N/A,120,__\n");
+        let index = index(&[
+            (None, Some(0), "K_"),
+            shown(40, 40, "__"),
+            (None, Some(80), "K_"),
+            (None, Some(120), "__"),
+        ]);
         assert_eq!(index.times(), [0.0, 0.04, 0.08, 0.12]);
         assert_eq!(index.group_of(3), 0..4);
         let part = index.part(2..4);
@@ -255,13 +278,9 @@ mod tests {
 
     #[test]
     fn listings_without_frames_or_times_are_refused() {
-        for listing in [
-            "",
-            "format,0.0\n",
-            "packet,N/A,N/A,K__\n",
-            "packet,1.5,x,K__\n",
-        ] {
-            assert!(parse_packets(listing).is_err(), "{listing:?}");
+        let untimed = (None, None, "K__");
+        for rows in [&[][..], &[untimed], &[shown(0, 0, "K__"), untimed]] {
+            assert!(packets_of(rows).is_err(), "{rows:?}");
         }
     }
 }

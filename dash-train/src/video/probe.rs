@@ -1,4 +1,4 @@
-//! What a file says of its video, as `ffprobe` lists it.
+//! What a file says of its video, as `ffprobe` lists it, in one go: it starts as slowly as it lists a short file.
 
 use std::path::{Path, PathBuf};
 
@@ -50,8 +50,20 @@ pub(super) struct Packets {
 #[derive(Debug, Default, Deserialize)]
 #[serde(default)]
 struct Listing {
+    packets: Vec<Listed>,
     streams: Vec<Stream>,
     format: Format,
+}
+
+/// A coded picture of any stream.
+#[derive(Debug, Default, Deserialize)]
+#[serde(default)]
+struct Listed {
+    stream_index: usize,
+    /// When it is shown, when it is decoded.
+    pts: Option<i64>,
+    dts: Option<i64>,
+    flags: String,
 }
 
 #[derive(Debug, Default, Deserialize)]
@@ -97,25 +109,24 @@ impl Track {
     /// # Errors
     /// When `ffprobe` is missing, or the file has no video or one whose pictures can't be shown as meant.
     pub(super) fn read(path: &Path) -> Result<Self, Error> {
-        refuse_pointer_file(path, "a video")?;
-        let mut command = ffprobe();
-        command
-            .args([
-                "-protocol_whitelist",
-                "file",
-                "-show_streams",
-                "-show_format",
-            ])
-            .args(["-of", "json"])
-            .arg(file_argument(path));
-        let listing = output(&mut command).map_err(reading(path))?;
-        let listing = serde_json::from_str(&listing)
-            .map_err(|e| Error::video_decode(path, format!("ffprobe's listing: {e}")))?;
-        Self::of(path, listing)
+        Self::of(path, &list(path, &[])?)
+    }
+
+    /// Reads the head of a file and lists its coded pictures; nothing is decoded.
+    ///
+    /// # Errors
+    /// Those of [`read`](Self::read), and when there are no pictures, too many, or ones without times.
+    pub(super) fn read_all(path: &Path) -> Result<(Self, Packets), Error> {
+        let pictures = ["-show_entries", "packet=stream_index,pts,dts,flags"];
+        let listing = list(path, &pictures)?;
+        let track = Self::of(path, &listing)?;
+        let packets = packets(&listing.packets, track.stream);
+        let packets = packets.map_err(|what| Error::video_decode(path, what))?;
+        Ok((track, packets))
     }
 
     /// The track marked as the default one, or else the first. Pictures of covers and thumbnails don't count.
-    fn of(path: &Path, listing: Listing) -> Result<Self, Error> {
+    fn of(path: &Path, listing: &Listing) -> Result<Self, Error> {
         let videos: Vec<&Stream> = listing.streams.iter().filter(|s| s.is_video()).collect();
         let default = videos.iter().find(|stream| stream.disposition.default == 1);
         let Some(stream) = default.or(videos.first()) else {
@@ -124,7 +135,8 @@ impl Track {
         let unit = Ratio::parse(&stream.time_base, '/').ok_or_else(|| {
             Error::video_decode(path, format!("its time base is {:?}", stream.time_base))
         })?;
-        let start = listing.format.start_time.and_then(|text| text.parse().ok());
+        let start = listing.format.start_time.as_ref();
+        let start = start.and_then(|text| text.parse().ok());
         let choice = (videos.len() > 1).then(|| {
             let streams: Vec<String> = videos.iter().map(|s| s.index.to_string()).collect();
             let why = default.map_or("the first", |_| "marked as default, or the first so marked");
@@ -148,58 +160,58 @@ impl Track {
             tracing::warn!("{}: {remark}", self.path.display());
         }
     }
-
-    /// Lists its coded pictures; nothing is decoded.
-    ///
-    /// # Errors
-    /// When `ffprobe` fails, or there are none, too many, or ones without times.
-    pub(super) fn packets(&self) -> Result<Packets, Error> {
-        let mut command = ffprobe();
-        command
-            .args(["-protocol_whitelist", "file"])
-            .args(["-select_streams", &self.stream.to_string()])
-            .args(["-show_entries", "packet=pts,dts,flags", "-of", "csv"])
-            .arg(file_argument(&self.path));
-        let listing = output(&mut command).map_err(reading(&self.path))?;
-        parse_packets(&listing).map_err(|what| Error::video_decode(&self.path, what))
-    }
 }
 
-/// Lines such as `packet,512,0,K__`: when it is shown, when it is decoded, flags.
-pub(super) fn parse_packets(listing: &str) -> Result<Packets, String> {
-    let mut shown = Vec::new();
-    let mut decoded = Vec::new();
-    for line in listing.lines() {
-        let mut fields = line.trim().split(',');
-        let (Some("packet"), Some(pts), Some(dts), Some(flags)) =
-            (fields.next(), fields.next(), fields.next(), fields.next())
-        else {
-            continue;
-        };
-        // Pictures that only others need, from before the clip's beginning.
-        if flags.contains('D') {
-            continue;
-        }
-        let packet = |stamp: &str| {
-            let stamp = stamp.parse().ok()?;
-            let is_key = flags.contains('K');
-            Some(Packet { stamp, is_key })
-        };
-        shown.push(packet(pts));
-        decoded.push(packet(dts));
-        if shown.len() > MAX_FRAMES {
-            return Err(format!("it has more than {MAX_FRAMES} frames"));
-        }
-    }
-    if shown.is_empty() {
+/// What `ffprobe` lists of a file and its videos, with more options.
+fn list(path: &Path, more: &[&str]) -> Result<Listing, Error> {
+    refuse_pointer_file(path, "a video")?;
+    let mut command = ffprobe();
+    command
+        .args(["-protocol_whitelist", "file", "-select_streams", "v"])
+        .args(["-show_streams", "-show_format"])
+        .args(more)
+        .args(["-of", "json"])
+        .arg(file_argument(path));
+    let listing = output(&mut command).map_err(reading(path))?;
+    serde_json::from_str(&listing)
+        .map_err(|e| Error::video_decode(path, format!("ffprobe's listing: {e}")))
+}
+
+/// The coded pictures of a stream.
+fn packets(listed: &[Listed], stream: usize) -> Result<Packets, String> {
+    // `D`: pictures that only others need, from before the clip's beginning.
+    let own = |p: &&Listed| p.stream_index == stream && !p.flags.contains('D');
+    let own: Vec<&Listed> = listed.iter().filter(own).collect();
+    if own.is_empty() {
         return Err("it has no frames".into());
     }
-    let all = |packets: Vec<Option<Packet>>| packets.into_iter().collect::<Option<Vec<_>>>();
-    let timed = all(shown).map(|list| (list, true));
-    let (list, are_timed) = timed
-        .or_else(|| all(decoded).map(|list| (list, false)))
+    if own.len() > MAX_FRAMES {
+        return Err(format!("it has more than {MAX_FRAMES} frames"));
+    }
+    let all = |stamp: fn(&Listed) -> Option<i64>| {
+        let packet = |listed: &&Listed| {
+            let is_key = listed.flags.contains('K');
+            stamp(listed).map(|stamp| Packet { stamp, is_key })
+        };
+        own.iter().map(packet).collect::<Option<Vec<_>>>()
+    };
+    let (list, are_timed) = all(|p| p.pts)
+        .map(|list| (list, true))
+        .or_else(|| all(|p| p.dts).map(|list| (list, false)))
         .ok_or("its pictures have no times; put it into an MP4 file")?;
     Ok(Packets { list, are_timed })
+}
+
+/// Coded pictures of stream 0 from rows of when each is shown, when it is decoded, flags.
+#[cfg(test)]
+pub(super) fn packets_of(rows: &[(Option<i64>, Option<i64>, &str)]) -> Result<Packets, String> {
+    let listed = |&(pts, dts, flags): &(_, _, &str)| Listed {
+        stream_index: 0,
+        pts,
+        dts,
+        flags: flags.into(),
+    };
+    packets(&rows.iter().map(listed).collect::<Vec<_>>(), 0)
 }
 
 /// A track with stamps in milliseconds.
@@ -223,7 +235,7 @@ mod tests {
     fn chosen(listing: serde_json::Value) -> Result<Track, Error> {
         Track::of(
             Path::new("a.mp4"),
-            serde_json::from_value(listing).expect("a listing"),
+            &serde_json::from_value(listing).expect("a listing"),
         )
     }
 

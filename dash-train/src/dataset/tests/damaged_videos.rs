@@ -9,7 +9,7 @@ use crate::Error;
 use crate::test_kit::{Fixture, camera, npy_f64};
 
 /// Frames per video, in groups of four of which the file holds some out of order.
-const N: usize = 23;
+const N: usize = 15;
 const GROUP: usize = 4;
 const CAMERAS: usize = 3;
 const ENCODING: [&str; 12] = [
@@ -152,7 +152,7 @@ fn damage_costs_frames_up_to_the_next_key_frame() {
     let start = coded_pictures(&bytes);
     let length = bytes.len() - start;
     let mut n_damaged = 0;
-    for eighth in [1, 3, 5, 7] {
+    for eighth in [1, 4, 7] {
         // A few bytes each time, so that the decoder notices.
         let mut damaged = bytes.clone();
         let at = start + length * eighth / 8;

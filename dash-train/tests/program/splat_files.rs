@@ -1,8 +1,6 @@
 //! Files of Gaussians with values of every kind, and points whose colours have other names, from the command line.
 
-mod common;
-
-use common::{Scratch, TINY, text};
+use crate::common::{Scratch, TINY, text};
 
 const NAMES: [&str; 14] = [
     "x", "y", "z", "f_dc_0", "f_dc_1", "f_dc_2", "opacity", "scale_0", "scale_1", "scale_2",

@@ -1,8 +1,6 @@
 //! `dash report` and `dash bench` from the command line.
 
-mod common;
-
-use common::{Scratch, TINY, text};
+use crate::common::{Scratch, TINY, text};
 
 #[test]
 fn a_run_and_a_benchmark_become_one_page() {

@@ -1,10 +1,8 @@
 //! LPIPS from the command line: weights from files into `results.json`.
 
-mod common;
-
 use std::collections::BTreeMap;
 
-use common::{Scratch, TINY};
+use crate::common::{Scratch, TINY};
 use dash_model::parameters::HostTensor;
 use dash_model::scene_file::write_tensors;
 use dash_train::metrics::lpips::Network;

@@ -1,8 +1,6 @@
 //! `dash doctor` from outside: what it prints, writes and exits with.
 
-mod common;
-
-use common::{Scratch, text};
+use crate::common::{Scratch, text};
 use serde_json::Value;
 
 #[test]

@@ -1,16 +1,14 @@
 //! A run that is killed at any moment, also while it writes a checkpoint, loses no checkpoint and
 //! resumes to the same bits.
 
-mod common;
-
 use std::fs;
 use std::path::Path;
 use std::process::{Child, ExitStatus, Stdio};
 use std::sync::Arc;
 use std::thread::yield_now;
 
+use crate::common::{Scratch, TINY, text};
 use burn::tensor::Device;
-use common::{Scratch, TINY, text};
 use dash_train::dataset::{Dataset, LoadOptions, load};
 use dash_train::train::{RunFolder, latest_checkpoint, load_checkpoint};
 use rand::{Rng, SeedableRng};

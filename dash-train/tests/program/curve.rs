@@ -1,10 +1,8 @@
 //! Scores along the way of a run: what they hold, that they change nothing, and what resuming keeps.
 
-mod common;
-
 use std::fs;
 
-use common::{Scratch, text};
+use crate::common::{Scratch, text};
 use serde_json::Value;
 
 fn curve(scratch: &Scratch, run: &str) -> Vec<Value> {

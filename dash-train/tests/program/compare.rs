@@ -1,8 +1,6 @@
 //! `dash compare`: runs of several methods, taken up again where they were left.
 
-mod common;
-
-use common::{Scratch, TINY};
+use crate::common::{Scratch, TINY};
 
 const METHODS: &str = "dash,hexplane,embedding,static";
 

@@ -1,8 +1,6 @@
 //! `dash benchmark`: a protocol on made-up scenes, beside what is published.
 
-mod common;
-
-use common::{Scratch, TINY};
+use crate::common::{Scratch, TINY};
 
 fn arguments<'a>(protocol: &'a str, data: &'a str, more: &[&'a str]) -> Vec<&'a str> {
     let mut args = vec![

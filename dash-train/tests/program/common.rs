@@ -1,5 +1,4 @@
 //! Runs the binary in a folder of its own.
-#![expect(dead_code, reason = "each test file uses its part")]
 
 use std::collections::BTreeSet;
 use std::fs;

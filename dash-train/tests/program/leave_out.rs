@@ -1,8 +1,6 @@
 //! What a scene does not need is left out, and a run says so.
 
-mod common;
-
-use common::{Scratch, TINY};
+use crate::common::{Scratch, TINY};
 
 /// Trains on 4 cameras and 6 frames of a scene.
 fn trained(scene: &str, more: &[&str]) -> Scratch {

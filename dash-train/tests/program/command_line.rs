@@ -1,8 +1,6 @@
 //! The commands on a tiny scene, from nothing to pictures.
 
-mod common;
-
-use common::{Scratch, TINY, text};
+use crate::common::{Scratch, TINY, text};
 use serde_json::Value;
 
 const KEYS: [&str; 22] = [

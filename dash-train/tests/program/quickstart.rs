@@ -1,8 +1,6 @@
 //! `dash quickstart`, shortened.
 
-mod common;
-
-use common::Scratch;
+use crate::common::Scratch;
 use serde_json::Value;
 
 #[test]

@@ -1,14 +1,11 @@
 //! Commands that are stopped by a signal, or by a system that takes no more files: what they leave, say and exit with.
-#![cfg(unix)]
-
-mod common;
 
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Output, Stdio};
 use std::thread::yield_now;
 
-use common::{Scratch, TINY, text};
+use crate::common::{Scratch, TINY, text};
 use dash_train::train::latest_checkpoint;
 
 const NOTHING: [PathBuf; 0] = [];

@@ -1,8 +1,6 @@
 //! Bad input of every kind: exit code 1, one line that names the file, nothing left behind.
 
-mod common;
-
-use common::{Scratch, TINY, text};
+use crate::common::{Scratch, TINY, text};
 
 /// `dash train` on `room`, which must fail before `run` is made; short, should it not.
 const TRAIN: [&str; 6] = ["train", "room", "--out", "run", "--iterations", "1"];
@@ -139,7 +137,7 @@ fn zero_frames_and_one_camera() {
 fn damaged_transforms() {
     let scratch = Scratch::with_room("blender");
     let path = "room/transforms_train.json";
-    let whole = common::text(&scratch.read(path));
+    let whole = text(&scratch.read(path));
     for share in [0.0, 0.5, 0.99] {
         scratch.truncate(path, share);
         scratch.fails(&TRAIN, "transforms_train.json");
