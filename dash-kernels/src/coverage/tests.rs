@@ -46,7 +46,7 @@ fn splats(seed: u64, n: usize) -> Vec<f32> {
 
 fn motions(seed: u64, n: usize) -> Vec<f32> {
     let mut rng = rng(seed);
-    let still = |k: usize, v: f32| if k % 3 == 0 { 0.0 } else { v };
+    let still = |k: usize, v: f32| if k.is_multiple_of(3) { 0.0 } else { v };
     let values = uniform(&mut rng, n, 0.0, 2.0);
     values
         .into_iter()

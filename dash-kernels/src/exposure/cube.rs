@@ -68,7 +68,8 @@ fn expose_kernel(
     }
     let column = ABSOLUTE_POS % N_COLUMNS;
     let mut value = splats[ABSOLUTE_POS];
-    if column >= RED && column < comptime!(RED + CHANNELS) {
+    let is_geometry = column < RED;
+    if !is_geometry && column < comptime!(RED + CHANNELS) {
         let channel = column - RED;
         value = value * (1.0f32 + response[channel]) + response[channel + CHANNELS];
     }
@@ -90,7 +91,8 @@ fn expose_vjp_kernel(
     let column = ABSOLUTE_POS % N_COLUMNS;
     let v = v_out[ABSOLUTE_POS];
     let mut v_own = v;
-    if column >= RED && column < comptime!(RED + CHANNELS) {
+    let is_geometry = column < RED;
+    if !is_geometry && column < comptime!(RED + CHANNELS) {
         let channel = column - RED;
         v_own = v * (1.0f32 + response[channel]);
         let v_gain = v * splats[ABSOLUTE_POS];

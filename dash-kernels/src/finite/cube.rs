@@ -100,7 +100,8 @@ fn look(
         if !is_finite(values[i]) {
             flags[any as usize] = RAISED;
             flags[place.flag as usize] = RAISED;
-            if place.width > 0 {
+            let has_marks = place.width > 0;
+            if has_marks {
                 flags[(place.marks + i as u32 / place.width) as usize] = RAISED;
             }
         }

@@ -145,7 +145,7 @@ fn loss_kernel(
     pixels[unit + comptime!(2 * UNITS)] = squared;
     add_up(&mut pixels);
     if UNIT_POS == 0 && (CUBE_POS as u32) < n_tiles {
-        let first = CUBE_POS as usize * SUMS;
+        let first = CUBE_POS * SUMS;
         sums[first] = pixels[0usize];
         sums[first + 1] = pixels[UNITS];
         sums[first + 2] = pixels[comptime!(2 * UNITS)];
@@ -205,7 +205,7 @@ fn add_up(values: &mut Shared<[f32]>, // [3 * UNITS] and more
             #[unroll]
             for run in 0..SUMS {
                 let to = unit + comptime!(run * UNITS);
-                values[to] = values[to] + values[to + half];
+                values[to] += values[to + half];
             }
         }
         // What other units have added is added.

@@ -196,7 +196,7 @@ impl Notes {
         let mut values = numbers.values;
         for (k, value) in [loss, mse].into_iter().enumerate() {
             let place = (k + 1) * numbers.capacity + slot;
-            values = values.slice_assign([place..place + 1], value);
+            values = values.slice_assign(place..place + 1, value);
         }
         numbers.values =
             raise_flags(values, &searched, slot).expect("there is a flag for each tensor");

@@ -199,7 +199,7 @@ fn cameras_that_are_alike_lose_their_exposures() {
         let run = &mut trainer.run;
         let mut exposure = Exposure::new(ExposureConfig { rate: 0.1 });
         Extension::<_>::init(&mut exposure, run);
-        let sign = |k: usize| if k % 2 == 0 { 1.0 } else { -1.0 };
+        let sign = |k: usize| if k.is_multiple_of(2) { 1.0 } else { -1.0 };
         let rows: Vec<_> = (0..GAINS.len())
             .map(|k| [sign(k) * offset; RESPONSE])
             .collect();
