@@ -8,7 +8,7 @@ use burn::backend::tensor::FloatTensor;
 
 use super::{Coverage, CoverageVjp, PictureSize};
 
-/// The gradient of a cost was worked out with it; what is left is the product with that of the loss.
+/// The gradient of a cost was worked out with it; here it is multiplied by the loss's.
 #[derive(Debug)]
 struct CostBackward;
 

@@ -21,7 +21,7 @@ pub const CHANNELS: usize = 3;
 /// Numbers of a response: gains beyond 1, then offsets.
 pub const RESPONSE: usize = 2 * CHANNELS;
 
-/// The splats with each colour `c` as `c (1 + gain) + offset`; other columns stay as they are.
+/// The splats with each colour `c` as `c (1 + gain) + offset`; other columns do not change.
 ///
 /// # Shapes
 /// `splats [N, C]` as [`project`](crate::project::project) packs them, `response [2, 3]`: gains beyond 1, then offsets, of red,

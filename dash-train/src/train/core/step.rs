@@ -26,7 +26,7 @@ pub struct StepReport {
     pub loss: f32,
     /// Mean peak signal-to-noise ratio of their training views, dB.
     pub psnr: f32,
-    /// How many steps were read in this one; 0: `loss` and `psnr` are those of before.
+    /// How many steps were read in this one; 0: `loss` and `psnr` have not changed.
     pub n_read: usize,
     /// Static Gaussians.
     pub n_static: usize,

@@ -365,7 +365,7 @@ fn a_fault_is_found_when_it_is_read_and_changes_nothing_before() {
         for _ in 1..EVERY {
             let report = trainer.step().expect("goes on");
             assert_eq!((report.n_read, report.n_skipped), (0, 0));
-            assert!(report.loss.is_finite(), "that of before");
+            assert!(report.loss.is_finite(), "the last one read");
         }
         assert!(parameters(&trainer) == before, "nothing changes");
         assert!(trainer.take_skipped_steps().is_empty(), "not known yet");

@@ -5,16 +5,18 @@
 //! meanwhile; what they look like improves with each picture.
 
 mod changes;
+mod present;
 mod saved;
 
 use std::collections::BTreeMap;
 
 use burn::tensor::{Gradients, Tensor, TensorData};
-use dash_model::{HashEncoder, HashEncoderConfig, TrajectoryBasis};
+use dash_model::{HashEncoderConfig, TrajectoryBasis};
 use glam::Vec3;
 use rayon::prelude::*;
 
 use self::changes::Changes;
+use self::present::Present;
 use super::block_matching::{self, Ahead};
 use crate::Error;
 use crate::dataset::View;
@@ -45,41 +47,6 @@ const DISPLACED: f32 = 1e-3;
 const FIRST_REACH: f32 = 0.05;
 /// Frames before a new one whose fastest velocity block matching looks at: what bounces is slow for a moment.
 const LOOKED_BACK: usize = 4;
-
-/// The frame that is fitted.
-struct Present {
-    /// Its place among the training times.
-    place: usize,
-    /// Its first step, and the step after its last.
-    steps: [usize; 2],
-    /// Where the Gaussians were in the frame before.
-    from: Vec<Vec3>,
-    /// Where they are expected, relative to their means.
-    expected: Vec<Vec3>,
-    /// 1 for Gaussians that may move, 0 for those that stay where they were.
-    moves: Vec<f32>,
-    /// The three on the device, where they were asked for since rows changed: `from` in the unit cube.
-    on_device: Option<[Tensor<2>; 3]>,
-    offsets: HashEncoder,
-}
-
-impl Present {
-    /// `from [N, 3]` in the unit cube, `expected [N, 3]` and `moves [N, 1]`.
-    fn on_device(&mut self, run: &Run<Dash>) -> &[Tensor<2>; 3] {
-        let n = self.from.len();
-        let tensor = |values: Vec<f32>, width: usize| {
-            Tensor::<2>::from_data(TensorData::new(values, [n, width]), &run.device)
-        };
-        let flat = |values: &[Vec3]| values.iter().flat_map(Vec3::to_array).collect();
-        self.on_device.get_or_insert_with(|| {
-            [
-                run.region.normalize(tensor(flat(&self.from), 3)),
-                tensor(flat(&self.expected), 3),
-                tensor(self.moves.clone(), 1),
-            ]
-        })
-    }
-}
 
 /// See the module.
 pub(super) struct SceneFlow {
