@@ -1,6 +1,6 @@
 //! Extreme inputs for every operation, for scenes and for training, judged on any device.
 //!
-//! [`cases`] is the one list: `dash stress` prints it as a table, `tests/extremes.rs` asserts it. A case
+//! [`cases`] is the one list: `dash stress` prints it as a table, `tests/workspace/extremes.rs` asserts it. A case
 //! computes values and gradients on a device and compares them with the operation's `f64` reference, or with a
 //! known result. Each part has a tolerance of its own, and everything must be finite.
 //!

@@ -1,4 +1,5 @@
-//! The program `dash` from outside: what its commands print, write and exit with.
+//! The program `dash` from outside: what its commands print, write and exit with, how recordings are read, and a format of
+//! one's own.
 //!
 //! One test binary: each would link Burn once more.
 
@@ -12,7 +13,9 @@ mod doctor;
 mod kill;
 mod leave_out;
 mod lpips;
+mod own_format;
 mod quickstart;
+mod recordings;
 mod report;
 mod splat_files;
 #[cfg(unix)]

@@ -3,7 +3,7 @@
 //!
 //! A scene is trained with three seeds, and the median of each measure must not be below its bound. The bound is the
 //! second worst of nine seeds, which no median of three of them is below, less a margin for other processors, whose kernels
-//! round elsewhere. `DASH_QUALITY_SEEDS=9 cargo test --release --test quality -- --nocapture` prints what it is made of.
+//! round elsewhere. `DASH_QUALITY_SEEDS=9 cargo test --release --test workspace quality -- --nocapture` prints what it is made of.
 
 use std::sync::Arc;
 

@@ -76,12 +76,12 @@ impl Program {
         ))
     }
 
-    /// `dash COMMAND --help`, or `dash --help`.
+    /// `dash COMMAND --help`, or `dash --help`. A command may have a command of its own behind a space.
     pub fn help(&self, command: &str) -> Result<String, String> {
         if let Some(known) = self.help.borrow().get(command) {
             return Ok(known.clone());
         }
-        let words = (!command.is_empty()).then_some(command);
+        let words = command.split_whitespace();
         let output = Command::new(&self.path).args(words).arg("--help").output();
         let output = output.map_err(|e| e.to_string())?;
         if !output.status.success() {

@@ -3,10 +3,12 @@
 use std::fs;
 use std::path::Path;
 
-use crate::program::Program;
+use super::program::Program;
 
 /// Programs of a system whose options are not looked at.
-const PLAIN: [&str; 6] = ["apt", "cp", "ls", "mkdir", "python3", "ssh"];
+const PLAIN: [&str; 7] = ["apt", "cp", "ls", "mkdir", "python3", "seq", "ssh"];
+/// Commands of `dash` that have commands of their own.
+const WITH_COMMANDS: [&str; 1] = ["plan"];
 
 /// Looks whether each command of a block could run.
 pub fn check(block: &str, program: &Program, root: &Path) -> Result<(), String> {
@@ -35,6 +37,10 @@ fn check_command(words: &[String], program: &Program, root: &Path) -> Result<(),
         return Ok(());
     };
     match name.as_str() {
+        "xargs" => match rest.iter().position(|word| word == "dash") {
+            Some(dash) => check_dash(&rest[dash + 1..], program),
+            None => Ok(()),
+        },
         "dash" => check_dash(rest, program),
         "cargo" => check_cargo(rest, program, root),
         plain if PLAIN.contains(&plain) => Ok(()),
@@ -51,6 +57,8 @@ fn check_dash(words: &[String], program: &Program) -> Result<(), String> {
     } else {
         command
     };
+    let own = words.get(1).filter(|_| WITH_COMMANDS.contains(&command));
+    let command = &own.map_or_else(|| command.to_string(), |own| format!("{command} {own}"));
     let help = program.help(command)?;
     for (index, word) in words
         .iter()

@@ -1,11 +1,9 @@
 //! Whole pictures of the kernels in single precision against the double-precision references: of a trained
 //! 3DGS scene from the test data, and of a random scene. Both pass through the PLY reader.
 
-mod common;
-
 use std::path::PathBuf;
 
-use common::test_data;
+use crate::common::test_data;
 use dash_kernels::project::{self, ProjectOptions, View};
 use dash_kernels::rasterize::{self, N_CHANNELS};
 use dash_kernels::splats::NEAR_PLANE;

@@ -12,9 +12,6 @@
 //! | `rust excerpt=PATH` | the file holds these lines |
 //! | `text` | nothing: it shows output |
 
-// The blocks are of a Unix shell.
-#![cfg(unix)]
-
 mod commands;
 mod page;
 mod program;
@@ -22,9 +19,9 @@ mod program;
 use std::fs;
 use std::path::{Path, PathBuf};
 
-use commands::check;
-use page::{Block, Page};
-use program::Program;
+use self::commands::check;
+use self::page::{Block, Page};
+use self::program::Program;
 
 /// Most words of the README, everything counted.
 const README_WORDS: usize = 700;
