@@ -70,7 +70,7 @@ pub fn cloud(scene: &Scene, cameras: &[Camera], count: usize, seed: u64) -> Vec<
         if seen_by < needed {
             continue;
         }
-        let color = instant.shade(&seen).to_array().map(linear_to_srgb8);
+        let color = instant.shade(&seen, &ray).to_array().map(linear_to_srgb8);
         let position = if points.len() % OUTLIER_EVERY == OUTLIER_EVERY - 1 {
             DVec3::new(
                 rng.random_range(-ROOM_HALF_WIDTH_M..ROOM_HALF_WIDTH_M),

@@ -23,6 +23,8 @@ pub enum SceneKind {
     Tiny,
     /// Everything moves: the room sways, each object drifts and turns.
     Flow,
+    /// For long clips: people carry something in and out, a door, a lamp that is switched on, a screen, a mirror, glass.
+    Day,
 }
 
 /// How the files are laid out.
@@ -67,8 +69,8 @@ macro_rules! named {
     };
 }
 
-named!(SceneKind, "--scene", "bounce, static, tiny or flow",
-    Bounce => "bounce", Static => "static", Tiny => "tiny", Flow => "flow");
+named!(SceneKind, "--scene", "bounce, static, tiny, flow or day",
+    Bounce => "bounce", Static => "static", Tiny => "tiny", Flow => "flow", Day => "day");
 named!(SynthLayout, "--layout", "n3dv, blender, colmap, technicolor, nerfies, panoptic or rig",
     N3dv => "n3dv", Blender => "blender", Colmap => "colmap", Technicolor => "technicolor",
     Nerfies => "nerfies", Panoptic => "panoptic", Rig => "rig");

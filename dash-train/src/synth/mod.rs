@@ -13,7 +13,8 @@
 //! Surfaces are Lambertian under fixed light, without cast shadows or reflections, so that the
 //! colour of a pixel depends on a moving object exactly where that object is the nearest surface
 //! in one of its samples. A mask marks pixels where that holds for at least half of the samples.
-//! Every frame is free of sensor noise, and all cameras share one exposure.
+//! Every frame is free of sensor noise, and all cameras share one exposure. In the scene `day` colours change for other
+//! reasons, too: a lamp, a screen, and a mirror and glass that show what moves. Masks mark what moves alone.
 //!
 //! # Files
 //! - `n3dv`: `camNN/images/%04d.png` or `camNN.mp4`; `poses_bounds.npy` (LLFF: camera-to-world
@@ -32,7 +33,7 @@
 //!
 //! # Modules
 //! - `shape`: rays and solids; `texture`, `color` and `noise`: their surfaces; `motion`; `scene`: objects and light.
-//! - `room` and `furniture`: the scenes; `rig`: cameras; `cloud`: points.
+//! - `room`, `furniture`, `day` and `people`: the scenes; `rig`: cameras; `cloud`: points.
 //! - `render`, `tracer` and `rendered`: pictures.
 //! - `layout`, `poses`, `colmap`, `nerfies`, `panoptic` and `files`: formats; `truth`; `write`.
 
@@ -40,6 +41,7 @@ mod cloud;
 mod colmap;
 mod color;
 mod config;
+mod day;
 mod files;
 mod furniture;
 mod layout;
@@ -47,6 +49,7 @@ mod motion;
 mod nerfies;
 mod noise;
 mod panoptic;
+mod people;
 mod poses;
 mod render;
 mod rendered;
@@ -65,11 +68,12 @@ mod tests;
 pub use cloud::{CloudPoint, OUTLIER_EVERY, POINT_NOISE_M, cloud, cloud_size};
 pub use config::{MAX_SIDE, MIN_SIDE, SceneKind, SynthConfig, SynthLayout};
 pub use motion::{Drift, Motion, Pose};
+pub use people::{Carried, Part, Walk};
 pub use render::render;
 pub use rendered::Rendered;
 pub use rig::{focal_px, rig};
 pub use room::BOX_TURN_RADIANS;
-pub use scene::{Instant, Object, Posed, Role, Scene, Seen};
+pub use scene::{Instant, Lamp, Look, Object, Posed, Role, Scene, Seen};
 pub use shape::{Ray, Shape, SurfaceHit};
 pub use texture::{EDGE_M, MOTTLE_CELL_M, Pattern, SHORTEST_PERIOD_M, Texture};
 pub use tracer::SAMPLES_PER_SIDE;

@@ -1,5 +1,6 @@
 //! Rigid motions over the clip's time in [0, 1].
 
+use super::people::{Carried, Part, Walk, eased};
 use glam::{DMat3, DVec3};
 use std::f64::consts::{PI, TAU};
 
@@ -84,6 +85,21 @@ pub enum Motion {
     },
     /// A swing of its group.
     Drift(Drift),
+    /// A part of somebody who walks; the place is not used.
+    Walk(&'static Walk, Part),
+    /// In the hands of somebody who walks; the place is not used.
+    Carried(&'static Carried),
+    /// A door; the place is its hinge.
+    Hinge {
+        /// The middle of the door from the hinge while it is shut, in metres.
+        middle: DVec3,
+        /// How far it opens.
+        radians: f64,
+        /// From when to when it opens.
+        opens: [f64; 2],
+        /// From when to when it closes.
+        closes: [f64; 2],
+    },
 }
 
 impl Motion {
@@ -114,6 +130,20 @@ impl Motion {
                 }
             }
             Self::Drift(drift) => drift.pose(time).then_from(base),
+            Self::Walk(walk, part) => walk.pose(part, time),
+            Self::Carried(carried) => carried.pose(time),
+            Self::Hinge {
+                middle,
+                radians,
+                opens,
+                closes,
+            } => {
+                let done =
+                    |[from, to]: [f64; 2]| eased(((time - from) / (to - from)).clamp(0.0, 1.0));
+                let open = done(opens) - done(closes);
+                let hinge = base.then_from(&Pose::new(DVec3::ZERO, radians * open));
+                hinge.then_from(&Pose::new(middle, 0.0))
+            }
         }
     }
 }

@@ -15,21 +15,21 @@ pub fn render(scene: &Scene, camera: &Camera, time: f64) -> Rendered {
 }
 
 impl Rest {
-    /// Renders the view without the moving objects.
-    pub(super) fn new(scene: &Scene, camera: &Camera) -> Self {
+    /// Renders the view without what moves or changes its colour, in the light of `time`.
+    pub(super) fn new(scene: &Scene, camera: &Camera, time: f64) -> Self {
         let mut rest = Self {
             view: Rendered::empty(camera),
             nearest: vec![f32::INFINITY; camera.width * camera.height],
             farthest: vec![f32::INFINITY; camera.width * camera.height],
         };
-        let instant = scene.at(0.0);
-        Tracer::new(&instant, camera, |moving| !moving).render_rest(&mut rest);
+        let instant = scene.at(time);
+        Tracer::new(&instant, camera, |changes| !changes).render_rest(&mut rest);
         rest
     }
 }
 
 /// As [`render`] into `view`, whose content does not matter, but keeps the pixels of `rest` (of the
-/// same scene and camera) wherever no sample sees a moving object.
+/// same scene, camera and light) wherever no sample sees an object that moves or changes.
 pub(super) fn render_over(
     scene: &Scene,
     camera: &Camera,

@@ -13,13 +13,14 @@ pub struct Rendered {
     pub rgb: Vec<u8>,
     /// Whether a moving object is the nearest surface in at least half of the pixel's samples.
     pub moving: Vec<bool>,
-    /// Whether it is in any sample; elsewhere the colour does not depend on moving objects.
+    /// Whether one that moves, or changes its colour where it stands, is in any sample; elsewhere colours change with the
+    /// lamp alone.
     pub touched: Vec<bool>,
     /// Depth (camera z, metres) of the pixel's centre; infinite where nothing is hit.
     pub depth: Vec<f32>,
 }
 
-/// The resting objects as a camera sees them, shared by all of its frames.
+/// The resting objects as a camera sees them, shared by all of its frames with the same light.
 pub(super) struct Rest {
     /// The view without the moving objects.
     pub(super) view: Rendered,

@@ -1,10 +1,10 @@
-//! The four scenes: the room and its moving objects; `furniture` holds the rest.
+//! The scenes: the room and its moving objects; `furniture` and `day` hold the rest.
 
 use super::SceneKind;
 use super::color::rgb;
 use super::motion::{Drift, Motion, Pose};
 use super::rig::focal_px;
-use super::scene::{Object, ROOM_BACK_M, ROOM_HALF_WIDTH_M, Role, Scene};
+use super::scene::{Look, Object, ROOM_BACK_M, ROOM_HALF_WIDTH_M, Role, Scene};
 use super::shape::Shape;
 use super::texture::{Pattern, Texture};
 use glam::{DVec2, DVec3};
@@ -56,6 +56,7 @@ impl Scene {
                 reach: DVec3::new(0.5, 0.2, 0.15),
             };
         }
+        let lamp = (kind == SceneKind::Day).then(|| builder.day());
         let sway = if builder.flow {
             Motion::Drift(Drift {
                 pivot: DVec3::new(0.0, 0.8, -0.4),
@@ -69,6 +70,7 @@ impl Scene {
         Self {
             objects: builder.objects,
             sway,
+            lamp,
         }
     }
 }
@@ -123,10 +125,11 @@ impl Builder {
             base: Pose::new(position, yaw_radians),
             motion: self.group,
             role,
+            look: Look::Matte,
         });
     }
 
-    fn last(&mut self) -> &mut Object {
+    pub(super) fn last(&mut self) -> &mut Object {
         self.objects.last_mut().expect("called right after `add`")
     }
 
@@ -324,6 +327,10 @@ impl Builder {
             // At rest it lies on the floor.
             ball.base = bounce.pose(&ball.base, 1.0);
             ball.motion = Motion::Still;
+            if kind == SceneKind::Day {
+                // Out of the people's way.
+                ball.base.position = DVec3::new(-1.3, BALL_RADIUS_M, 0.75);
+            }
         }
     }
 }

@@ -15,6 +15,12 @@ const FILL_COLOR: DVec3 = DVec3::new(0.16, 0.18, 0.22);
 const SKY_COLOR: DVec3 = DVec3::new(0.47, 0.49, 0.53);
 const GROUND_COLOR: DVec3 = DVec3::new(0.33, 0.30, 0.26);
 
+/// The lamp's light nearby, and the distance at which half of it is left, in metres.
+const LAMP_COLOR: DVec3 = DVec3::new(0.85, 0.66, 0.38);
+const LAMP_REACH_M: f64 = 0.9;
+/// How often a screen changes in a clip.
+const SCREEN_CHANGES: f64 = 400.0;
+
 /// Half the room's width, in metres; the floor is y = 0, the back wall at [`ROOM_BACK_M`].
 pub const ROOM_HALF_WIDTH_M: f64 = 2.2;
 /// z of the back wall; the cameras are on the +z side.
@@ -29,6 +35,31 @@ pub enum Role {
     Standing,
     /// Neither darkens nor is darkened.
     Free,
+}
+
+/// How a surface looks.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum Look {
+    /// The same from every direction.
+    #[default]
+    Matte,
+    /// Shines while the scene's lamp is on.
+    Lamp,
+    /// Shines in a colour that changes all the time.
+    Screen,
+    /// Shows the room in it.
+    Mirror,
+    /// Shows the room behind it.
+    Glass,
+}
+
+/// A lamp that is switched on.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Lamp {
+    /// Where its light comes from.
+    pub position: DVec3,
+    /// When.
+    pub on: f64,
 }
 
 /// A textured solid on its path.
@@ -46,6 +77,8 @@ pub struct Object {
     pub motion: Motion,
     /// Its role in the shading.
     pub role: Role,
+    /// How its surface looks.
+    pub look: Look,
 }
 
 /// A room and what is in it.
@@ -53,19 +86,32 @@ pub struct Object {
 /// # Shading
 /// Lambert under a sky and two distant lights, without cast shadows or reflections. Corners and
 /// the floor around clutter are darker. Moving objects among resting ones neither cause nor receive this. So a pixel's colour depends on a moving object exactly where that
-/// object is the nearest surface.
+/// object is the nearest surface. In the scene `day` a lamp lights the room from some time on, and objects of another
+/// [`Look`] change their colours where they stand.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Scene {
     /// Everything in it.
     pub objects: Vec<Object>,
     /// The whole scene's motion on top of that of each object.
     pub sway: Motion,
+    /// Its lamp, if it has one.
+    pub lamp: Option<Lamp>,
 }
 
 impl Scene {
     /// Whether an object changes its pose during the clip.
     pub fn moves(&self, object: &Object) -> bool {
         self.sway != Motion::Still || object.motion != Motion::Still
+    }
+
+    /// Whether an object moves or changes its colour where it stands, apart from the lamp's light.
+    pub fn changes(&self, object: &Object) -> bool {
+        self.moves(object) || object.look != Look::Matte
+    }
+
+    /// Whether the lamp is on.
+    pub fn is_lit(&self, time: f64) -> bool {
+        self.lamp.is_some_and(|lamp| time >= lamp.on)
     }
 
     /// The scene at an instant.
@@ -81,10 +127,16 @@ impl Scene {
                     pose,
                     object_from_world: pose.rotation.transpose(),
                     moving: self.moves(object),
+                    changes: self.changes(object),
                 }
             })
             .collect();
-        Instant { posed, room }
+        Instant {
+            posed,
+            room,
+            time,
+            lamp: self.lamp.filter(|_| self.is_lit(time)),
+        }
     }
 }
 
@@ -99,6 +151,8 @@ pub struct Posed<'a> {
     pub object_from_world: DMat3,
     /// Whether it moves during the clip.
     pub moving: bool,
+    /// Whether it moves, or changes its colour where it stands.
+    pub changes: bool,
 }
 
 /// A scene at an instant.
@@ -107,6 +161,9 @@ pub struct Instant<'a> {
     /// The objects in the scene's order.
     pub posed: Vec<Posed<'a>>,
     room: Pose,
+    time: f64,
+    /// Where it is on.
+    lamp: Option<Lamp>,
 }
 
 /// What a ray sees.
@@ -125,8 +182,16 @@ pub struct Seen {
 impl Instant<'_> {
     /// The nearest surface along a ray.
     pub fn trace(&self, ray: &Ray) -> Option<Seen> {
+        self.trace_but(ray, None)
+    }
+
+    /// The same without one object.
+    fn trace_but(&self, ray: &Ray, left_out: Option<usize>) -> Option<Seen> {
         let mut nearest: Option<Seen> = None;
         for (index, posed) in self.posed.iter().enumerate() {
+            if left_out == Some(index) {
+                continue;
+            }
             let local = Ray {
                 origin: posed.pose.to_object(ray.origin),
                 direction: posed.object_from_world * ray.direction,
@@ -136,8 +201,34 @@ impl Instant<'_> {
         nearest
     }
 
-    /// Linear RGB of a seen point; the same from every direction.
-    pub fn shade(&self, seen: &Seen) -> DVec3 {
+    /// Linear RGB of a point that a ray sees. Only mirrors and glass look different from elsewhere.
+    pub fn shade(&self, seen: &Seen, ray: &Ray) -> DVec3 {
+        let posed = &self.posed[seen.object];
+        let own = || {
+            let texture = &posed.object.texture;
+            texture.albedo(seen.local_point, seen.local_normal)
+        };
+        let beyond = |ray: &Ray| {
+            let hit = self.trace_but(ray, Some(seen.object));
+            hit.map_or(DVec3::ZERO, |hit| self.lit(&hit))
+        };
+        match posed.object.look {
+            Look::Matte => self.lit(seen),
+            Look::Lamp if self.lamp.is_none() => 0.6 * self.lit(seen),
+            Look::Lamp => 1.2 * own(),
+            Look::Screen => screen_color(seen.local_point, self.time) * own(),
+            Look::Mirror => {
+                let normal = posed.pose.rotation * seen.local_normal;
+                let direction = ray.direction - 2.0 * ray.direction.dot(normal) * normal;
+                let origin = ray.at(seen.distance);
+                0.9 * own() * beyond(&Ray { origin, direction })
+            }
+            Look::Glass => 0.12 * self.lit(seen) + 0.85 * own() * beyond(ray),
+        }
+    }
+
+    /// Linear RGB of a seen point of a matte surface; the same from every direction.
+    fn lit(&self, seen: &Seen) -> DVec3 {
         let posed = &self.posed[seen.object];
         let albedo = posed
             .object
@@ -145,10 +236,16 @@ impl Instant<'_> {
             .albedo(seen.local_point, seen.local_normal);
         let normal = posed.pose.rotation * seen.local_normal;
         let facing = |direction: DVec3| normal.dot(direction).max(0.0);
-        let light = GROUND_COLOR.lerp(SKY_COLOR, 0.5 + 0.5 * normal.y)
+        let point = posed.pose.rotation * seen.local_point + posed.pose.position;
+        let mut light = GROUND_COLOR.lerp(SKY_COLOR, 0.5 + 0.5 * normal.y)
             + KEY_COLOR * facing(KEY_DIRECTION)
             + FILL_COLOR * facing(FILL_DIRECTION);
-        let point = posed.pose.rotation * seen.local_point + posed.pose.position;
+        if let Some(lamp) = self.lamp {
+            let way = lamp.position - point;
+            let distance = way.length().max(1e-3);
+            light +=
+                LAMP_COLOR * facing(way / distance) / (1.0 + (distance / LAMP_REACH_M).powi(2));
+        }
         albedo * light * self.openness(posed.object.role, point, normal)
     }
 
@@ -180,6 +277,17 @@ impl Instant<'_> {
         }
         open
     }
+}
+
+/// The light of a screen at a point of it: soft bands, whose colours jump.
+fn screen_color(point: DVec3, time: f64) -> DVec3 {
+    let slot = (SCREEN_CHANGES * time).floor();
+    let wave = |k: f64, along: f64| 0.5 + 0.5 * (2.4 * slot * (1.0 + 0.37 * k) + along).sin();
+    DVec3::new(
+        wave(0.0, 5.0 * point.x),
+        wave(1.0, 7.0 * point.y),
+        wave(2.0, 4.0 * (point.x - point.y)),
+    )
 }
 
 /// How much a standing object darkens a floor point.

@@ -1,8 +1,8 @@
 //! Rays to pixels.
 //!
 //! A pixel's result depends on its 16 samples and its centre alone. Shortcuts skip work whose result is known:
-//! objects outside a tile, objects behind the nearest hit of a ray, and pixels without a moving object in any
-//! sample.
+//! objects outside a tile, objects behind the nearest hit of a ray, and pixels without an object in any
+//! sample that moves or changes.
 
 use super::color::linear_to_srgb8;
 use super::rendered::{Rendered, Rest};
@@ -31,7 +31,7 @@ const DEPTH_SLACK_M: f64 = 1e-6;
 /// An object as one camera sees it.
 struct View {
     index: usize,
-    moving: bool,
+    changes: bool,
     /// The camera's centre in object coordinates.
     origin: DVec3,
     object_from_camera: DMat3,
@@ -57,7 +57,7 @@ impl Extent {
 
 /// The objects in reach of a tile, those that start nearer first.
 struct TileViews<'a> {
-    moving: Vec<&'a View>,
+    changing: Vec<&'a View>,
     resting: Vec<&'a View>,
 }
 
@@ -65,6 +65,7 @@ struct TileViews<'a> {
 pub(super) struct Tracer<'a> {
     instant: &'a Instant<'a>,
     camera: &'a Camera,
+    world_from_camera: DMat3,
     views: Vec<View>,
     /// Per column and per row, how far the rays lean.
     right: Vec<Leans>,
@@ -85,7 +86,7 @@ struct Band<'a> {
 }
 
 impl<'a> Tracer<'a> {
-    /// A tracer for the objects that `keep` accepts, given whether they move.
+    /// A tracer for the objects that `keep` accepts, given whether they move or change.
     pub(super) fn new(
         instant: &'a Instant<'a>,
         camera: &'a Camera,
@@ -97,13 +98,13 @@ impl<'a> Tracer<'a> {
             .posed
             .iter()
             .enumerate()
-            .filter(|(_, posed)| keep(posed.moving))
+            .filter(|(_, posed)| keep(posed.changes))
             .map(|(index, posed)| {
                 let object_from_camera = posed.object_from_world * camera_from_world.transpose();
                 let origin = posed.pose.to_object(eye);
                 View {
                     index,
-                    moving: posed.moving,
+                    changes: posed.changes,
                     origin,
                     object_from_camera,
                     extent: extent(
@@ -119,6 +120,7 @@ impl<'a> Tracer<'a> {
         Self {
             instant,
             camera,
+            world_from_camera: camera_from_world.transpose(),
             views,
             right: leans(camera.width, camera.cx, camera.fx),
             down: leans(camera.height, camera.cy, camera.fy),
@@ -144,7 +146,7 @@ impl<'a> Tracer<'a> {
         self.bands(view).for_each(|mut band| {
             for tile in 0..self.camera.width.div_ceil(TILE_PX) {
                 let (columns, views) = self.tile(tile, &band.rows);
-                if rest.is_some() && views.moving.is_empty() {
+                if rest.is_some() && views.changing.is_empty() {
                     continue;
                 }
                 for y in band.rows.clone() {
@@ -219,14 +221,14 @@ impl<'a> Tracer<'a> {
         let overlaps = |[low, high]: [f64; 2], pixels: &Range<usize>| {
             low < pixels.end as f64 && high > pixels.start as f64
         };
-        let (moving, resting) = self
+        let (changing, resting) = self
             .views
             .iter()
             .filter(|view| {
                 overlaps(view.extent.columns, &columns) && overlaps(view.extent.rows, rows)
             })
-            .partition(|view| view.moving);
-        (columns, TileViews { moving, resting })
+            .partition(|view| view.changes);
+        (columns, TileViews { changing, resting })
     }
 
     /// The hits of a pixel's rays; `None` where only resting objects are hit. `rest_depths` bounds the depths of the
@@ -239,7 +241,7 @@ impl<'a> Tracer<'a> {
         rest_depths: Option<[f32; 2]>,
     ) -> Option<[Option<Seen>; RAYS]> {
         let mut seen: [Option<Seen>; RAYS] =
-            std::array::from_fn(|ray| self.trace(&views.moving, None, x, y, ray));
+            std::array::from_fn(|ray| self.trace(&views.changing, None, x, y, ray));
         let [nearest, farthest] =
             rest_depths.map_or([f64::NEG_INFINITY, f64::INFINITY], |d| d.map(f64::from));
         let behind = |seen: &Option<Seen>| seen.is_none_or(|seen| seen.distance > farthest);
@@ -263,12 +265,7 @@ impl<'a> Tracer<'a> {
         y: usize,
         ray: usize,
     ) -> Option<Seen> {
-        let [i, j] = if ray < SAMPLES {
-            [ray % SAMPLES_PER_SIDE, ray / SAMPLES_PER_SIDE]
-        } else {
-            [SAMPLES_PER_SIDE; 2]
-        };
-        let direction = DVec3::new(self.right[x][i], self.down[y][j], 1.0);
+        let direction = self.direction(x, y, ray);
         for view in views {
             // A hit's distance is its depth, since the direction is 1 long along the camera's axis.
             if nearest.is_some_and(|seen| seen.distance < view.extent.nearest) {
@@ -283,31 +280,43 @@ impl<'a> Tracer<'a> {
         nearest
     }
 
+    /// Where a ray of a pixel points, in camera coordinates.
+    fn direction(&self, x: usize, y: usize, ray: usize) -> DVec3 {
+        let [i, j] = if ray < SAMPLES {
+            [ray % SAMPLES_PER_SIDE, ray / SAMPLES_PER_SIDE]
+        } else {
+            [SAMPLES_PER_SIDE; 2]
+        };
+        DVec3::new(self.right[x][i], self.down[y][j], 1.0)
+    }
+
     /// Writes a pixel.
     fn fill(&self, band: &mut Band<'_>, x: usize, y: usize, seen: &[Option<Seen>; RAYS]) {
         let (samples, centre) = (&seen[..SAMPLES], &seen[SAMPLES]);
-        let shade = |seen: &Option<Seen>| {
-            seen.as_ref()
-                .map_or(DVec3::ZERO, |seen| self.instant.shade(seen))
+        let shade = |sample: usize| {
+            let ray = || Ray {
+                origin: self.camera.position().into(),
+                direction: self.world_from_camera * self.direction(x, y, sample),
+            };
+            samples[sample]
+                .as_ref()
+                .map_or(DVec3::ZERO, |seen| self.instant.shade(seen, &ray()))
         };
         let color = if one_face(samples) {
-            SHADED_INSIDE
-                .iter()
-                .map(|&i| shade(&samples[i]))
-                .sum::<DVec3>()
-                / SHADED_INSIDE.len() as f64
+            SHADED_INSIDE.iter().map(|&i| shade(i)).sum::<DVec3>() / SHADED_INSIDE.len() as f64
         } else {
-            samples.iter().map(shade).sum::<DVec3>() / SAMPLES as f64
+            (0..SAMPLES).map(shade).sum::<DVec3>() / SAMPLES as f64
         };
         let moving = samples
             .iter()
             .flatten()
             .filter(|seen| self.instant.posed[seen.object].moving)
             .count();
+        let changes = |seen: &Seen| self.instant.posed[seen.object].changes;
         let pixel = (y - band.rows.start) * self.camera.width + x;
         band.rgb[3 * pixel..3 * pixel + 3].copy_from_slice(&color.to_array().map(linear_to_srgb8));
         band.moving[pixel] = 2 * moving >= SAMPLES;
-        band.touched[pixel] = moving > 0;
+        band.touched[pixel] = samples.iter().flatten().any(changes);
         band.depth[pixel] = centre.map_or(f32::INFINITY, |seen| seen.distance as f32);
     }
 }

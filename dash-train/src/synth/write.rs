@@ -143,7 +143,9 @@ fn write_frames(
 struct Clip<'a> {
     index: usize,
     camera: &'a Camera,
-    rest: Option<Rest>,
+    has_rest: bool,
+    /// What rests, and whether the lamp is on in it.
+    rest: Option<(bool, Rest)>,
     view: Rendered,
     video: Option<VideoWriter>,
     /// Sum over the frames so far.
@@ -170,15 +172,12 @@ impl<'a> Clip<'a> {
             None
         };
         // Where everything moves there is no rest to share between frames.
-        let rest = scene
-            .objects
-            .iter()
-            .any(|object| !scene.moves(object))
-            .then(|| Rest::new(scene, camera));
+        let has_rest = scene.objects.iter().any(|object| !scene.changes(object));
         Ok(Self {
             index,
             camera,
-            rest,
+            has_rest,
+            rest: None,
             view: Rendered::empty(camera),
             video,
             moving_share: 0.0,
@@ -193,9 +192,15 @@ impl<'a> Clip<'a> {
         scene: &Scene,
         frame: usize,
     ) -> Result<(), Error> {
-        let view = &mut self.view;
         let time = config.time(frame);
-        render_over(scene, self.camera, time, self.rest.as_ref(), view);
+        let is_lit = scene.is_lit(time);
+        let is_other = |(lit, _): &(bool, Rest)| *lit != is_lit;
+        if self.has_rest && self.rest.as_ref().is_none_or(is_other) {
+            self.rest = Some((is_lit, Rest::new(scene, self.camera, time)));
+        }
+        let view = &mut self.view;
+        let rest = self.rest.as_ref().map(|(_, rest)| rest);
+        render_over(scene, self.camera, time, rest, view);
         let size = [config.width, config.height];
         if let Some(video) = &mut self.video {
             video.push(&view.rgb).map_err(Error::synth_video)?;

@@ -6,11 +6,12 @@ use crate::synth::tracer::Tracer;
 use crate::synth::*;
 use dash_kernels::Camera;
 
-const KINDS: [SceneKind; 4] = [
+const KINDS: [SceneKind; 5] = [
     SceneKind::Bounce,
     SceneKind::Static,
     SceneKind::Tiny,
     SceneKind::Flow,
+    SceneKind::Day,
 ];
 const TIMES: [f64; 4] = [0.0, 0.3, 0.65, 1.0];
 
@@ -104,7 +105,8 @@ fn shortcuts_do_not_change_a_byte() {
         let (width, height) = (93, 67);
         let scene = Scene::new(kind, 4, width, height);
         for camera in &rig(5, width, height) {
-            let rest = Rest::new(&scene, camera);
+            // Without light and with it.
+            let rests = [0.0, 1.0].map(|time| Rest::new(&scene, camera, time));
             // One view for all times: what an earlier frame left in it must not show.
             let mut view = Rendered::empty(camera);
             let mut touched = 0;
@@ -120,7 +122,8 @@ fn shortcuts_do_not_change_a_byte() {
                     same(&render(&scene, camera, time)),
                     "{kind} at {time}: skipping objects changes the picture"
                 );
-                render_over(&scene, camera, time, Some(&rest), &mut view);
+                let rest = &rests[usize::from(scene.is_lit(time))];
+                render_over(&scene, camera, time, Some(rest), &mut view);
                 assert!(
                     same(&view),
                     "{kind} at {time}: keeping what rests changes the picture"
@@ -145,6 +148,84 @@ fn masks_follow_the_scene() {
             assert!((low..=high).contains(&share), "{kind}: {share}");
         }
     }
+}
+
+#[test]
+fn in_a_day_people_come_and_go_and_the_room_changes_for_good() {
+    let (scene, cameras) = small(SceneKind::Day);
+    let share = |time: f64| {
+        let shares = cameras
+            .iter()
+            .map(|camera| render(&scene, camera, time).moving_share());
+        shares.fold(0.0, f64::max)
+    };
+    // Before the first comes only the door is there to move; in between, the parcel, too.
+    let [empty, first, between, second, end] = [0.0, 0.2, 0.5, 0.74, 1.0].map(share);
+    assert!(empty < 0.09 && end < 0.09, "{empty} {end}");
+    assert!(
+        first > empty + 0.03 && second > empty + 0.03,
+        "{first} {second}"
+    );
+    assert!(
+        (empty + 0.002..empty + 0.03).contains(&between),
+        "{between} {empty}"
+    );
+    // The lamp lights what rests; screen, mirror and glass change without motion.
+    let camera = &cameras[0];
+    let [before, after] = [0.39, 0.41].map(|time| render(&scene, camera, time));
+    let rests = (0..before.touched.len()).filter(|&i| !before.touched[i] && !after.touched[i]);
+    let brighter = |i: &usize| {
+        let sum = |view: &Rendered| {
+            view.rgb[3 * i..3 * i + 3]
+                .iter()
+                .map(|&v| u32::from(v))
+                .sum::<u32>()
+        };
+        sum(&after) > sum(&before) + 3
+    };
+    let (n, lit) = (rests.clone().count(), rests.filter(brighter).count());
+    assert!(2 * lit > n, "{lit} of {n} pixels are brighter");
+    let still = |view: &Rendered| {
+        view.touched
+            .iter()
+            .zip(&view.moving)
+            .filter(|(t, m)| **t && !**m)
+            .count()
+    };
+    assert!(still(&after) > 100, "{}", still(&after));
+}
+
+#[test]
+fn a_mirror_shows_what_is_in_front_of_it_and_glass_what_is_behind() {
+    let (scene, _) = small(SceneKind::Day);
+    let instant = scene.at(0.0);
+    let place = |name: &str| {
+        let found = instant.posed.iter().find(|posed| posed.object.name == name);
+        found.expect("in the scene").pose.position
+    };
+    let shade = |from: glam::DVec3, to: glam::DVec3| {
+        let ray = Ray {
+            origin: from,
+            direction: to - from,
+        };
+        let seen = instant.trace(&ray).expect("something is there");
+        (seen, instant.shade(&seen, &ray))
+    };
+    let mirror = place("mirror") + glam::DVec3::new(0.02, 0.0, 0.0);
+    let [eye, mirrored] = [1.0, -1.0].map(|side| mirror + glam::DVec3::new(1.5, 0.1 * side, side));
+    let (seen, color) = shade(eye, mirror);
+    assert_eq!(instant.posed[seen.object].object.name, "mirror");
+    // From the mirror towards where the ray leaves it.
+    let (_, there) = shade(mirror + 1e-3 * (mirrored - mirror), mirrored);
+    let ratio = color / there;
+    assert!(
+        ratio.max_element() < 0.95 && ratio.min_element() > 0.6,
+        "{ratio}"
+    );
+    assert!(
+        (ratio.max_element() - ratio.min_element()).abs() < 0.2,
+        "{ratio}"
+    );
 }
 
 #[test]
