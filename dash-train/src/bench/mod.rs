@@ -8,7 +8,7 @@
 //! - `error`: errors of many values; `timing`: medians and quartiles.
 //! - `hash_encode`, `mlp`, `project`, `rasterize`, `ssim`, `photometric`, `adam`: one operation each.
 //! - `trajectories`: `displacement`, `squared_extent`, `take_rows`, `join_rows`, `space_time`.
-//! - `scene`: a whole scene; `determinant`, `exponent`, `host`: forms of one formula, on the host; `stiffness`: ever harder
+//! - `scene`: a whole scene; `growth`: ever larger ones; `determinant`, `exponent`, `host`: forms of one formula, on the host; `stiffness`: ever harder
 //!   inputs.
 
 mod adam;
@@ -16,6 +16,7 @@ mod determinant;
 mod error;
 mod exponent;
 mod file;
+mod growth;
 mod hash_encode;
 mod host;
 mod mlp;
@@ -76,10 +77,12 @@ pub enum Op {
     SpaceTime,
     /// A whole scene at 1352 x 1014, of which a fifth moves: pictures and training steps; times only
     Scene,
+    /// The same, ever larger: more Gaussians, pixels, frames, threads, or more that moves; times only
+    Growth,
 }
 
 impl Op {
-    /// Those that have a reference: all but [`Op::Scene`].
+    /// Those that have a reference: all but [`Op::Scene`] and [`Op::Growth`].
     pub const ALL: [Self; 12] = [
         Self::HashEncode,
         Self::Mlp,
@@ -111,6 +114,7 @@ impl Op {
             Self::JoinRows => "join_rows",
             Self::SpaceTime => "space_time",
             Self::Scene => "scene",
+            Self::Growth => "growth",
         }
     }
 }
@@ -179,6 +183,7 @@ impl Bench<'_> {
                         Op::JoinRows => trajectories::measure_join_rows(self, target, size),
                         Op::SpaceTime => trajectories::measure_space_time(self, target, size),
                         Op::Scene => scene::measure(self, target, size),
+                        Op::Growth => growth::measure(self, target, size),
                     };
                     self.unless_too_large(measured, &format!("{name}: {op}, {size}"))?;
                 }

@@ -14,22 +14,16 @@ use dash_model::{
 use rand::Rng;
 use rand_pcg::Pcg64;
 
-use super::{Asked, Bench, Measurement, Op, Pass, Target, generator, time};
+use super::{Asked, Bench, Measurement, Op, Pass, Target, Timing, generator, time};
 use crate::Error;
 use crate::dataset::{Dataset, Layout, View};
 use crate::numbers::standard_normal;
 use crate::train::paper::Trajectories;
 use crate::train::{Keep, Preset, TrainConfig, Trainer};
 
-/// Pixels of a picture: Neural 3D Video's at half size.
-const SIZE: [usize; 2] = [1352, 1014];
 /// Pixels of the pictures that a run is set up with.
 const SMALL: [usize; 2] = [32, 24];
-/// One Gaussian of so many moves.
-const ONE_IN: usize = 5;
 const CAMERAS: usize = 5;
-/// Frames of the clip: 10 s of Neural 3D Video.
-const FRAMES: usize = 300;
 /// Of the cameras from the middle of the scene, world units.
 const DISTANCE: f64 = 4.0;
 /// What is nearer to a camera is not drawn, world units.
@@ -56,53 +50,89 @@ const PRESETS: [(Preset, &str); 3] = [
     (Preset::Paper, "field of paper"),
 ];
 
+/// A scene to be made.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Made {
+    /// Gaussians.
+    pub(super) n: usize,
+    /// Percent of them that move.
+    pub(super) moving: usize,
+    /// Pixels of a picture.
+    pub(super) size: [usize; 2],
+    /// Frames of the clip.
+    pub(super) frames: usize,
+}
+
+impl Made {
+    /// As Neural 3D Video has them, at half size: pictures, and 10 s of frames. A fifth moves.
+    pub(super) fn of(n: usize) -> Self {
+        Self {
+            n,
+            moving: 20,
+            size: [1352, 1014],
+            frames: 300,
+        }
+    }
+}
+
+/// How long a picture and a training step take, and what they ask of the device.
+pub(super) struct Taken {
+    pub(super) picture: (Timing, Asked),
+    pub(super) step: (Timing, Asked),
+}
+
 pub(super) fn measure(bench: &mut Bench, target: Target, n: usize) -> Result<(), Error> {
     for (preset, variant) in PRESETS {
-        let mut config = TrainConfig::preset(preset);
-        (config.sh_degree, config.sh_interval) = (3, 0.0);
-        config.keep(Keep::All);
-        let mut trainer = Trainer::new(config, Arc::new(clip(SMALL)), target.device)?;
-        let dataset = Arc::new(clip(SIZE));
-        let still = scene(&trainer, n, target.device)?;
-        let mut turn = 0;
-        let pictures = time(Some(target.device), || {
-            turn += STRIDE;
-            let view = &dataset.views[turn % dataset.views.len()];
-            still.render(&view.camera, view.time)?;
-            Ok(())
-        })?;
-        let (shown, asked) = counts::of(|| still.render(&dataset.views[0].camera, 0.5));
-        shown?;
-        bench.add(Measurement {
-            time: Some(pictures),
-            asked: Some(Asked::of(&asked, 1)),
-            note: Some(NOTE.into()),
-            ..target.measurement(Op::Scene, variant, Pass::Forward, n)
-        });
-        let learning = scene(&trainer, n, &target.device.clone().autodiff())?;
-        trainer.run.continue_with(learning, dataset);
-        let steps = time(Some(target.device), || match trainer.step()?.n_skipped {
-            0 => Ok(()),
-            _ => Err(Error::DeviceFault(
-                "a step of training a sound scene was not finite".into(),
-            )),
-        })?;
-        let (stepped, asked) =
-            counts::of(|| (0..COUNTED).try_for_each(|_| trainer.step().map(|_| ())));
-        stepped?;
-        bench.add(Measurement {
-            time: Some(steps),
-            asked: Some(Asked::of(&asked, COUNTED)),
-            note: Some(NOTE.into()),
-            ..target.measurement(Op::Scene, variant, Pass::Gradient, n)
-        });
+        let taken = take_times(preset, Made::of(n), target.device)?;
+        let passes = [Pass::Forward, Pass::Gradient];
+        for (pass, (time, asked)) in passes.into_iter().zip([taken.picture, taken.step]) {
+            bench.add(Measurement {
+                time: Some(time),
+                asked: Some(asked),
+                note: Some(NOTE.into()),
+                ..target.measurement(Op::Scene, variant, pass, n)
+            });
+        }
     }
     Ok(())
 }
 
+/// Times a scene with the field of a preset.
+pub(super) fn take_times(preset: Preset, made: Made, device: &Device) -> Result<Taken, Error> {
+    let mut config = TrainConfig::preset(preset);
+    (config.sh_degree, config.sh_interval) = (3, 0.0);
+    config.keep(Keep::All);
+    let mut trainer = Trainer::new(config, Arc::new(clip(SMALL, made.frames)), device)?;
+    let dataset = Arc::new(clip(made.size, made.frames));
+    let still = scene(&trainer, made, device)?;
+    let mut turn = 0;
+    let pictures = time(Some(device), || {
+        turn += STRIDE;
+        let view = &dataset.views[turn % dataset.views.len()];
+        still.render(&view.camera, view.time)?;
+        Ok(())
+    })?;
+    let (shown, of_picture) = counts::of(|| still.render(&dataset.views[0].camera, 0.5));
+    shown?;
+    let learning = scene(&trainer, made, &device.clone().autodiff())?;
+    trainer.run.continue_with(learning, dataset);
+    let steps = time(Some(device), || match trainer.step()?.n_skipped {
+        0 => Ok(()),
+        _ => Err(Error::DeviceFault(
+            "a step of training a sound scene was not finite".into(),
+        )),
+    })?;
+    let (stepped, of_steps) =
+        counts::of(|| (0..COUNTED).try_for_each(|_| trainer.step().map(|_| ())));
+    stepped?;
+    Ok(Taken {
+        picture: (pictures, Asked::of(&of_picture, 1)),
+        step: (steps, Asked::of(&of_steps, COUNTED)),
+    })
+}
+
 /// Cameras on a half circle, each with a picture at every frame; all of them are one grey picture.
-fn clip(size: [usize; 2]) -> Dataset {
-    let [width, height] = size;
+fn clip([width, height]: [usize; 2], frames: usize) -> Dataset {
     let camera = |index: usize| {
         let angle = std::f64::consts::PI * index as f64 / (CAMERAS - 1) as f64;
         let (sine, cosine) = angle.sin_cos();
@@ -119,31 +149,32 @@ fn clip(size: [usize; 2]) -> Dataset {
         camera_name: format!("cam{index:02}"),
         camera_index: index,
         frame,
-        time: frame as f32 / (FRAMES - 1) as f32,
+        time: frame as f32 / (frames - 1) as f32,
         camera: camera(index),
         name: format!("cam{index:02}/{frame:04}"),
         ..first.clone()
     };
-    let views = (0..FRAMES).flat_map(|frame| (0..CAMERAS).map(move |index| (frame, index)));
+    let views = (0..frames).flat_map(|frame| (0..CAMERAS).map(move |index| (frame, index)));
     Dataset {
         name: "made".into(),
         root: "made".into(),
         layout: Layout::Rig,
         views: views.map(|(frame, index)| view(frame, index)).collect(),
         points: None,
-        n_frames: FRAMES,
+        n_frames: frames,
         n_cameras: CAMERAS,
         stated_span: None,
         background: None,
     }
 }
 
-/// A scene of `n` Gaussians with the settings of a run that has not begun.
-fn scene(trainer: &Trainer, n: usize, device: &Device) -> Result<DynamicScene, Error> {
+/// A scene with the settings of a run that has not begun.
+fn scene(trainer: &Trainer, made: Made, device: &Device) -> Result<DynamicScene, Error> {
     let mut rng = generator(11);
-    let n_dynamic = n / ONE_IN;
+    let n_dynamic = made.n * made.moving / 100;
     let config = trainer.config();
-    let mut dynamic = rows(n_dynamic, config.sh_degree, &mut rng);
+    let unit = SIGMA.0 * DISTANCE as f32 / made.size[0] as f32;
+    let mut dynamic = rows(n_dynamic, unit, config.sh_degree, &mut rng);
     if config.method.trajectories == Trajectories::Polyline {
         let basis = trainer.run().method.basis;
         dynamic.trajectory_width = 3 * basis.len();
@@ -154,8 +185,9 @@ fn scene(trainer: &Trainer, n: usize, device: &Device) -> Result<DynamicScene, E
     let field = DeformationField::new(deformation, space, &mut rng, device)?;
     let mut settings = trainer.scene().settings.clone();
     (settings.sh_degree, settings.near_plane) = (config.sh_degree, NEAR);
+    let still = rows(made.n - n_dynamic, unit, config.sh_degree, &mut rng);
     Ok(DynamicScene {
-        static_set: Gaussians::from_rows(&rows(n - n_dynamic, config.sh_degree, &mut rng), device),
+        static_set: Gaussians::from_rows(&still, device),
         dynamic: (n_dynamic > 0).then(|| DynamicPart {
             gaussians: Gaussians::from_rows(&dynamic, device),
             field,
@@ -164,9 +196,8 @@ fn scene(trainer: &Trainer, n: usize, device: &Device) -> Result<DynamicScene, E
     })
 }
 
-fn rows(n: usize, sh_degree: usize, rng: &mut Pcg64) -> GaussianRows {
-    let (sigma, spread) = SIGMA;
-    let unit = sigma * DISTANCE as f32 / SIZE[0] as f32;
+/// Gaussians of a typical standard deviation of `unit`, world units.
+fn rows(n: usize, unit: f32, sh_degree: usize, rng: &mut Pcg64) -> GaussianRows {
     let in_ball = |rng: &mut Pcg64| loop {
         let place: [f32; 3] = std::array::from_fn(|_| rng.random_range(-1.0f32..1.0));
         if place.iter().map(|x| x * x).sum::<f32>() <= 1.0 {
@@ -179,7 +210,7 @@ fn rows(n: usize, sh_degree: usize, rng: &mut Pcg64) -> GaussianRows {
         .collect();
     let mut rows = GaussianRows::from_points(&places, &colors, sh_degree, unit);
     for scales in &mut rows.log_scales {
-        *scales = std::array::from_fn(|_| unit.ln() + spread * standard_normal::<f32>(rng));
+        *scales = std::array::from_fn(|_| unit.ln() + SIGMA.1 * standard_normal::<f32>(rng));
     }
     for quat in &mut rows.quats {
         *quat = std::array::from_fn(|_| standard_normal::<f32>(rng));

@@ -68,6 +68,53 @@ fn a_scene_is_timed_with_the_field_of_each_preset() {
 }
 
 #[test]
+fn growing_scenes_are_timed_along_every_axis() {
+    let device = Device::flex();
+    let target = Target {
+        name: "flex",
+        device: &device,
+    };
+    let mut bench = Bench {
+        on_part: &mut |_| {},
+        found: KernelBench::new(rayon::current_num_threads()),
+    };
+    let base = scene::Made {
+        size: [32, 24],
+        ..scene::Made::of(90)
+    };
+    growth::sweep(&mut bench, target, base).expect("measured");
+    let bench = bench.found;
+    let values = |what: &str, pass: Pass| -> Vec<usize> {
+        let own = bench.measurements.iter();
+        let own = own.filter(|m| m.variant == what && m.pass == pass);
+        own.map(|m| m.size).collect()
+    };
+    for pass in [Pass::Forward, Pass::Gradient] {
+        assert_eq!(values("Gaussians", pass), [10, 30, 90, 270, 810]);
+        assert_eq!(values("frames", pass), [24, 75, 300, 1200]);
+        assert_eq!(values("percent that moves", pass), [0, 5, 20, 50, 90]);
+        assert_eq!(values("pixels", pass).len(), 5);
+        let all = rayon::current_num_threads();
+        assert_eq!(values("threads", pass).last(), Some(&all));
+    }
+    let blocks = kernel_blocks(&bench, "");
+    let mut figures = blocks.iter().filter_map(|block| match block {
+        Block::Figure(figure) => Some(figure),
+        _ => None,
+    });
+    let figure = figures.next_back().expect("drawn");
+    assert_eq!(figure.panels.len(), 5);
+    for panel in &figure.panels {
+        let lines = panel.series.iter().map(|series| series.points.len());
+        assert!(
+            lines.clone().count() == 2 && lines.min() > Some(0),
+            "{}",
+            panel.title
+        );
+    }
+}
+
+#[test]
 fn needles_break_the_textbook_form_alone() {
     let bench = small(&[Op::Project], true);
     let at = |variant: &str, px: f64| {

@@ -1,7 +1,7 @@
 //! Figures of kernels' errors and times.
 
 use super::plot::{Axis, Figure, LegendEntry, N_COLORS, Panel, Point, Series, with_separators};
-use super::{Block, kernel_tables};
+use super::{Block, growth, kernel_tables};
 use crate::bench::{ErrorStats, KernelBench, Measurement, Norms, Pass, StiffnessPoint, Timing};
 
 /// Errors that differ by less, relatively, are alike.
@@ -22,6 +22,8 @@ pub fn kernel_blocks(bench: &KernelBench, prefix: &str) -> Vec<Block> {
         blocks.extend(figure.map(Block::Figure));
     }
     let figure = error_against_stiffness(bench, &format!("{prefix}stiffness"));
+    blocks.extend(figure.map(Block::Figure));
+    let figure = growth::figure(bench, &format!("{prefix}growth"));
     blocks.extend(figure.map(Block::Figure));
     if !bench.left_out.is_empty() {
         blocks.push(Block::Text(format!(
@@ -95,7 +97,7 @@ impl Looks {
     }
 }
 
-fn names<'a>(of: impl Iterator<Item = &'a str>) -> Vec<&'a str> {
+pub(super) fn names<'a>(of: impl Iterator<Item = &'a str>) -> Vec<&'a str> {
     let mut names: Vec<&str> = Vec::new();
     for name in of {
         if !names.contains(&name) {

@@ -15,6 +15,7 @@
 //! - `kernels`: figures of kernels' errors and times.
 
 mod groups;
+mod growth;
 mod inputs;
 mod kernel_tables;
 mod kernels;

@@ -18,6 +18,7 @@ use crate::failure::Failure;
   dash bench --out kernels.json --ops hash_encode,ssim --sizes 1000,10000 --device flex
   dash report kernels.json --out out/kernels
   dash bench --out scene.json --ops scene --sizes 106600 --no-stiffness   # pictures and training steps a second
+  dash bench --out growth.json --ops growth --sizes 90000 --no-stiffness  # the same of ever larger scenes
 
 Without --device every backend of this build is measured that the machine has; wgpu without a GPU runs
 on Mesa's software adapter. Times of a busy machine mean little.")]
