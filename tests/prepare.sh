@@ -1,7 +1,7 @@
 #!/bin/sh
 # Installs what the tests need and cargo can't bring: ffmpeg, which writes and reads videos, and a
 # Vulkan driver that plays a GPU in software, which the wgpu tests run on where there is no GPU. `tests/prepare.sh ci`
-# installs Chromium, too, for tests/browser.py, and pip, for tests/readers.py.
+# installs Chromium, too, for tests/browser.py, pip, for tests/readers.py, and Slurm, for tests/slurm.sh.
 set -eu
 
 as_root=""
@@ -14,6 +14,9 @@ ldconfig -p | grep -q libvulkan.so.1 || missing="$missing libvulkan1"
 if [ "${1:-}" = ci ]; then
     command -v chromium >/dev/null || missing="$missing chromium"
     python3 -m pip --version >/dev/null 2>&1 || missing="$missing python3-pip"
+    for daemon in slurmctld slurmd munged; do
+        command -v "$daemon" >/dev/null || missing="$missing slurmctld slurmd slurm-client munge"
+    done
 fi
 [ -n "$missing" ] || exit 0
 $as_root apt-get update -qq

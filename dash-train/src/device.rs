@@ -1,12 +1,19 @@
 //! Devices by the names that the command line and `config.toml` give them.
 
+use std::env::temp_dir;
 use std::fmt;
+use std::path::Path;
 use std::str::FromStr;
 use std::sync::OnceLock;
+use std::time::Duration;
 
 use burn::tensor::{Device, DeviceKind, Tensor};
 
 use crate::Error;
+use crate::jobs::Hold;
+
+/// How long to wait before GPUs that others have taken are looked at again.
+const PAUSE: Duration = Duration::from_millis(500);
 
 /// A device as the user names it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -22,10 +29,13 @@ pub enum DeviceChoice {
     Wgpu,
     /// The NVIDIA GPU with this index.
     Cuda(usize),
+    /// An NVIDIA GPU that no other process of this machine has taken by this name.
+    CudaAll,
 }
 
 impl DeviceChoice {
-    /// The choice, with [`DeviceChoice::Auto`] replaced by this machine's device.
+    /// The choice, with [`DeviceChoice::Auto`] replaced by this machine's device, and [`DeviceChoice::CudaAll`] by a GPU that
+    /// is this process's from then on; waits until one is free.
     pub fn resolved(self) -> Self {
         static AUTO: OnceLock<DeviceChoice> = OnceLock::new();
         match self {
@@ -40,6 +50,10 @@ impl DeviceChoice {
                     Self::NdArray
                 }
             }),
+            Self::CudaAll => {
+                static FREE: OnceLock<usize> = OnceLock::new();
+                Self::Cuda(*FREE.get_or_init(|| free_of(cuda_devices().len(), &temp_dir())))
+            }
             named => named,
         }
     }
@@ -91,7 +105,7 @@ impl DeviceChoice {
             Self::Auto | Self::Flex => "flex",
             Self::NdArray => "ndarray",
             Self::Wgpu => "wgpu",
-            Self::Cuda(_) => "cuda",
+            Self::Cuda(_) | Self::CudaAll => "cuda",
         }
     }
 }
@@ -142,6 +156,35 @@ fn cuda_devices() -> Vec<Device> {
     Vec::new()
 }
 
+/// The first of `n` GPUs that no other process holds in `folder`, held by this one until it ends; waits for one. Where they
+/// can't be held, or there is none, the first.
+fn free_of(n: usize, folder: &Path) -> usize {
+    if n == 0 {
+        return 0;
+    }
+    let mut is_told = false;
+    loop {
+        for index in 0..n {
+            match Hold::take(&folder.join(format!("dash-cuda-{index}"))) {
+                Ok(Some(hold)) => {
+                    // The system lets go of it when the process ends.
+                    std::mem::forget(hold);
+                    return index;
+                }
+                Ok(None) => {}
+                Err(error) => {
+                    tracing::warn!("cuda:all is cuda:0: {error}");
+                    return 0;
+                }
+            }
+        }
+        if !std::mem::replace(&mut is_told, true) {
+            tracing::info!("waiting for one of {n} GPUs, which other processes have taken");
+        }
+        std::thread::sleep(PAUSE);
+    }
+}
+
 /// Whether there is a CUDA device and it computes; why one does not is told.
 fn first_cuda_works() -> bool {
     let devices = cuda_devices();
@@ -189,6 +232,7 @@ impl fmt::Display for DeviceChoice {
             Self::Flex => f.write_str("flex"),
             Self::Wgpu => f.write_str("wgpu"),
             Self::Cuda(index) => write!(f, "cuda:{index}"),
+            Self::CudaAll => f.write_str("cuda:all"),
         }
     }
 }
@@ -197,13 +241,15 @@ impl FromStr for DeviceChoice {
     type Err = String;
 
     fn from_str(name: &str) -> Result<Self, String> {
-        let unknown = || format!("expected auto, ndarray, flex, wgpu or cuda[:N], found `{name}`");
+        let unknown =
+            || format!("expected auto, ndarray, flex, wgpu, cuda[:N] or cuda:all, found `{name}`");
         match name {
             "auto" => Ok(Self::Auto),
             "ndarray" => Ok(Self::NdArray),
             "flex" => Ok(Self::Flex),
             "wgpu" => Ok(Self::Wgpu),
             "cuda" => Ok(Self::Cuda(0)),
+            "cuda:all" => Ok(Self::CudaAll),
             _ => {
                 let index = name.strip_prefix("cuda:").ok_or_else(unknown)?;
                 index.parse().map(Self::Cuda).map_err(|_| unknown())
@@ -218,7 +264,7 @@ mod tests {
 
     #[test]
     fn names_survive_a_round_trip() {
-        for name in ["auto", "ndarray", "flex", "wgpu", "cuda:3"] {
+        for name in ["auto", "ndarray", "flex", "wgpu", "cuda:3", "cuda:all"] {
             let choice: DeviceChoice = name.parse().expect("a known name");
             assert_eq!(choice.to_string(), name);
         }
@@ -226,6 +272,18 @@ mod tests {
         for bad in ["", "gpu", "cuda:", "cuda:x", "cuda:-1", "Flex"] {
             assert!(bad.parse::<DeviceChoice>().is_err(), "{bad}");
         }
+    }
+
+    #[test]
+    fn each_process_takes_a_gpu_that_is_free() {
+        let folder = tempfile::tempdir().expect("a scratch folder");
+        assert_eq!(free_of(0, folder.path()), 0);
+        assert_eq!(free_of(2, folder.path()), 0);
+        assert_eq!(free_of(2, folder.path()), 1);
+        // Another process would wait for one of these two.
+        let taken = Hold::take(&folder.path().join("dash-cuda-0")).expect("locks");
+        assert!(taken.is_none());
+        assert_eq!(free_of(3, folder.path()), 2);
     }
 
     #[test]

@@ -10,6 +10,8 @@
 //! - `doctor`: what is wrong with a dataset, and how to mend it.
 //! - `compare`: methods on the same data at the same cost.
 //! - `published`: the field's protocols and figures; `benchmark`: runs of a protocol, beside what others published.
+//! - `windows`: a long clip in windows of time.
+//! - `jobs`: runs of these three as tasks that many processes share, on one machine or on a cluster.
 //! - `evaluate`: scores of a scene; `results`: scores of a run, its `results.json`; `render`: pictures of a scene.
 //! - `splat_scene`: files of Gaussians as scenes; `four_dgs`: clips in the container `.4dgs`.
 //! - `process`: set-up and memory of the process; `device`: devices by name.
@@ -41,6 +43,7 @@ pub mod evaluate;
 mod files;
 #[doc(hidden)]
 pub mod fuzzing;
+pub mod jobs;
 pub mod metrics;
 mod numbers;
 pub mod ply;
@@ -60,11 +63,12 @@ pub mod tensorboard;
 mod test_kit;
 pub mod train;
 pub mod video;
+pub mod windows;
 
 pub use error::Error;
 #[cfg(feature = "fourdgs")]
 pub use splat_scene::four_dgs;
-pub use splat_scene::{SceneOverTime, SplatClip, splat_files, splat_scene};
+pub use splat_scene::{Drawn, SceneOverTime, SplatClip, splat_files, splat_scene};
 
 #[cfg(doctest)]
 #[doc = include_str!("../README.md")]

@@ -53,6 +53,29 @@ pub enum Process {
 const TRAINING_MEMORY: &str = "most resident memory of the process that trained, dataset included";
 const EVALUATION_MEMORY: &str = "most resident memory of the process that evaluated, dataset included; that of training is not known";
 
+/// The folder of a run of a comparison or benchmark (`owner`): what an interrupted one left of it, on whatever device, or a
+/// new one.
+///
+/// # Errors
+/// When another run is there, or the folder can't be written.
+pub(crate) fn take_up(root: &Path, config: &RunConfig, owner: &str) -> Result<RunFolder, Error> {
+    let Ok(run) = RunFolder::open(root) else {
+        return RunFolder::create(root, config);
+    };
+    let mut found = run.config()?.as_begun();
+    found.data.device.clone_from(&config.data.device);
+    if found == *config {
+        return Ok(run);
+    }
+    Err(Error::run(
+        root,
+        format!(
+            "expected this {owner}'s run, found another one's, or one of data that has changed since (config.toml \
+             differs); remove the folder to train it again, or choose another --out"
+        ),
+    ))
+}
+
 /// Trains one of a process' runs, scores its test views, and removes its checkpoints.
 ///
 /// # Errors

@@ -32,14 +32,17 @@ pub use rows::{BenchmarkRows, SceneRow};
 pub use scenes::{Found, find_scenes};
 
 use crate::Error;
-use crate::dataset::load;
+use crate::dataset::{Dataset, load};
 use crate::evaluate::Perceptual;
-use crate::files::claim;
+use crate::files::{claim, read_owner};
 use crate::published::{ProtocolName, Scene};
 use crate::report::{RunRecord, read_run};
 use crate::results::scored;
 use crate::train::{StepReport, TrainConfig};
 use training::Training;
+
+/// The file of a benchmark's folder that says what is run.
+const FILE: &str = "benchmark.toml";
 
 /// What is run: `OUT/benchmark.toml`.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -91,6 +94,35 @@ pub struct SceneRuns {
 }
 
 impl Benchmark {
+    /// Makes `out` this benchmark's folder, or finds that it is.
+    ///
+    /// # Errors
+    /// When a camera to drop is of no scene of the protocol, or `out` holds another benchmark or other files.
+    pub fn claim(&self, out: &Path) -> Result<(), Error> {
+        DroppedCamera::check(&self.drop_cameras, self.protocol.protocol())?;
+        claim(out, FILE, self, "benchmark")
+    }
+
+    /// The benchmark whose folder `out` is.
+    ///
+    /// # Errors
+    /// When its file can't be read.
+    pub fn read(out: &Path) -> Result<Self, Error> {
+        read_owner(out, FILE)
+    }
+
+    /// Looks at the files of each scene; no image is decoded.
+    ///
+    /// # Errors
+    /// When a scene cannot be loaded, or has no test views.
+    pub fn prepare(&self, found: &Found) -> Result<Vec<Prepared>, Error> {
+        DroppedCamera::check(&self.drop_cameras, self.protocol.protocol())?;
+        let scenes = found.scenes.iter();
+        scenes
+            .map(|(scene, folder)| Prepared::of(self, scene, folder))
+            .collect()
+    }
+
     /// Trains and scores what is not there yet of the scenes, into folders below `out`.
     ///
     /// # Errors
@@ -104,47 +136,115 @@ impl Benchmark {
         options: &RunOptions<'_>,
         observer: &mut dyn Observer,
     ) -> Result<Vec<SceneRuns>, Error> {
-        DroppedCamera::check(&self.drop_cameras, self.protocol.protocol())?;
         // What is wrong with a scene is said before the first is trained.
-        let scenes = found.scenes.iter();
-        let prepared: Vec<Prepared> = scenes
-            .map(|(scene, folder)| Prepared::of(self, scene, folder))
-            .collect::<Result<_, _>>()?;
-        claim(out, "benchmark.toml", self, "benchmark")?;
-        let mut all = Vec::new();
-        for ((scene, folder), prepared) in found.scenes.iter().zip(prepared) {
-            observer.scene(scene, &prepared);
-            let mut dataset = None;
-            let mut of_scene = SceneRuns {
-                scene,
-                differs: prepared.differs.clone(),
-                runs: Vec::new(),
-            };
+        let prepared = self.prepare(found)?;
+        self.claim(out)?;
+        for ((scene, folder), prepared) in found.scenes.iter().zip(&prepared) {
+            observer.scene(scene, prepared);
+            let mut of_scene = SceneToTrain::new(self, (*scene, folder.as_path()), prepared, out);
             for seed in 0..options.seeds {
-                let root = out.join(scene.name).join(format!("seed-{seed}"));
-                if scored(&root)?.is_none() {
-                    let dataset = match &dataset {
-                        Some(dataset) => Arc::clone(dataset),
-                        None => {
-                            let loaded = load(folder, &prepared.load_options(options.memory))?;
-                            Arc::clone(dataset.insert(Arc::new(loaded)))
-                        }
-                    };
-                    let training = Training {
-                        benchmark: self,
-                        data: &prepared.data,
-                        dataset,
-                        device,
-                        options,
-                    };
-                    observer.begin(scene, seed, training.iterations());
-                    let told = &mut |report: &StepReport, secs| observer.step(report, secs);
-                    training.run(seed, &root, told)?;
+                if scored(&of_scene.root(seed))?.is_none() {
+                    of_scene.train(seed, device, options, observer)?;
                 }
-                of_scene.runs.push(read_run(&root)?);
             }
-            all.push(of_scene);
         }
-        Ok(all)
+        finished(found, &prepared, options.seeds, out)
     }
+}
+
+/// The scored runs of the scenes, as [`Benchmark::prepare`] found these.
+///
+/// # Errors
+/// When a run can't be read.
+pub fn finished(
+    found: &Found,
+    prepared: &[Prepared],
+    seeds: u64,
+    out: &Path,
+) -> Result<Vec<SceneRuns>, Error> {
+    let of_scene = |((scene, _), prepared): (&(&'static Scene, PathBuf), &Prepared)| {
+        let mut runs = Vec::new();
+        for seed in 0..seeds {
+            let root = root(out, scene, seed);
+            if scored(&root)?.is_some() {
+                runs.push(read_run(&root)?);
+            }
+        }
+        Ok(SceneRuns {
+            scene,
+            differs: prepared.differs.clone(),
+            runs,
+        })
+    };
+    found.scenes.iter().zip(prepared).map(of_scene).collect()
+}
+
+/// A scene whose runs are trained.
+pub struct SceneToTrain<'a> {
+    benchmark: &'a Benchmark,
+    scene: &'static Scene,
+    folder: &'a Path,
+    prepared: &'a Prepared,
+    out: &'a Path,
+    /// Once a run has asked for it.
+    dataset: Option<Arc<Dataset>>,
+}
+
+impl<'a> SceneToTrain<'a> {
+    /// A scene and its folder, as [`Benchmark::prepare`] found it, whose runs go below `out`.
+    pub fn new(
+        benchmark: &'a Benchmark,
+        (scene, folder): (&'static Scene, &'a Path),
+        prepared: &'a Prepared,
+        out: &'a Path,
+    ) -> Self {
+        Self {
+            benchmark,
+            scene,
+            folder,
+            prepared,
+            out,
+            dataset: None,
+        }
+    }
+
+    /// The folder of a run.
+    fn root(&self, seed: u64) -> PathBuf {
+        root(self.out, self.scene, seed)
+    }
+
+    /// Trains and scores a run, which nobody else works on, from its newest checkpoint where it was interrupted.
+    ///
+    /// # Errors
+    /// When the scene cannot be loaded, or training fails or is stopped.
+    pub fn train(
+        &mut self,
+        seed: u64,
+        device: &Device,
+        options: &RunOptions<'_>,
+        observer: &mut dyn Observer,
+    ) -> Result<(), Error> {
+        let dataset = match &self.dataset {
+            Some(dataset) => dataset.clone(),
+            None => {
+                let loaded = load(self.folder, &self.prepared.load_options(options.memory))?;
+                self.dataset.insert(Arc::new(loaded)).clone()
+            }
+        };
+        let training = Training {
+            benchmark: self.benchmark,
+            data: &self.prepared.data,
+            dataset,
+            device,
+            options,
+        };
+        observer.begin(self.scene, seed, training.iterations());
+        let told = &mut |report: &StepReport, secs| observer.step(report, secs);
+        training.run(seed, &self.root(seed), told)
+    }
+}
+
+/// The folder of a run.
+fn root(out: &Path, scene: &Scene, seed: u64) -> PathBuf {
+    out.join(scene.name).join(format!("seed-{seed}"))
 }

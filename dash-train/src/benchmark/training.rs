@@ -8,10 +8,8 @@ use burn::tensor::Device;
 use super::{Benchmark, RunOptions};
 use crate::Error;
 use crate::dataset::Dataset;
-use crate::results::train_and_score;
-use crate::train::{
-    DataConfig, RunConfig, RunFolder, StepReport, TrainConfig, TrainOptions, check_dataset,
-};
+use crate::results::{take_up, train_and_score};
+use crate::train::{DataConfig, RunConfig, StepReport, TrainConfig, TrainOptions, check_dataset};
 
 /// A scene whose runs are trained.
 pub(super) struct Training<'a> {
@@ -42,7 +40,7 @@ impl Training<'_> {
             ..self.benchmark.train.clone()
         };
         let config = RunConfig::new(self.data.clone(), config);
-        let run = take_up(root, &config)?;
+        let run = take_up(root, &config, "benchmark")?;
         let options = TrainOptions {
             resume: true,
             curve: 0,
@@ -63,19 +61,4 @@ impl Training<'_> {
         )?;
         Ok(())
     }
-}
-
-/// The run's folder: what an interrupted benchmark left of it, or a new one.
-fn take_up(root: &Path, config: &RunConfig) -> Result<RunFolder, Error> {
-    let Ok(run) = RunFolder::open(root) else {
-        return RunFolder::create(root, config);
-    };
-    if run.config()?.as_begun() == *config {
-        return Ok(run);
-    }
-    Err(Error::run(
-        root,
-        "expected this benchmark's run, found another one's, or one of a scene that has changed since (config.toml \
-         differs); remove the folder to train it again, or choose another --out",
-    ))
 }

@@ -16,7 +16,7 @@ mod tables;
 mod training;
 
 use std::fmt;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use burn::tensor::Device;
@@ -31,10 +31,13 @@ use training::Training;
 use crate::Error;
 use crate::dataset::{Dataset, Partition};
 use crate::evaluate::Perceptual;
-use crate::files::claim;
+use crate::files::{claim, read_owner};
 use crate::numbers::median_and_range;
 use crate::results::{Results, scored};
 use crate::train::{DataConfig, RunFolder, StepReport, TrainConfig, check_dataset};
+
+/// The file of a comparison's folder that says what is compared.
+const FILE: &str = "compare.toml";
 
 /// How long each run trains.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
@@ -69,7 +72,7 @@ pub struct Comparison {
     pub preset: TrainConfig,
 }
 
-/// Which runs a comparison has, and what scores them.
+/// Which runs a comparison has, and how they are made.
 pub struct RunOptions<'a> {
     /// What is trained.
     pub methods: &'a [Method],
@@ -77,6 +80,17 @@ pub struct RunOptions<'a> {
     pub seeds: u64,
     /// Networks of LPIPS.
     pub perceptual: &'a Perceptual,
+    /// Asked before and after every step whether to stop there, with a checkpoint; not where runs are to take a time.
+    pub stop: &'a dyn Fn() -> bool,
+}
+
+/// The data and the device of a comparison's runs.
+#[derive(Clone, Copy)]
+pub struct On<'a> {
+    /// The data.
+    pub dataset: &'a Arc<Dataset>,
+    /// The device.
+    pub device: &'a Device,
 }
 
 /// A run of a comparison.
@@ -111,19 +125,27 @@ pub trait Observer {
 }
 
 impl Comparison {
-    /// Trains and scores what is not there yet, in folders below `out`.
+    /// Makes `out` this comparison's folder, or finds that it is.
     ///
     /// # Errors
-    /// When `out` holds another comparison, the dataset has no test views, or training fails; runs
-    /// finished until then remain and are taken as they are next time.
-    pub fn run(
-        &self,
-        options: &RunOptions<'_>,
-        out: &Path,
-        dataset: &Arc<Dataset>,
-        device: &Device,
-        observer: &mut dyn Observer,
-    ) -> Result<Vec<ComparedRun>, Error> {
+    /// When it holds another comparison, or other files.
+    pub fn claim(&self, out: &Path) -> Result<(), Error> {
+        claim(out, FILE, self, "comparison")
+    }
+
+    /// The comparison whose folder `out` is.
+    ///
+    /// # Errors
+    /// When its file can't be read.
+    pub fn read(out: &Path) -> Result<Self, Error> {
+        read_owner(out, FILE)
+    }
+
+    /// Whether methods can be compared on a dataset.
+    ///
+    /// # Errors
+    /// When it has no test views, or cannot be trained on.
+    pub fn check(dataset: &Dataset) -> Result<(), Error> {
         if dataset.views_of(Partition::Test).next().is_none() {
             return Err(Error::run(
                 &dataset.root,
@@ -131,29 +153,32 @@ impl Comparison {
                  --test-cameras",
             ));
         }
-        check_dataset(dataset)?;
-        claim(out, "compare.toml", self, "comparison")?;
-        let mut training = Training {
-            comparison: self,
-            out,
-            dataset,
-            device,
-            perceptual: options.perceptual,
-            observer,
-            gauge: None,
-        };
+        check_dataset(dataset)
+    }
+
+    /// Trains and scores what is not there yet, in folders below `out`.
+    ///
+    /// # Errors
+    /// When `out` holds another comparison, the dataset has no test views, or training fails or is stopped; runs
+    /// finished until then remain and are taken as they are next time.
+    pub fn run(
+        &self,
+        options: &RunOptions<'_>,
+        out: &Path,
+        on: On<'_>,
+        observer: &mut dyn Observer,
+    ) -> Result<Vec<ComparedRun>, Error> {
+        Self::check(on.dataset)?;
+        self.claim(out)?;
+        let mut training = self.training(options, out, on, observer);
         let mut runs = Vec::new();
         for &method in options.methods {
             // All seeds of a method take the same number of steps.
-            let mut iterations = match self.length {
-                Length::Steps(steps) => Some(steps),
-                Length::Seconds(_) => None,
-            };
+            let mut iterations = self.steps();
             for seed in 0..options.seeds {
-                let root = out.join(method.folder()).join(format!("seed-{seed}"));
-                let (run, results) = match scored(&root)? {
+                let (run, results) = match scored(&root(out, method, seed))? {
                     Some(finished) => finished,
-                    None => training.run(method, seed, iterations, &root)?,
+                    None => training.run(method, seed, iterations, &root(out, method, seed))?,
                 };
                 iterations = Some(results.iterations);
                 runs.push(ComparedRun {
@@ -166,4 +191,82 @@ impl Comparison {
         }
         Ok(runs)
     }
+
+    /// Trains and scores one run, which nobody else works on, in its folder below `out`.
+    ///
+    /// # Errors
+    /// When runs are to take a time, which trials of the first seed turn into steps; and as [`Comparison::run`].
+    pub fn run_one(
+        &self,
+        (method, seed): (Method, u64),
+        options: &RunOptions<'_>,
+        out: &Path,
+        on: On<'_>,
+        observer: &mut dyn Observer,
+    ) -> Result<(), Error> {
+        let Some(steps) = self.steps() else {
+            return Err(Error::run(
+                out,
+                "expected a comparison of equal steps, found one of equal time, whose runs depend on each other and on \
+                 the machine; train them with `dash compare`",
+            ));
+        };
+        Self::check(on.dataset)?;
+        let mut training = self.training(options, out, on, observer);
+        training.run(method, seed, Some(steps), &root(out, method, seed))?;
+        Ok(())
+    }
+
+    /// The runs that are scored.
+    ///
+    /// # Errors
+    /// When scores can't be read.
+    pub fn finished(methods: &[Method], seeds: u64, out: &Path) -> Result<Vec<ComparedRun>, Error> {
+        let mut runs = Vec::new();
+        for &method in methods {
+            for seed in 0..seeds {
+                if let Some((run, results)) = scored(&root(out, method, seed))? {
+                    runs.push(ComparedRun {
+                        method,
+                        seed,
+                        run,
+                        results,
+                    });
+                }
+            }
+        }
+        Ok(runs)
+    }
+
+    /// Steps of each run, where they are given.
+    fn steps(&self) -> Option<usize> {
+        match self.length {
+            Length::Steps(steps) => Some(steps),
+            Length::Seconds(_) => None,
+        }
+    }
+
+    fn training<'a>(
+        &'a self,
+        options: &RunOptions<'a>,
+        out: &'a Path,
+        on: On<'a>,
+        observer: &'a mut dyn Observer,
+    ) -> Training<'a> {
+        Training {
+            comparison: self,
+            out,
+            dataset: on.dataset,
+            device: on.device,
+            perceptual: options.perceptual,
+            observer,
+            stop: options.stop,
+            gauge: None,
+        }
+    }
+}
+
+/// The folder of a run.
+fn root(out: &Path, method: Method, seed: u64) -> PathBuf {
+    out.join(method.folder()).join(format!("seed-{seed}"))
 }

@@ -14,7 +14,8 @@ use super::{Budget, Comparison, Length, Method, Observer};
 use crate::Error;
 use crate::dataset::Dataset;
 use crate::evaluate::Perceptual;
-use crate::results::{Results, train_and_score};
+use crate::jobs::Hold;
+use crate::results::{Results, take_up, train_and_score};
 use crate::train::{RunConfig, RunFolder, StepReport, TrainConfig, TrainOptions};
 
 /// How fast the machine was when a comparison began: `OUT/speed.toml`.
@@ -33,6 +34,8 @@ pub(super) struct Training<'a> {
     pub(super) device: &'a Device,
     pub(super) perceptual: &'a Perceptual,
     pub(super) observer: &'a mut dyn Observer,
+    /// Asked before and after every step of a run of given length whether to stop there, with a checkpoint.
+    pub(super) stop: &'a dyn Fn() -> bool,
     /// The machine's speed, from the first run that is trained on.
     pub(super) gauge: Option<Gauge>,
 }
@@ -107,18 +110,27 @@ impl Training<'_> {
     fn train(&mut self, config: TrainConfig, root: &Path) -> Result<(RunFolder, Results), Error> {
         let data = &self.comparison.data;
         let config = RunConfig::new(data.clone(), config);
-        if is_left_of(root, &config) {
-            fs::remove_dir_all(root).map_err(|e| Error::io(root, "remove", e))?;
-        }
-        let run = RunFolder::create(root, &config)?;
+        // Where steps are to fit a time, one process trains all of a run.
+        let resumes = matches!(self.comparison.length, Length::Steps(_));
+        let run = if resumes {
+            take_up(root, &config, "comparison")?
+        } else {
+            if is_left_of(root, &config) {
+                fs::remove_dir_all(root).map_err(|e| Error::io(root, "remove", e))?;
+            }
+            RunFolder::create(root, &config)?
+        };
         let gauge = self.gauge.as_mut().expect("measured before any run");
         let options = TrainOptions {
-            resume: false,
+            resume: resumes,
             curve: self.comparison.curve,
             on_step: &mut |report, secs| self.observer.step(report, secs),
             watch: None,
             clock: Some(&mut |secs| gauge.paced(secs)),
-            stop: &|| false,
+            stop: match resumes {
+                true => self.stop,
+                false => &|| false,
+            },
             additions: Default::default(),
         };
         let results = train_and_score(
@@ -135,6 +147,8 @@ impl Training<'_> {
     /// The machine's speed, against that when the comparison began.
     fn measure_speed(&self) -> Result<Gauge, Error> {
         let path = self.out.join("speed.toml");
+        // Several processes may share the comparison; the first of them measures.
+        let _turn = Hold::wait(&self.out.join("held/speed"), &|| false, || ())?;
         let known = match fs::read_to_string(&path) {
             Ok(text) => {
                 let speed = toml::from_str::<Speed>(&text).ok();

@@ -6,7 +6,7 @@ use std::str::FromStr;
 use serde::{Deserialize, Serialize};
 
 /// A choice of frames, by the numbers in their files' names; where frames have no files or names no
-/// numbers, counted from 0. As text `all` or `FIRST-LAST`, such as `151-200`.
+/// numbers, counted from 0. As text `all` or `FIRST-LAST`, such as `151-200`; by their places `#FIRST-LAST`.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(try_from = "String", into = "String")]
 pub enum FrameRange {
@@ -19,14 +19,22 @@ pub enum FrameRange {
         /// The last; not before the first.
         last: u64,
     },
+    /// By their places among all frames, counted from 0, whatever their numbers; both included.
+    Places {
+        /// The first.
+        first: u64,
+        /// The last; not before the first.
+        last: u64,
+    },
 }
 
 impl FrameRange {
-    /// Whether the frame of this number is chosen.
-    pub fn contains(self, number: u64) -> bool {
+    /// Whether the frame of this number at this place among all is chosen.
+    pub fn contains(self, number: u64, place: usize) -> bool {
         match self {
             Self::All => true,
             Self::Between { first, last } => (first..=last).contains(&number),
+            Self::Places { first, last } => (first..=last).contains(&(place as u64)),
         }
     }
 }
@@ -36,6 +44,7 @@ impl fmt::Display for FrameRange {
         match self {
             Self::All => f.write_str("all"),
             Self::Between { first, last } => write!(f, "{first}-{last}"),
+            Self::Places { first, last } => write!(f, "#{first}-{last}"),
         }
     }
 }
@@ -50,7 +59,11 @@ impl FromStr for FrameRange {
         let wrong = || {
             format!("expected frame numbers FIRST-LAST, such as 151-200, or all, found `{text}`")
         };
-        let (first, last) = text.split_once('-').ok_or_else(wrong)?;
+        let (by_place, range) = match text.strip_prefix('#') {
+            Some(range) => (true, range),
+            None => (false, text),
+        };
+        let (first, last) = range.split_once('-').ok_or_else(wrong)?;
         let number = |text: &str| match text.bytes().all(|b| b.is_ascii_digit()) {
             true => text.parse().map_err(|_| wrong()),
             false => Err(wrong()),
@@ -59,7 +72,10 @@ impl FromStr for FrameRange {
         if first > last {
             return Err(wrong());
         }
-        Ok(Self::Between { first, last })
+        Ok(match by_place {
+            true => Self::Places { first, last },
+            false => Self::Between { first, last },
+        })
     }
 }
 
@@ -83,12 +99,12 @@ mod tests {
 
     #[test]
     fn ranges_are_read_as_they_are_written() {
-        for text in ["all", "0-0", "151-200"] {
+        for text in ["all", "0-0", "151-200", "#0-59"] {
             let range: FrameRange = text.parse().expect("a range");
             assert_eq!(range.to_string(), text);
         }
         for bad in [
-            "", "7", "-", "5-", "-5", "9-3", "+1-2", "1-2-3", "All", "1- 2",
+            "", "7", "-", "#", "#5", "##1-2", "5-", "-5", "9-3", "+1-2", "1-2-3", "All", "1- 2",
         ] {
             assert!(bad.parse::<FrameRange>().is_err(), "{bad}");
         }

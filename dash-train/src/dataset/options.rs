@@ -89,7 +89,7 @@ impl LoadOptions {
         let in_range: Vec<usize> = (0..numbers.len())
             .filter(|&place| {
                 self.frames
-                    .is_none_or(|range| range.contains(numbers[place]))
+                    .is_none_or(|range| range.contains(numbers[place], place))
             })
             .collect();
         if let (Some(range), true, [first, ..]) = (self.frames, in_range.is_empty(), numbers) {

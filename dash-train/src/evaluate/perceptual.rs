@@ -3,6 +3,7 @@
 use std::path::PathBuf;
 
 use burn::tensor::Device;
+use serde::{Deserialize, Serialize};
 
 use crate::Error;
 use crate::dataset::View;
@@ -27,7 +28,8 @@ pub(super) struct PerceptualScores {
 }
 
 /// Weight files by network; a network without files is not measured.
-#[derive(Debug, Clone, Default)]
+#[derive(Debug, Clone, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
 pub struct PerceptualFiles {
     /// Those that together hold VGG16's features and LPIPS's weights for them.
     pub vgg: Vec<PathBuf>,

@@ -11,6 +11,16 @@ use serde::de::DeserializeOwned;
 use super::is_occupied;
 use crate::Error;
 
+/// What the folder `out` belongs to, as its file `name` says.
+///
+/// # Errors
+/// When the file is not there, or is damaged.
+pub(crate) fn read_owner<T: DeserializeOwned>(out: &Path, name: &str) -> Result<T, Error> {
+    let path = out.join(name);
+    let text = fs::read_to_string(&path).map_err(|e| Error::io(&path, "read", e))?;
+    toml::from_str(&text).map_err(|e| Error::Config(format!("{}: {}", path.display(), e.message())))
+}
+
 /// Makes `out` the folder of `owner`, which its file `name` then holds, or finds that it is. `what` calls the owner in
 /// errors.
 ///

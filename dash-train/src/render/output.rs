@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 use dash_model::unfinished::Unfinished;
 use dash_model::{Layer, Picture};
 
-use super::picture::{PictureLayer, render};
+use super::picture::{PictureLayer, render_mixed};
 use super::shots::Shot;
 use crate::cameras::{CameraEntry, cameras_text, write_cameras};
 use crate::files::is_occupied;
@@ -73,7 +73,7 @@ pub fn write_pictures(
     let listed = entries(job.shots);
     refuse_other_list(&list, &listed)?;
     for ((index, shot), entry) in job.shots.iter().enumerate().zip(&listed) {
-        let scene = job.scene.scene_at(shot.time)?;
+        let drawn = job.scene.drawn_at(shot.time)?;
         let name = format!("{}.{}", entry.img_name, format.extension());
         for drawn_from in [Layer::Full, Layer::Static, Layer::Dynamic] {
             let shown: Vec<PictureLayer> = layers
@@ -84,7 +84,7 @@ pub fn write_pictures(
             if shown.is_empty() {
                 continue;
             }
-            let picture = render(&scene, &shot.camera, shot.time, drawn_from)?;
+            let picture = render_mixed(&drawn, &shot.camera, drawn_from)?;
             for layer in shown {
                 let path = scratch.path().join(layer.to_string()).join(&name);
                 write_picture(&path, &picture, layer, format)?;
@@ -168,8 +168,8 @@ pub fn write_video(job: RenderJob<'_>, layer: PictureLayer, out: &Path) -> Resul
     }
     let mut writer = VideoWriter::create(out, size.0, size.1, FRAMES_PER_SEC)?;
     for (index, shot) in job.shots.iter().enumerate() {
-        let scene = job.scene.scene_at(shot.time)?;
-        let picture = render(&scene, &shot.camera, shot.time, layer.drawn_from())?;
+        let drawn = job.scene.drawn_at(shot.time)?;
+        let picture = render_mixed(&drawn, &shot.camera, layer.drawn_from())?;
         writer.push(&shown(&picture, layer))?;
         (job.on_shot)(index + 1);
     }

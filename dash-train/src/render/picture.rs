@@ -4,9 +4,9 @@ use std::fmt;
 use std::time::Instant;
 
 use dash_kernels::Camera;
-use dash_model::{DynamicScene, Layer, Picture};
+use dash_model::{DynamicScene, Layer, Picture, Rendering};
 
-use crate::Error;
+use crate::{Drawn, Error};
 
 /// What a picture shows.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, clap::ValueEnum)]
@@ -57,6 +57,28 @@ pub fn render(
     layer: Layer,
 ) -> Result<Picture, Error> {
     Ok(Picture::of(scene.render_layer(camera, time, layer)?)?)
+}
+
+/// [`render`] of scenes whose pictures are mixed by their shares; there is one at least.
+pub(super) fn render_mixed(
+    drawn: &[Drawn<'_>],
+    camera: &Camera,
+    layer: Layer,
+) -> Result<Picture, Error> {
+    let mut mixed: Option<Rendering> = None;
+    for Drawn { scene, time, share } in drawn {
+        let own = scene.render_layer(camera, *time, layer)?;
+        mixed = Some(match mixed {
+            None if *share == 1.0 => own,
+            None => Rendering {
+                image: own.image * *share,
+            },
+            Some(sum) => Rendering {
+                image: sum.image + own.image * *share,
+            },
+        });
+    }
+    Ok(Picture::of(mixed.expect("a scene is drawn"))?)
 }
 
 /// [`render`], and the seconds until the device had finished; copying to the host excluded.

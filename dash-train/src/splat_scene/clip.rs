@@ -9,18 +9,32 @@ use dash_model::DynamicScene;
 use super::{splat_files, splat_scene};
 use crate::Error;
 
+/// A scene at one of its times, with its share in a picture.
+pub struct Drawn<'a> {
+    /// The scene.
+    pub scene: Cow<'a, DynamicScene>,
+    /// The time of the scene, in [0, 1].
+    pub time: f32,
+    /// Its share; those of a picture add up to 1.
+    pub share: f32,
+}
+
 /// A scene that can be drawn at any time.
 pub trait SceneOverTime {
-    /// What is drawn at `time`, in [0, 1] over the clip.
+    /// What is drawn at `time`, in [0, 1] over the clip: one scene, or several whose pictures are mixed.
     ///
     /// # Errors
     /// When a file can't be read.
-    fn scene_at(&self, time: f32) -> Result<Cow<'_, DynamicScene>, Error>;
+    fn drawn_at(&self, time: f32) -> Result<Vec<Drawn<'_>>, Error>;
 }
 
 impl SceneOverTime for DynamicScene {
-    fn scene_at(&self, _time: f32) -> Result<Cow<'_, DynamicScene>, Error> {
-        Ok(Cow::Borrowed(self))
+    fn drawn_at(&self, time: f32) -> Result<Vec<Drawn<'_>>, Error> {
+        Ok(vec![Drawn {
+            scene: Cow::Borrowed(self),
+            time,
+            share: 1.0,
+        }])
     }
 }
 
@@ -29,7 +43,7 @@ impl SceneOverTime for DynamicScene {
 /// # Example
 /// ```no_run
 /// use burn::tensor::Device;
-/// use dash_train::{SceneOverTime, SplatClip};
+/// use dash_train::SplatClip;
 ///
 /// let clip = SplatClip::open("out/plys".as_ref(), &Device::flex())?;
 /// println!("{} frames", clip.n_frames());
@@ -111,12 +125,14 @@ impl SplatClip {
     /// When its file can't be read.
     pub fn frame(&self, frame: usize) -> Result<DynamicScene, Error> {
         let last = self.n_frames().saturating_sub(1).max(1);
-        Ok(self.scene_at(frame as f32 / last as f32)?.into_owned())
+        self.scene_at(frame as f32 / last as f32)
     }
-}
 
-impl SceneOverTime for SplatClip {
-    fn scene_at(&self, time: f32) -> Result<Cow<'_, DynamicScene>, Error> {
+    /// What is there at `time`, in [0, 1] over the clip.
+    ///
+    /// # Errors
+    /// When a file can't be read.
+    pub fn scene_at(&self, time: f32) -> Result<DynamicScene, Error> {
         let mut scene = match &self.kind {
             Kind::Still(scene) => (**scene).clone(),
             Kind::Frames(files) => {
@@ -128,7 +144,17 @@ impl SceneOverTime for SplatClip {
             Kind::Motions(motions) => motions.scene_at(time, &self.device),
         };
         scene.settings.background = self.background;
-        Ok(Cow::Owned(scene))
+        Ok(scene)
+    }
+}
+
+impl SceneOverTime for SplatClip {
+    fn drawn_at(&self, time: f32) -> Result<Vec<Drawn<'_>>, Error> {
+        Ok(vec![Drawn {
+            scene: Cow::Owned(self.scene_at(time)?),
+            time,
+            share: 1.0,
+        }])
     }
 }
 

@@ -1,7 +1,7 @@
 //! Files of Gaussians as scenes.
 //!
 //! [`splat_scene`]: a file in which nothing moves. [`SplatClip`]: whatever can be played. [`SceneOverTime`]: what can be drawn at any
-//! time, a run's scene and a clip alike. `four_dgs`: the clips of other players (`.4dgs`).
+//! time, a run's scene, a clip and windows alike. `four_dgs`: the clips of other players (`.4dgs`).
 
 mod clip;
 #[cfg(feature = "fourdgs")]
@@ -15,7 +15,7 @@ use dash_model::{
     SplatFormat, TrajectoryBasis, read_splats,
 };
 
-pub use clip::{SceneOverTime, SplatClip};
+pub use clip::{Drawn, SceneOverTime, SplatClip};
 
 use crate::Error;
 use crate::files::{Order, list, order};

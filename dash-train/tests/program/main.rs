@@ -10,6 +10,7 @@ mod common;
 mod compare;
 mod curve;
 mod doctor;
+mod jobs;
 mod kill;
 mod leave_out;
 mod lpips;
@@ -20,3 +21,4 @@ mod report;
 mod splat_files;
 #[cfg(unix)]
 mod stops;
+mod windows;

@@ -1,13 +1,15 @@
 //! `dash benchmark`: a published protocol on the scenes that are there.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use clap::Args;
 use dash_train::Error;
 use dash_train::benchmark::{
-    Benchmark, BenchmarkRows, DroppedCamera, Observer, Prepared, RunOptions, SceneRuns,
-    find_scenes, page, pinned,
+    Benchmark, BenchmarkRows, DroppedCamera, Found, Observer, Prepared, RunOptions, SceneRuns,
+    SceneToTrain, find_scenes, finished, page, pinned,
 };
+use dash_train::device::DeviceChoice;
+use dash_train::jobs::{Plan, Tally, Which, Work};
 use dash_train::process::stop;
 use dash_train::published::{Figures, ProtocolName, Scene};
 use dash_train::report::{Beside, published_figures};
@@ -15,11 +17,12 @@ use dash_train::train::{Preset, StepReport};
 
 use crate::Shared;
 use crate::configuration::{ConfigFile, Overrides};
-use crate::failure::Failure;
+use crate::failure::{Failure, unless_stopped};
 use crate::lpips::LpipsArgs;
 use crate::progress::RunsProgress;
 use crate::summary::{self, Table};
 use crate::values;
+use crate::work::On;
 
 /// Run a published protocol on a dataset's scenes, and compare with what others published
 #[derive(Args)]
@@ -70,34 +73,42 @@ pub struct BenchmarkArgs {
     lpips: LpipsArgs,
 }
 
+/// How a stopped benchmark goes on.
+const WAY_ON: &str = "the same command goes on with what is missing";
+
+impl BenchmarkArgs {
+    /// The folder of the benchmark.
+    pub fn out(&self) -> &Path {
+        &self.out
+    }
+
+    fn benchmark(&self, choice: DeviceChoice) -> Result<Benchmark, Failure> {
+        let file = ConfigFile::read(self.config.as_deref())?;
+        let overrides = Overrides {
+            preset: self.preset,
+            file: self.config.as_deref(),
+            assignments: &self.set,
+            iterations: self.iterations,
+            seed: None,
+            keep: None,
+        };
+        Ok(Benchmark {
+            train: overrides.resolve(&file)?,
+            protocol: self.protocol,
+            data: values::absolute(&self.data)?,
+            device: choice.to_string(),
+            drop_cameras: self.drop_cameras.clone(),
+        })
+    }
+}
+
 pub fn run(args: &BenchmarkArgs, shared: &Shared) -> Result<String, Failure> {
-    let file = ConfigFile::read(args.config.as_deref())?;
-    let overrides = Overrides {
-        preset: args.preset,
-        file: args.config.as_deref(),
-        assignments: &args.set,
-        iterations: args.iterations,
-        seed: None,
-        keep: None,
-    };
-    let train = overrides.resolve(&file)?;
     let files = args.lpips.files();
     files.check()?;
     let choice = shared.device.unwrap_or_default().resolved();
     let device = choice.device()?;
-    let protocol = args.protocol.protocol();
-    let found = find_scenes(protocol, &args.data, &args.scenes)?;
-    let benchmark = Benchmark {
-        protocol: args.protocol,
-        data: values::absolute(&args.data)?,
-        device: choice.to_string(),
-        drop_cameras: args.drop_cameras.clone(),
-        train,
-    };
-    let pinned = pinned(&benchmark).into_iter();
-    let pinned = pinned.map(|(name, value)| format!("{name}: {value}"));
-    let missing = found.missing.iter();
-    let missing = missing.map(|scene| format!("not there: {}", scene.name));
+    let found = find_scenes(args.protocol.protocol(), &args.data, &args.scenes)?;
+    let benchmark = args.benchmark(choice)?;
     let perceptual = files.load(&device)?;
     let asked = stop::Asked::default();
     let options = RunOptions {
@@ -106,36 +117,92 @@ pub fn run(args: &BenchmarkArgs, shared: &Shared) -> Result<String, Failure> {
         perceptual: &perceptual,
         stop: &|| asked.now(),
     };
-    let mut told = Told {
-        drops: &args.drop_cameras,
-        before: pinned.chain(missing).collect(),
-        progress: RunsProgress::new(shared),
-    };
-    let way_on = "the same command goes on with what is missing";
-    stop::set_way_on(Some(way_on.into()));
+    let mut told = Told::new(&benchmark, &found, shared);
+    stop::set_way_on(Some(WAY_ON.into()));
     let outcome = benchmark.run(&found, &args.out, &device, &options, &mut told);
     told.progress.end();
-    if let (Some(signal), Err(error)) = (asked.end(), &outcome) {
-        let name = signal.name();
-        let told = match error {
-            Error::Stopped { run, step } => format!(
-                "{}: stopped by {name} after step {step}, with a checkpoint; {way_on}",
-                run.display()
-            ),
-            other => format!("stopped by {name}, and: {other}"),
+    let runs = unless_stopped(outcome, asked, WAY_ON)?;
+    written(&benchmark, &found, &runs, &args.out)
+}
+
+/// Writes the plan of what [`run`] does.
+pub fn plan(args: &BenchmarkArgs, shared: &Shared) -> Result<Plan, Failure> {
+    let files = args.lpips.absolute_files()?;
+    files.check()?;
+    let found = find_scenes(args.protocol.protocol(), &args.data, &args.scenes)?;
+    let benchmark = args.benchmark(shared.device.unwrap_or_default().resolved())?;
+    benchmark.prepare(&found)?;
+    benchmark.claim(&args.out)?;
+    let scenes = found.scenes.iter();
+    let scenes = scenes.map(|(scene, _)| scene.name.to_string()).collect();
+    let plan = Plan::new(Work::Benchmark { scenes }, args.seeds, args.memory, files);
+    plan.write(&args.out)?;
+    Ok(plan)
+}
+
+/// Does tasks of a plan.
+pub fn work(
+    (plan, scenes): (&Plan, &[String]),
+    which: Which,
+    out: &Path,
+    on: &On<'_>,
+    shared: &Shared,
+) -> Result<Tally, Error> {
+    let mut benchmark = Benchmark::read(out)?;
+    benchmark.device = on.choice.to_string();
+    let found = find_scenes(benchmark.protocol.protocol(), &benchmark.data, scenes)?;
+    let prepared = benchmark.prepare(&found)?;
+    let options = RunOptions {
+        seeds: plan.seeds,
+        memory: plan.memory,
+        perceptual: on.perceptual,
+        stop: on.stop,
+    };
+    let mut told = Told::new(&benchmark, &found, shared);
+    let mut present: Option<(usize, SceneToTrain)> = None;
+    let tally = plan.work(out, which, on.stop, &mut |number| {
+        let (place, seed) = plan.of_task(number)?;
+        let (scene, folder) = &found.scenes[place];
+        let of_scene = match &mut present {
+            Some((of, scene)) if *of == place => scene,
+            other => {
+                told.scene(scene, &prepared[place]);
+                let folder = folder.as_path();
+                let new = SceneToTrain::new(&benchmark, (*scene, folder), &prepared[place], out);
+                &mut other.insert((place, new)).1
+            }
         };
-        return Err(Failure::stopped(signal, told));
-    }
-    let runs = outcome?;
-    let rows = BenchmarkRows::new(&benchmark, &found, &runs);
-    rows.write(&args.out)?;
-    page(&benchmark, &rows, &runs).write(&args.out)?;
+        of_scene.train(seed, on.device, &options, &mut told)
+    });
+    told.progress.end();
+    tally
+}
+
+/// Puts the runs of a plan together, all of which are done.
+pub fn join(plan: &Plan, scenes: &[String], out: &Path) -> Result<String, Failure> {
+    let benchmark = Benchmark::read(out)?;
+    let found = find_scenes(benchmark.protocol.protocol(), &benchmark.data, scenes)?;
+    let prepared = benchmark.prepare(&found)?;
+    let runs = finished(&found, &prepared, plan.seeds, out)?;
+    written(&benchmark, &found, &runs, out)
+}
+
+/// Writes the page of a benchmark, and what to say of it.
+fn written(
+    benchmark: &Benchmark,
+    found: &Found,
+    runs: &[SceneRuns],
+    out: &Path,
+) -> Result<String, Failure> {
+    let rows = BenchmarkRows::new(benchmark, found, runs);
+    rows.write(out)?;
+    page(benchmark, &rows, runs).write(out)?;
     Ok(format!(
         "{}\n{}\nwritten to {}; open {}",
-        header(&benchmark, &rows),
-        table(&benchmark, &rows, &runs),
-        args.out.display(),
-        args.out.join("report.html").display()
+        header(benchmark, &rows),
+        table(benchmark, &rows, runs),
+        out.display(),
+        out.join("report.html").display()
     ))
 }
 
@@ -145,6 +212,20 @@ struct Told<'a> {
     /// What is told before the first scene, once nothing speaks against the benchmark.
     before: Vec<String>,
     progress: RunsProgress<'a>,
+}
+
+impl<'a> Told<'a> {
+    fn new(benchmark: &'a Benchmark, found: &Found, shared: &'a Shared) -> Self {
+        let pinned = pinned(benchmark).into_iter();
+        let pinned = pinned.map(|(name, value)| format!("{name}: {value}"));
+        let missing = found.missing.iter();
+        let missing = missing.map(|scene| format!("not there: {}", scene.name));
+        Self {
+            drops: &benchmark.drop_cameras,
+            before: pinned.chain(missing).collect(),
+            progress: RunsProgress::new(shared),
+        }
+    }
 }
 
 impl Observer for Told<'_> {

@@ -1,12 +1,16 @@
 //! `dash compare`: several methods on one dataset.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use clap::{ArgGroup, Args};
+use dash_train::Error;
 use dash_train::compare::{
-    ComparedRun, Comparison, Length, Method, Observer, RunOptions, median_over_seeds, tables,
+    self, ComparedRun, Comparison, Length, Method, Observer, RunOptions, median_over_seeds, tables,
 };
+use dash_train::dataset::{Dataset, LoadOptions, load};
+use dash_train::device::DeviceChoice;
+use dash_train::jobs::{Plan, Tally, Which, Work};
 use dash_train::process::stop;
 use dash_train::report::{Block, RunGroup, compared, read_run};
 use dash_train::train::{Preset, StepReport};
@@ -14,11 +18,12 @@ use dash_train::train::{Preset, StepReport};
 use crate::Shared;
 use crate::configuration::{ConfigFile, Overrides};
 use crate::data::DataArgs;
-use crate::failure::Failure;
+use crate::failure::{Failure, unless_stopped};
 use crate::lpips::LpipsArgs;
 use crate::progress::RunsProgress;
 use crate::summary;
 use crate::values;
+use crate::work::On;
 
 /// Train several methods on the same data for the same time or the same steps, and compare them
 #[derive(Args)]
@@ -75,58 +80,176 @@ pub struct CompareArgs {
 /// What marks tables of data that had a say in the choice of a method's values.
 const HAD_A_SAY: &str = "This data had a say in the choice of a method's values.";
 
+/// How a stopped comparison goes on.
+const WAY_ON: &str = "the same command goes on with the runs that are missing";
+
+impl CompareArgs {
+    /// The folder of the comparison.
+    pub fn out(&self) -> &Path {
+        &self.out
+    }
+
+    /// The comparison and its dataset, whose images are decoded only once they are asked for with `to_look`.
+    fn comparison(
+        &self,
+        choice: DeviceChoice,
+        to_look: bool,
+    ) -> Result<(Comparison, Dataset), Failure> {
+        let file = ConfigFile::read(self.config.as_deref())?;
+        let overrides = Overrides {
+            preset: Some(self.preset),
+            file: self.config.as_deref(),
+            assignments: &self.set,
+            iterations: self.iterations.map(|steps| steps as usize),
+            seed: None,
+            keep: None,
+        };
+        let preset = overrides.resolve(&file)?;
+        let (data, dataset) = match to_look {
+            true => self.data.look(&self.dataset, &file.data, choice)?,
+            false => self.data.load(&self.dataset, &file.data, choice)?,
+        };
+        let comparison = Comparison {
+            length: match self.budget {
+                Some(seconds) => Length::Seconds(seconds),
+                None => Length::Steps(preset.iterations),
+            },
+            curve: self.curve,
+            data,
+            preset,
+        };
+        Ok((comparison, dataset))
+    }
+
+    fn methods(&self) -> Vec<Method> {
+        let mut methods = match self.methods.as_slice() {
+            [] => Method::ALL.to_vec(),
+            chosen => chosen.to_vec(),
+        };
+        methods.sort();
+        methods.dedup();
+        methods
+    }
+}
+
 pub fn run(args: &CompareArgs, shared: &Shared) -> Result<String, Failure> {
     let files = args.lpips.files();
     files.check()?;
-    let file = ConfigFile::read(args.config.as_deref())?;
-    let overrides = Overrides {
-        preset: Some(args.preset),
-        file: args.config.as_deref(),
-        assignments: &args.set,
-        iterations: args.iterations.map(|steps| steps as usize),
-        seed: None,
-        keep: None,
-    };
-    let preset = overrides.resolve(&file)?;
     let choice = shared.device.unwrap_or_default().resolved();
     let device = choice.device()?;
+    let (comparison, dataset) = args.comparison(choice, false)?;
     let perceptual = files.load(&device)?;
-    let (data, dataset) = args.data.load(&args.dataset, &file.data, choice)?;
-    let dataset = Arc::new(dataset);
-    let length = match args.budget {
-        Some(seconds) => Length::Seconds(seconds),
-        None => Length::Steps(preset.iterations),
-    };
-    let comparison = Comparison {
-        length,
-        curve: args.curve,
-        data,
-        preset,
-    };
-    let methods = match args.methods.as_slice() {
-        [] => Method::ALL.to_vec(),
-        chosen => {
-            let mut methods = chosen.to_vec();
-            methods.sort();
-            methods.dedup();
-            methods
-        }
-    };
-    let mut told = Told {
-        progress: RunsProgress::new(shared),
-    };
-    stop::set_way_on(Some(
-        "the same command goes on with the runs that are missing".into(),
-    ));
+    let methods = args.methods();
+    let asked = stop::Asked::default();
     let options = RunOptions {
         methods: &methods,
         seeds: args.seeds,
         perceptual: &perceptual,
+        stop: &|| asked.now(),
     };
-    let runs = comparison.run(&options, &args.out, &dataset, &device, &mut told)?;
+    let on = compare::On {
+        dataset: &Arc::new(dataset),
+        device: &device,
+    };
+    let mut told = Told {
+        progress: RunsProgress::new(shared),
+    };
+    stop::set_way_on(Some(WAY_ON.into()));
+    let outcome = comparison.run(&options, &args.out, on, &mut told);
     told.progress.end();
+    let runs = unless_stopped(outcome, asked, WAY_ON)?;
+    written(
+        comparison.length,
+        (&methods, &runs),
+        args.had_a_say,
+        &args.out,
+    )
+}
+
+/// Writes the plan of what [`run`] does.
+pub fn plan(args: &CompareArgs, shared: &Shared) -> Result<Plan, Failure> {
+    if args.budget.is_some() {
+        return Err(Failure::usage(
+            "--budget: expected --iterations N in a plan, whose tasks may run on different machines; compare at equal time \
+             with `dash compare`, on one machine",
+        ));
+    }
+    let files = args.lpips.absolute_files()?;
+    files.check()?;
+    let choice = shared.device.unwrap_or_default().resolved();
+    let (comparison, dataset) = args.comparison(choice, true)?;
+    Comparison::check(&dataset)?;
+    comparison.claim(&args.out)?;
+    let work = Work::Compare {
+        methods: args.methods(),
+        had_a_say: args.had_a_say,
+    };
+    let plan = Plan::new(work, args.seeds, args.data.memory, files);
+    plan.write(&args.out)?;
+    Ok(plan)
+}
+
+/// Does tasks of a plan.
+pub fn work(
+    (plan, methods): (&Plan, &[Method]),
+    which: Which,
+    out: &Path,
+    on: &On<'_>,
+    shared: &Shared,
+) -> Result<Tally, Error> {
+    let mut comparison = Comparison::read(out)?;
+    comparison.data.device = on.choice.to_string();
+    let options = RunOptions {
+        methods,
+        seeds: plan.seeds,
+        perceptual: on.perceptual,
+        stop: on.stop,
+    };
+    let mut told = Told {
+        progress: RunsProgress::new(shared),
+    };
+    let mut loaded: Option<Arc<Dataset>> = None;
+    let tally = plan.work(out, which, on.stop, &mut |number| {
+        let (place, seed) = plan.of_task(number)?;
+        if loaded.is_none() {
+            let load_options = LoadOptions {
+                memory: plan.memory,
+                ..comparison.data.load_options()
+            };
+            loaded = Some(Arc::new(load(&comparison.data.dataset, &load_options)?));
+        }
+        let dataset = loaded.as_ref().expect("loaded above");
+        let on = compare::On {
+            dataset,
+            device: on.device,
+        };
+        comparison.run_one((methods[place], seed), &options, out, on, &mut told)
+    });
+    told.progress.end();
+    tally
+}
+
+/// Puts the runs of a plan together, all of which are done.
+pub fn join(
+    plan: &Plan,
+    methods: &[Method],
+    had_a_say: bool,
+    out: &Path,
+) -> Result<String, Failure> {
+    let comparison = Comparison::read(out)?;
+    let runs = Comparison::finished(methods, plan.seeds, out)?;
+    written(comparison.length, (methods, &runs), had_a_say, out)
+}
+
+/// Writes the page of a comparison, and what to say of it.
+fn written(
+    length: Length,
+    (methods, runs): (&[Method], &[ComparedRun]),
+    had_a_say: bool,
+    out: &Path,
+) -> Result<String, Failure> {
     let mut groups: Vec<RunGroup> = Vec::new();
-    for run in &runs {
+    for run in runs {
         let record = read_run(run.run.root())?;
         let label = run.method.name();
         match groups.iter_mut().find(|group| group.label == label) {
@@ -137,25 +260,26 @@ pub fn run(args: &CompareArgs, shared: &Shared) -> Result<String, Failure> {
             }),
         }
     }
-    let title = format!("{}: methods at {length} of training", dataset.name);
+    let dataset = runs.first().map_or("", |run| &run.results.dataset);
+    let title = format!("{dataset}: methods at {length} of training");
     let mut report = compared(title, &groups);
-    let mut told = table(&methods, &runs);
+    let mut told = table(methods, runs);
     let mut blocks = Vec::new();
-    if args.had_a_say {
+    if had_a_say {
         told.push_str(&format!("\n{HAD_A_SAY}"));
         blocks.push(Block::Text(HAD_A_SAY.into()));
     }
-    for table in tables(&runs) {
+    for table in tables(runs) {
         told.push_str(&format!("\n\n{}", table.text()));
         blocks.push(Block::Table(table));
     }
     // Behind the summary.
     report.blocks.splice(1..1, blocks);
-    report.write(&args.out)?;
+    report.write(out)?;
     Ok(format!(
         "{told}\nwritten to {}; open {}",
-        args.out.display(),
-        args.out.join("report.html").display()
+        out.display(),
+        out.join("report.html").display()
     ))
 }
 

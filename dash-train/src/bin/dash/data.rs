@@ -13,7 +13,7 @@ use crate::summary;
 use crate::values::{self, CameraList};
 
 /// How a dataset is loaded.
-#[derive(Args)]
+#[derive(Args, Clone)]
 pub struct DataArgs {
     /// Indices of the cameras to hold out, such as 0,7, or none; the layout's own choice when left
     /// out
@@ -58,6 +58,26 @@ impl DataArgs {
         file: &DataSection,
         device: DeviceChoice,
     ) -> Result<(DataConfig, Dataset), Failure> {
+        self.load_as(dataset, file, device, false)
+    }
+
+    /// The same, to be looked at only: images are decoded once they are asked for.
+    pub fn look(
+        &self,
+        dataset: &Path,
+        file: &DataSection,
+        device: DeviceChoice,
+    ) -> Result<(DataConfig, Dataset), Failure> {
+        self.load_as(dataset, file, device, true)
+    }
+
+    fn load_as(
+        &self,
+        dataset: &Path,
+        file: &DataSection,
+        device: DeviceChoice,
+        on_demand: bool,
+    ) -> Result<(DataConfig, Dataset), Failure> {
         let mut data = DataConfig {
             dataset: dataset.to_path_buf(),
             layout: self.layout.or(file.layout),
@@ -72,7 +92,7 @@ impl DataArgs {
             skip_broken: self.skip_broken || file.skip_broken.unwrap_or(false),
             device: device.to_string(),
         };
-        let loaded = load_dataset(&data, self.memory)?;
+        let loaded = load_dataset(&data, self.memory, on_demand)?;
         data.dataset = values::absolute(dataset)?;
         Ok((data, loaded))
     }
@@ -100,10 +120,17 @@ pub fn dataset_of(
     Ok(load(folder, &options)?)
 }
 
-/// The dataset of a run that trains.
-pub fn load_dataset(data: &DataConfig, memory: Option<u64>) -> Result<Dataset, Failure> {
-    let mut options = data.load_options();
-    options.memory = memory;
+/// The dataset of a run that trains; with `on_demand`, its images only once they are asked for.
+pub fn load_dataset(
+    data: &DataConfig,
+    memory: Option<u64>,
+    on_demand: bool,
+) -> Result<Dataset, Failure> {
+    let options = LoadOptions {
+        memory,
+        on_demand,
+        ..data.load_options()
+    };
     let dataset = load(&data.dataset, &options)?;
     tracing::debug!(
         "{}: {} views, {}",

@@ -7,10 +7,10 @@ use clap::Args;
 use dash_kernels::Camera;
 use dash_model::unfinished::Unfinished;
 use dash_model::{DynamicScene, ModelError, SplatFormat, write_splats};
+use dash_train::SplatClip;
 use dash_train::metrics::psnr;
 use dash_train::render::{Picture, test_shots};
 use dash_train::train::RunFolder;
-use dash_train::{SceneOverTime, SplatClip};
 
 use crate::Shared;
 use crate::data::dataset_of;
@@ -256,7 +256,7 @@ fn fidelity(
     }
     let (mut own, mut files) = (Vec::new(), Vec::new());
     for &time in times {
-        let mut shown = file.scene_at(time)?.into_owned();
+        let mut shown = file.scene_at(time)?;
         shown.settings.background = scene.settings.background;
         shown.settings.near_plane = scene.settings.near_plane;
         for camera in cameras {

@@ -4,7 +4,7 @@ use std::io::{ErrorKind, Write};
 
 use dash_model::{ModelError, io_remedy};
 use dash_train::Error;
-use dash_train::process::stop::Signal;
+use dash_train::process::stop::{Asked, Signal};
 
 /// Exit code of work that failed.
 const FAILED: u8 = 1;
@@ -66,6 +66,28 @@ impl Failure {
             source = cause.source();
         }
         Self::new(message)
+    }
+}
+
+/// What came of runs that the first signal stops with a checkpoint; `way_on` says how the user goes on from there.
+pub fn unless_stopped<T>(
+    outcome: Result<T, Error>,
+    asked: Asked,
+    way_on: &str,
+) -> Result<T, Failure> {
+    match (asked.end(), outcome) {
+        (Some(signal), Err(error)) => {
+            let name = signal.name();
+            let told = match error {
+                Error::Stopped { run, step } => format!(
+                    "{}: stopped by {name} after step {step}, with a checkpoint; {way_on}",
+                    run.display()
+                ),
+                other => format!("stopped by {name}, and: {other}"),
+            };
+            Err(Failure::stopped(signal, told))
+        }
+        (_, outcome) => Ok(outcome?),
     }
 }
 

@@ -5,6 +5,9 @@ use std::path::PathBuf;
 use clap::Args;
 use dash_train::evaluate::PerceptualFiles;
 
+use crate::failure::Failure;
+use crate::values;
+
 /// Weight files of LPIPS by network.
 #[derive(Args)]
 pub struct LpipsArgs {
@@ -23,5 +26,16 @@ impl LpipsArgs {
             vgg: self.lpips_vgg.clone(),
             alex: self.lpips_alex.clone(),
         }
+    }
+
+    /// The same by their whole paths, for processes that run elsewhere.
+    pub fn absolute_files(&self) -> Result<PerceptualFiles, Failure> {
+        let absolute = |files: &[PathBuf]| -> Result<Vec<PathBuf>, Failure> {
+            files.iter().map(|file| values::absolute(file)).collect()
+        };
+        Ok(PerceptualFiles {
+            vgg: absolute(&self.lpips_vgg)?,
+            alex: absolute(&self.lpips_alex)?,
+        })
     }
 }

@@ -17,7 +17,9 @@ mod event_log;
 mod export;
 mod failure;
 mod info;
+mod join;
 mod lpips;
+mod plan;
 mod prepare;
 mod progress;
 mod quickstart;
@@ -39,6 +41,8 @@ mod view;
 mod watch;
 #[cfg(feature = "view")]
 mod web;
+mod windows;
+mod work;
 
 use std::io::{IsTerminal, Write};
 use std::num::NonZeroUsize;
@@ -78,7 +82,7 @@ const EXAMPLE: &str = "Examples, from nothing to pictures:
 /// Options of every command.
 #[derive(Args)]
 struct Shared {
-    /// Where to compute: auto (a GPU if there is one), wgpu or cuda[:N] (GPU), ndarray or flex (CPU)
+    /// Where to compute: auto (a GPU if there is one), wgpu, cuda[:N] or cuda:all (GPU), ndarray or flex (CPU)
     #[arg(long, global = true, value_name = "DEVICE")]
     device: Option<DeviceChoice>,
     /// CPU threads; all that there are when left out
@@ -104,6 +108,9 @@ enum Command {
     Train(train::TrainArgs),
     Compare(compare::CompareArgs),
     Benchmark(benchmark::BenchmarkArgs),
+    Plan(plan::PlanArgs),
+    Work(work::WorkArgs),
+    Join(join::JoinArgs),
     Eval(eval::EvalArgs),
     Render(render::RenderArgs),
     Export(export::ExportArgs),
@@ -178,6 +185,9 @@ fn carry_out(cli: &Cli) -> Result<String, Failure> {
         Command::Train(args) => train::run(args, shared),
         Command::Compare(args) => compare::run(args, shared),
         Command::Benchmark(args) => benchmark::run(args, shared),
+        Command::Plan(args) => plan::run(args, shared),
+        Command::Work(args) => work::run(args, shared),
+        Command::Join(args) => join::run(args),
         Command::Eval(args) => eval::run(args, shared),
         Command::Render(args) => render::run(args, shared),
         Command::Export(args) => export::run(args, shared),

@@ -5,12 +5,12 @@ use std::path::{Path, PathBuf};
 
 use clap::Args;
 use dash_train::cameras::{CameraFile, DatasetTerms};
-use dash_train::dataset::Dataset;
 use dash_train::render::{
     PictureFormat, PictureLayer, RenderJob, Shot, at_times, file_shots, spiral_shots, test_shots,
     write_pictures, write_video,
 };
-use dash_train::train::RunFolder;
+use dash_train::train::{DataConfig, RunFolder};
+use dash_train::windows::{WindowedClip, Windows};
 use dash_train::{SceneOverTime, SplatClip};
 
 use crate::Shared;
@@ -44,7 +44,8 @@ of NeRF, D-NeRF, Blender or nerfstudio. Pictures of the latter have the size tha
 the run's dataset was loaded with --downscale; else that of the dataset's pictures as loaded, else that of the
 image that file_path names. Its times are those of the run's dataset; for a file of Gaussians they are from 0 to 1.")]
 pub struct RenderArgs {
-    /// A run's folder, a file of Gaussians (.ply, .spz, .splat, .glb, .4dgs), or a folder of them, one for each frame
+    /// A run's folder, that of a long clip's windows, a file of Gaussians (.ply, .spz, .splat, .glb, .4dgs), or a folder of
+    /// them, one for each frame
     #[arg(value_name = "RUN|FILE|FOLDER")]
     scene: PathBuf,
     /// test (the dataset's test views), spiral (a path around them), or a file: cameras.json or
@@ -78,20 +79,39 @@ pub struct RenderArgs {
 enum Source {
     Run(RunFolder),
     File(PathBuf),
+    Windows(PathBuf, Box<Windows>),
+}
+
+impl Source {
+    fn of(path: &Path) -> Result<Self, Failure> {
+        Ok(if Windows::are_in(path) {
+            Self::Windows(path.to_path_buf(), Box::new(Windows::read(path)?))
+        } else if values::is_clip(path) {
+            Self::File(path.to_path_buf())
+        } else {
+            Self::Run(RunFolder::open(path)?)
+        })
+    }
+
+    /// The data that it was trained on; `None` of a file of Gaussians.
+    fn data(&self) -> Result<Option<DataConfig>, Failure> {
+        Ok(match self {
+            Self::Run(run) => Some(run.config()?.data),
+            Self::Windows(_, windows) => Some(windows.data.clone()),
+            Self::File(_) => None,
+        })
+    }
 }
 
 pub fn run(args: &RenderArgs, shared: &Shared) -> Result<String, Failure> {
     if let Some(out) = &args.out {
         refuse_other_videos(out)?;
     }
-    let source = if values::is_clip(&args.scene) {
-        Source::File(args.scene.clone())
-    } else {
-        Source::Run(RunFolder::open(&args.scene)?)
-    };
+    let source = Source::of(&args.scene)?;
     let out = match (&args.out, &source) {
         (Some(out), _) => out.clone(),
         (None, Source::Run(run)) => run.root().join("renders"),
+        (None, Source::Windows(folder, _)) => folder.join("renders"),
         (None, Source::File(_)) => {
             return Err(Failure::usage(
                 "a file of Gaussians has no folder for renders: give --out DIR",
@@ -124,6 +144,13 @@ pub fn run(args: &RenderArgs, shared: &Shared) -> Result<String, Failure> {
         Source::File(path) => {
             let mut clip = SplatClip::open(path, &device)?;
             clip.set_background(background.unwrap_or_default());
+            Box::new(clip)
+        }
+        Source::Windows(folder, _) => {
+            let mut clip = WindowedClip::open(folder, &device)?;
+            if let Some(background) = background {
+                clip.set_background(background);
+            }
             Box::new(clip)
         }
     };
@@ -164,29 +191,29 @@ fn shots(args: &RenderArgs, source: &Source) -> Result<Vec<Shot>, Failure> {
     let named = args.cameras.as_deref().unwrap_or("test");
     let elsewhere = args.dataset.as_deref();
     let frames = args.frames.map(|n| n as usize);
-    let shots = match (named, source) {
-        ("test" | "spiral", Source::File(path)) => {
+    let data = source.data()?;
+    let path = args.scene.display();
+    let shots = match (named, &data) {
+        ("test" | "spiral", None) => {
             return Err(Failure::usage(format!(
-                "--cameras {named}: {} names no dataset to take cameras from; give a file of cameras",
-                path.display()
+                "--cameras {named}: {path} names no dataset to take cameras from; give a file of cameras"
             )));
         }
-        (_, Source::File(path)) if elsewhere.is_some() => {
+        (_, None) if elsewhere.is_some() => {
             return Err(Failure::usage(format!(
-                "--dataset: expected a run to go with it, found {}; leave it out",
-                path.display()
+                "--dataset: expected a run to go with it, found {path}; leave it out"
             )));
         }
-        ("spiral", Source::Run(run)) => {
-            let dataset = dataset(run, elsewhere)?;
+        ("spiral", Some(data)) => {
+            let dataset = dataset_of(data, elsewhere, true)?;
             let mut shots = spiral_shots(&dataset, frames.unwrap_or(SPIRAL_CAMERAS));
             if let Some(time) = args.time {
                 shots.iter_mut().for_each(|shot| shot.time = time);
             }
             return Ok(shots);
         }
-        ("test", Source::Run(run)) => {
-            let dataset = dataset(run, elsewhere)?;
+        ("test", Some(data)) => {
+            let dataset = dataset_of(data, elsewhere, true)?;
             let shots = test_shots(&dataset);
             if shots.is_empty() {
                 return Err(Failure::new(format!(
@@ -196,10 +223,10 @@ fn shots(args: &RenderArgs, source: &Source) -> Result<Vec<Shot>, Failure> {
             }
             shots
         }
-        (file, source) => {
+        (file, data) => {
             let file = CameraFile::read(Path::new(file))?;
-            let terms = match source {
-                Source::Run(run) if file.is_transforms() => terms(run, elsewhere)?,
+            let terms = match data {
+                Some(data) if file.is_transforms() => terms(data, elsewhere)?,
                 _ => None,
             };
             file_shots(file, terms.as_ref())?
@@ -216,14 +243,8 @@ fn shots(args: &RenderArgs, source: &Source) -> Result<Vec<Shot>, Failure> {
     })
 }
 
-/// The run's dataset, of which no images are needed.
-fn dataset(run: &RunFolder, elsewhere: Option<&Path>) -> Result<Dataset, Failure> {
-    dataset_of(&run.config()?.data, elsewhere, true)
-}
-
 /// What the run's dataset says to a `transforms*.json`; nothing where it is gone.
-fn terms(run: &RunFolder, elsewhere: Option<&Path>) -> Result<Option<DatasetTerms>, Failure> {
-    let data = run.config()?.data;
+fn terms(data: &DataConfig, elsewhere: Option<&Path>) -> Result<Option<DatasetTerms>, Failure> {
     if elsewhere.is_none() && !data.dataset.is_dir() {
         tracing::warn!(
             "{}: the run's dataset is not there: times are taken to be from 0 to 1; if it was moved, say where \
@@ -232,6 +253,6 @@ fn terms(run: &RunFolder, elsewhere: Option<&Path>) -> Result<Option<DatasetTerm
         );
         return Ok(None);
     }
-    let dataset = dataset(run, elsewhere)?;
+    let dataset = dataset_of(data, elsewhere, true)?;
     Ok(Some(DatasetTerms::of(&dataset, data.downscale)))
 }

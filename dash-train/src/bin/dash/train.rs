@@ -267,7 +267,7 @@ fn take_up(
     let folder = values::absolute(&args.dataset)?;
     let is_moved = folder != config.data.dataset;
     config.data.dataset = folder;
-    let dataset = load_dataset(&config.data, args.data.memory)?;
+    let dataset = load_dataset(&config.data, args.data.memory, false)?;
     if is_moved {
         run.follow_dataset(&dataset)?;
     }

@@ -11,8 +11,9 @@ use dash_train::cameras::{CameraEntry, focus_point, write_cameras};
 use dash_train::dataset::{Dataset, Partition, View};
 use dash_train::device::DeviceChoice;
 use dash_train::render::{PictureLayer, RenderJob, Shot, write_video};
-use dash_train::train::RunFolder;
+use dash_train::train::{DataConfig, RunFolder};
 use dash_train::video::write_png;
+use dash_train::windows::{WindowedClip, Windows};
 use dash_train::{SplatClip, splat_scene};
 use dash_view::camera_path::PathCamera;
 use dash_view::draw::Frame;
@@ -42,7 +43,7 @@ A folder of files is played, one a frame, in the order of their numbers. Press ?
 Pictures, camera paths and videos that are saved go to RUN/view; of a file, to the folder that the command runs in. A saved path
 is a file for dash render --cameras.")]
 pub struct ViewArgs {
-    /// A run's folder, a file of Gaussians (.ply, .spz, .splat, .glb, .4dgs), or a folder of them
+    /// A run's folder, that of a long clip's windows, a file of Gaussians (.ply, .spz, .splat, .glb, .4dgs), or a folder of them
     #[arg(value_name = "RUN|FILE|FOLDER")]
     scene: PathBuf,
     /// Where the run's dataset is, if it was moved
@@ -113,7 +114,8 @@ impl Desk {
 
     /// What there is to see of a run, a file or a folder of files.
     pub fn content(&mut self, path: &Path, elsewhere: Option<&Path>) -> Result<Content, Failure> {
-        let is_run = path.join("config.toml").is_file();
+        let are_windows = Windows::are_in(path);
+        let is_run = path.join("config.toml").is_file() || are_windows;
         if !is_run && elsewhere.is_some() {
             return Err(Failure::usage(format!(
                 "--dataset: expected a run to go with it, found {}; leave it out",
@@ -121,6 +123,7 @@ impl Desk {
             )));
         }
         let mut content = match is_run {
+            true if are_windows => self.windows(path, elsewhere)?,
             true => self.run(path, elsewhere)?,
             false => self.splats(path)?,
         };
@@ -131,11 +134,31 @@ impl Desk {
     fn run(&mut self, path: &Path, elsewhere: Option<&Path>) -> Result<Content, Failure> {
         let run = RunFolder::open(path)?;
         let scene = run.scene(&self.device)?;
-        let data = run.config()?.data;
+        let n_frames = if scene.counts().1 == 0 {
+            1
+        } else {
+            UNKNOWN_FRAMES
+        };
+        let content = Content::new(&name_of(path), Source::Scene(Box::new(scene)), n_frames);
+        self.with_cameras(content, path, (&run.config()?.data, elsewhere))
+    }
+
+    fn windows(&mut self, path: &Path, elsewhere: Option<&Path>) -> Result<Content, Failure> {
+        let clip = WindowedClip::open(path, &self.device)?;
+        let (n_frames, data) = (clip.windows().n_frames, clip.windows().data.clone());
+        let source = Source::Frames(Box::new(WindowFrames(clip)));
+        let content = Content::new(&name_of(path), source, n_frames);
+        self.with_cameras(content, path, (&data, elsewhere))
+    }
+
+    /// The content with the cameras of the data that it was trained on, where these are there.
+    fn with_cameras(
+        &mut self,
+        content: Content,
+        path: &Path,
+        (data, elsewhere): (&DataConfig, Option<&Path>),
+    ) -> Result<Content, Failure> {
         self.out = path.join(OUT);
-        let is_static = scene.counts().1 == 0;
-        let source = Source::Scene(Box::new(scene));
-        let name = name_of(path);
         if elsewhere.is_none() && !data.dataset.is_dir() {
             tracing::warn!(
                 "{}: the run's dataset is not there: no cameras and no captured pictures; if it was moved, say \
@@ -143,10 +166,9 @@ impl Desk {
                 data.dataset.display()
             );
             self.captured = None;
-            let n_frames = if is_static { 1 } else { UNKNOWN_FRAMES };
-            return Ok(Content::new(&name, source, n_frames));
+            return Ok(content);
         }
-        let captured = Captured::of(Arc::new(dataset_of(&data, elsewhere, true)?));
+        let captured = Captured::of(Arc::new(dataset_of(data, elsewhere, true)?));
         let cameras = named(&captured.dataset, &captured.by_camera);
         let poses: Vec<Camera> = cameras.iter().map(|c| c.camera.clone()).collect();
         let n_frames = captured.dataset.n_frames;
@@ -154,7 +176,8 @@ impl Desk {
         Ok(Content {
             focus: Some(focus_point(&poses)),
             cameras,
-            ..Content::new(&name, source, n_frames)
+            n_frames,
+            ..content
         })
     }
 
@@ -256,6 +279,15 @@ fn name_of(path: &Path) -> String {
 struct Frames(SplatClip);
 
 impl FrameSource for Frames {
+    fn scene(&mut self, frame: usize) -> Result<DynamicScene, ViewError> {
+        self.0.frame(frame).map_err(told)
+    }
+}
+
+/// The windows of a long clip, frame by frame.
+struct WindowFrames(WindowedClip);
+
+impl FrameSource for WindowFrames {
     fn scene(&mut self, frame: usize) -> Result<DynamicScene, ViewError> {
         self.0.frame(frame).map_err(told)
     }

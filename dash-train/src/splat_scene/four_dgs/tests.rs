@@ -6,7 +6,6 @@ use glam::DVec3;
 use rand::{Rng, SeedableRng};
 
 use super::{ClipOptions, Motions, fit, write_clip};
-use crate::SceneOverTime;
 use crate::splat_scene::{SplatClip, at_rest};
 
 const N_FRAMES: usize = 23;
@@ -119,7 +118,7 @@ fn a_static_scene_comes_back() {
     let clip = SplatClip::open(&path, &device).expect("read");
     assert_eq!((clip.n_frames(), clip.frame_rate()), (12, Some(24.0)));
     for time in [0.0, 0.31, 1.0] {
-        let back = clip.scene_at(time).expect("a scene").into_owned();
+        let back = clip.scene_at(time).expect("a scene");
         assert!((back.settings.near_plane - 0.37).abs() < 1e-12);
         let back = back.static_set.to_rows();
         assert_eq!((back.len(), back.sh_degree()), (n, 2));

@@ -1,0 +1,227 @@
+//! `dash plan train`: a long clip in windows of time.
+
+use std::path::{Path, PathBuf};
+
+use clap::Args;
+use dash_train::Error;
+use dash_train::dataset::FrameRange;
+use dash_train::jobs::{Plan, Tally, Which, Work};
+use dash_train::results::scored;
+use dash_train::train::{Preset, StepReport};
+use dash_train::windows::{Observer, RunOptions, Windows};
+
+use crate::Shared;
+use crate::configuration::{ConfigFile, Overrides};
+use crate::data::DataArgs;
+use crate::failure::Failure;
+use crate::lpips::LpipsArgs;
+use crate::progress::RunsProgress;
+use crate::summary;
+use crate::work::On;
+
+/// A long clip in windows of time, each of which is trained by itself
+#[derive(Args)]
+#[command(after_help = "Example:
+  dash plan train recording --window 60 --out runs/recording
+
+Each window is a run on some of the clip's frames, runs/recording/window-NNN. `dash render`, `dash view` and `dash info`
+take each of them; the first two take the folder of all, too, as one clip in which windows fade into each other.")]
+pub struct PlanTrainArgs {
+    /// The dataset's folder, in any of the layouts of `dash train`
+    dataset: PathBuf,
+    /// The folder of the windows
+    #[arg(long, value_name = "DIR")]
+    out: PathBuf,
+    /// Frames of a window
+    #[arg(long, value_name = "N", default_value_t = 60)]
+    window: usize,
+    /// Frames, at least, that neighbours share [default: an eighth of a window]
+    #[arg(long, value_name = "N")]
+    overlap: Option<usize>,
+    /// How windows are trained [default: default]
+    #[arg(long, value_enum)]
+    preset: Option<Preset>,
+    /// Values that replace the preset's
+    #[arg(long, value_name = "F.toml")]
+    config: Option<PathBuf>,
+    /// One value that replaces the preset's and the file's; may be repeated
+    #[arg(long, value_name = "KEY=VALUE")]
+    set: Vec<String>,
+    /// Optimisation steps of each window
+    #[arg(long, value_name = "N")]
+    iterations: Option<usize>,
+    /// Seed of everything random [default: 0]
+    #[arg(long, value_name = "S")]
+    seed: Option<u64>,
+    #[command(flatten)]
+    lpips: LpipsArgs,
+    #[command(flatten)]
+    data: DataArgs,
+}
+
+impl PlanTrainArgs {
+    /// The folder of the windows.
+    pub fn out(&self) -> &Path {
+        &self.out
+    }
+}
+
+/// Writes the plan.
+pub fn plan(args: &PlanTrainArgs, shared: &Shared) -> Result<Plan, Failure> {
+    let file = ConfigFile::read(args.config.as_deref())?;
+    let overrides = Overrides {
+        preset: args.preset,
+        file: args.config.as_deref(),
+        assignments: &args.set,
+        iterations: args.iterations,
+        seed: args.seed,
+        keep: None,
+    };
+    let train = overrides.resolve(&file)?;
+    let files = args.lpips.absolute_files()?;
+    files.check()?;
+    if args.data.frames.or(file.data.frames).is_some() {
+        return Err(Failure::usage(
+            "--frames: expected a whole clip to divide into windows; leave it out",
+        ));
+    }
+    let choice = shared.device.unwrap_or_default().resolved();
+    let mut whole = args.data.clone();
+    whole.frames = Some(FrameRange::All);
+    let (data, dataset) = whole.look(&args.dataset, &file.data, choice)?;
+    let overlap = args.overlap.unwrap_or((args.window / 8).max(1));
+    let windows = Windows::new(&dataset, data, train, [args.window, overlap])?;
+    windows.claim(&args.out)?;
+    let work = Work::Windows {
+        windows: windows.windows.len(),
+    };
+    let plan = Plan::new(work, 1, args.data.memory, files);
+    plan.write(&args.out)?;
+    Ok(plan)
+}
+
+/// Does tasks of a plan.
+pub fn work(
+    plan: &Plan,
+    which: Which,
+    out: &Path,
+    on: &On<'_>,
+    shared: &Shared,
+) -> Result<Tally, Error> {
+    let windows = Windows::read(out)?;
+    let name = on.choice.to_string();
+    let options = RunOptions {
+        perceptual: on.perceptual,
+        memory: plan.memory,
+        device: (on.device, &name),
+        stop: on.stop,
+    };
+    let mut told = Told {
+        windows: &windows,
+        progress: RunsProgress::new(shared),
+    };
+    let tally = plan.work(out, which, on.stop, &mut |number| {
+        windows.run_one(number, out, &options, &mut told)
+    });
+    told.progress.end();
+    tally
+}
+
+/// Tells which window is trained, and how far it is.
+struct Told<'a> {
+    windows: &'a Windows,
+    progress: RunsProgress<'a>,
+}
+
+impl Observer for Told<'_> {
+    fn begin(&mut self, window: usize, iterations: usize) {
+        self.progress.end();
+        let found = &self.windows.windows[window];
+        tracing::info!(
+            "training {}, frames {} to {} of {}, {iterations} steps",
+            Windows::run_name(window),
+            found.first,
+            found.last,
+            self.windows.n_frames
+        );
+        self.progress.begin(iterations);
+    }
+
+    fn step(&mut self, report: &StepReport, seconds: f64) {
+        self.progress.step(report, seconds);
+    }
+}
+
+/// The scores of the windows, all of which are trained.
+pub fn join(out: &Path) -> Result<String, Failure> {
+    let windows = Windows::read(out)?;
+    let mut lines = vec![
+        "window       frames      steps    secs   PSNR  moving   SSIM  static + dynamic       size"
+            .to_string(),
+    ];
+    let mut sums = Sums::default();
+    for (number, window) in windows.windows.iter().enumerate() {
+        let name = Windows::run_name(number);
+        let Some((_, results)) = scored(&out.join(&name))? else {
+            return Err(Failure::new(format!(
+                "{}: is not scored",
+                out.join(&name).display()
+            )));
+        };
+        let scores = &results.evaluation;
+        let shown = |value: Option<f64>, digits: usize| {
+            value.map_or("-".to_string(), |value| format!("{value:.digits$}"))
+        };
+        lines.push(format!(
+            "{name}  {:>4} to {:<4} {:>6} {:>7} {:>6} {:>7} {:>6} {:>8} + {:<7} {:>9}",
+            window.first,
+            window.last,
+            results.iterations,
+            shown(results.train_seconds, 1),
+            shown(scores.psnr, 2),
+            shown(scores.psnr_dynamic, 2),
+            shown(scores.ssim, 3),
+            scores.n_static,
+            scores.n_dynamic,
+            summary::bytes(results.storage_bytes),
+        ));
+        sums.add(window.n_frames(), scores.psnr, scores.psnr_dynamic);
+        sums.bytes += results.storage_bytes;
+    }
+    let [psnr, moving] = sums.means();
+    lines.push(format!(
+        "mean over the windows' frames: PSNR {psnr}, moving {moving}; {} together",
+        summary::bytes(sums.bytes)
+    ));
+    let out = out.display();
+    lines.push(format!(
+        "as one clip: dash view {out}, or dash render {out} --cameras test"
+    ));
+    Ok(lines.join("\n"))
+}
+
+/// Sums over windows, weighted by their frames.
+#[derive(Default)]
+struct Sums {
+    scores: [(f64, f64); 2],
+    bytes: u64,
+}
+
+impl Sums {
+    fn add(&mut self, n_frames: usize, psnr: Option<f64>, moving: Option<f64>) {
+        let weight = n_frames as f64;
+        for ((sum, weights), score) in self.scores.iter_mut().zip([psnr, moving]) {
+            if let Some(score) = score.filter(|score| score.is_finite()) {
+                *sum += weight * score;
+                *weights += weight;
+            }
+        }
+    }
+
+    fn means(&self) -> [String; 2] {
+        self.scores.map(|(sum, weights)| match weights > 0.0 {
+            true => format!("{:.2}", sum / weights),
+            false => "-".into(),
+        })
+    }
+}
