@@ -52,6 +52,9 @@ beside "$images/decomposition.png" novel/full/*.png novel/static/*.png novel/dyn
 beside "$images/times.png" times/full/*.png
 dash doctor room --no-timing --picture doctor.png
 small 800 doctor.png "$images/doctor.png"
+dash bench --out growth.json --ops growth --sizes 90000 --no-stiffness --device flex
+dash report growth.json --out growth
+small 900 growth/kernels-growth.png "$images/growth.png"
 # The upper half: PSNR and PSNR on moving pixels.
 dash report run --out report
 ffmpeg -loglevel error -y -i report/quality-steps.png -vf "crop=iw:ih/2:0:0" -frames:v 1 steps.png
