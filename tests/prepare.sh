@@ -14,6 +14,7 @@ ldconfig -p | grep -q libvulkan.so.1 || missing="$missing libvulkan1"
 if [ "${1:-}" = ci ]; then
     command -v chromium >/dev/null || missing="$missing chromium"
     python3 -m pip --version >/dev/null 2>&1 || missing="$missing python3-pip"
+    command -v pgrep >/dev/null || missing="$missing procps"
     for daemon in slurmctld slurmd munged; do
         command -v "$daemon" >/dev/null || missing="$missing slurmctld slurmd slurm-client munge"
     done

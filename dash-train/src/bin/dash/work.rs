@@ -70,11 +70,13 @@ pub fn run(args: &WorkArgs, shared: &Shared) -> Result<String, Failure> {
         Work::Benchmark { scenes } => benchmark::work((&plan, scenes), which, out, &on, shared),
         Work::Windows { .. } => windows::work(&plan, which, out, &on, shared),
     };
-    if matches!((which, &outcome), (Which::One(_), Ok(tally)) if tally.held > 0) {
-        let told = "stopped while another process worked on the task";
+    if matches!(&outcome, Ok(tally) if tally.held > 0) {
         return match asked.end() {
-            Some(signal) => Err(Failure::stopped(signal, told)),
-            None => Err(Failure::new(told)),
+            Some(signal) => {
+                let told = "stopped while another process worked on a task";
+                Err(Failure::stopped(signal, told))
+            }
+            None => told(outcome?),
         };
     }
     told(unless_stopped(outcome, asked, WAY_ON)?)

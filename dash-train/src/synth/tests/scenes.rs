@@ -159,17 +159,14 @@ fn in_a_day_people_come_and_go_and_the_room_changes_for_good() {
             .map(|camera| render(&scene, camera, time).moving_share());
         shares.fold(0.0, f64::max)
     };
-    // Before the first comes only the door is there to move; in between, the parcel, too.
+    // Before the first comes only the door is there to move; in between the parcel, too, but the door stands open.
     let [empty, first, between, second, end] = [0.0, 0.2, 0.5, 0.74, 1.0].map(share);
-    assert!(empty < 0.09 && end < 0.09, "{empty} {end}");
+    let most_alone = empty.max(between).max(end);
     assert!(
-        first > empty + 0.03 && second > empty + 0.03,
-        "{first} {second}"
+        most_alone < 0.09 && between > 0.01,
+        "{empty} {between} {end}"
     );
-    assert!(
-        (empty + 0.002..empty + 0.03).contains(&between),
-        "{between} {empty}"
-    );
+    assert!(first.min(second) > most_alone + 0.03, "{first} {second}");
     // The lamp lights what rests; screen, mirror and glass change without motion.
     let camera = &cameras[0];
     let [before, after] = [0.39, 0.41].map(|time| render(&scene, camera, time));
