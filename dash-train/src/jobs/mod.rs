@@ -1,9 +1,9 @@
-//! The runs of a comparison, of a benchmark or of a long clip's windows as tasks that any number of processes share, on one machine or on many that see
-//! one folder.
+//! The runs of a comparison, of a benchmark or of a long clip's windows as tasks that any number of processes share, on one
+//! machine or on many that see one folder.
 //!
 //! A [`Plan`] is `OUT/plan.json`: which runs there are, beside `compare.toml`, `benchmark.toml` or `windows.toml`, which
-//! say how each is trained. A task is one run. Whoever trains it [holds](Hold) it; a process that ends, however it does, holds nothing any
-//! more. A task is done once its run is scored. One that was interrupted goes on from its newest checkpoint.
+//! say how each is trained. A task is one run. Whoever trains it [holds](Hold) it; a process that ends, however it does,
+//! holds nothing any more. A task is done once its run is scored. One that was interrupted goes on from its newest checkpoint.
 //!
 //! # Map
 //! - this file: plans and tasks; `hold`: who works on what; `engines`: scripts for Slurm, Kubernetes and `xargs`.
@@ -130,7 +130,9 @@ impl Plan {
             let found = plan.format_version;
             return Err(damaged(format!("version {found}, not {FORMAT_VERSION}")));
         }
-        if plan.tasks != tasks(&plan.work, plan.seeds) {
+        // A damaged file could name any number of seeds.
+        let is_as_many = plan.tasks.len() as u128 == n_tasks(&plan.work, plan.seeds);
+        if !is_as_many || plan.tasks != tasks(&plan.work, plan.seeds) {
             return Err(damaged("tasks that are not those of its seeds".into()));
         }
         Ok(plan)
@@ -266,6 +268,15 @@ impl Plan {
             }
         }
         Ok(tally)
+    }
+}
+
+/// How many runs there are.
+fn n_tasks(work: &Work, seeds: u64) -> u128 {
+    match work {
+        Work::Compare { methods, .. } => methods.len() as u128 * u128::from(seeds),
+        Work::Benchmark { scenes } => scenes.len() as u128 * u128::from(seeds),
+        Work::Windows { windows } => *windows as u128,
     }
 }
 

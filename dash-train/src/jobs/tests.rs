@@ -39,6 +39,7 @@ fn plans_survive_their_file_and_damaged_ones_are_refused() {
     for (from, to) in [
         ("wo-dec/seed-2", "../seed-2"),
         ("\"seeds\": 3", "\"seeds\": 2"),
+        ("\"seeds\": 3", "\"seeds\": 18446744073709551615"),
         ("\"format_version\": 1", "\"format_version\": 2"),
         ("\"memory\"", "\"memories\""),
     ] {
