@@ -7,7 +7,7 @@ use dash_kernels::limits::largest_buffer_bytes;
 use rayon::ThreadPoolBuilder;
 
 use super::scene::{Made, Taken, take_times};
-use super::{Bench, Measurement, Op, Pass, Target};
+use super::{Bench, Op, Target};
 use crate::Error;
 use crate::train::Preset;
 
@@ -88,13 +88,6 @@ fn note(
 }
 
 fn add(bench: &mut Bench, target: Target, what: &str, value: usize, taken: Taken) {
-    let passes = [Pass::Forward, Pass::Gradient];
-    for (pass, (time, asked)) in passes.into_iter().zip([taken.picture, taken.step]) {
-        bench.add(Measurement {
-            time: Some(time),
-            asked: Some(asked),
-            note: Some(NOTE.into()),
-            ..target.measurement(Op::Growth, what, pass, value)
-        });
-    }
+    let measurement = |pass| target.measurement(Op::Growth, what, pass, value);
+    taken.add_to(bench, NOTE, measurement);
 }

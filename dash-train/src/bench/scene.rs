@@ -84,17 +84,26 @@ pub(super) struct Taken {
 pub(super) fn measure(bench: &mut Bench, target: Target, n: usize) -> Result<(), Error> {
     for (preset, variant) in PRESETS {
         let taken = take_times(preset, Made::of(n), target.device)?;
-        let passes = [Pass::Forward, Pass::Gradient];
-        for (pass, (time, asked)) in passes.into_iter().zip([taken.picture, taken.step]) {
+        taken.add_to(bench, NOTE, |pass| {
+            target.measurement(Op::Scene, variant, pass, n)
+        });
+    }
+    Ok(())
+}
+
+impl Taken {
+    /// Adds both times to measurements that `of` makes of each pass.
+    pub(super) fn add_to(self, bench: &mut Bench, note: &str, of: impl Fn(Pass) -> Measurement) {
+        let passes = [(Pass::Forward, self.picture), (Pass::Gradient, self.step)];
+        for (pass, (time, asked)) in passes {
             bench.add(Measurement {
                 time: Some(time),
                 asked: Some(asked),
-                note: Some(NOTE.into()),
-                ..target.measurement(Op::Scene, variant, pass, n)
+                note: Some(note.into()),
+                ..of(pass)
             });
         }
     }
-    Ok(())
 }
 
 /// Times a scene with the field of a preset.
