@@ -109,6 +109,7 @@ pub mod counts;
 pub mod coverage;
 #[cfg(feature = "cube")]
 mod cube;
+pub mod deform;
 mod determinism;
 pub mod displacement;
 mod error;
@@ -130,6 +131,8 @@ pub mod screen_gradients;
 pub mod space_time;
 pub mod splats;
 pub mod ssim;
+pub mod tap;
+mod tensor_list;
 #[cfg(any(test, feature = "testing"))]
 #[doc(hidden)]
 pub mod testing;

@@ -7,6 +7,7 @@ mod packing;
 
 use burn::module::Module;
 use burn::tensor::{Device, Tensor};
+use dash_kernels::deform::Columns;
 use rand::Rng;
 
 use crate::encoders::{SpaceTimeEncoder, TimeEmbedding};
@@ -35,6 +36,13 @@ pub struct Offsets {
     pub sh_dc: Option<Tensor<3>>,
     /// To the others `[N, K - 1, 3]`.
     pub sh_rest: Option<Tensor<3>>,
+}
+
+/// Those of [`Offsets`] that change colours and opacities.
+pub(crate) struct Appearance {
+    pub(crate) opacity_logits: Option<Tensor<1>>,
+    pub(crate) sh_dc: Option<Tensor<3>>,
+    pub(crate) sh_rest: Option<Tensor<3>>,
 }
 
 /// A deformation field: features over space and time, a shared decoder, and one head each for positions, rotations and
@@ -138,43 +146,74 @@ impl DeformationField {
     /// # Errors
     /// When the features have another width, or there are more than the device holds.
     pub fn decode(&self, features: Tensor<2>) -> Result<Offsets, ModelError> {
-        let [n, n_features] = features.dims();
-        let columns = match &self.fine {
-            None => self.decoder.forward(features)?,
-            Some(fine) => {
-                let expected = SpaceTimeEncoder::n_output_features_of(&self.config);
-                if n_features != expected {
-                    let (expected, found) = (format!("width {expected}"), n_features.to_string());
-                    return Err(ModelError::argument("features", expected, found));
-                }
-                let [own, of_time] = TimeEmbedding::widths(&self.config.encoder);
-                let take = |first: usize, width: usize| features.clone().narrow(1, first, width);
-                let of_fine = vec![take(0, own), take(own + of_time, of_time)];
-                self.decoder.forward(take(0, own + of_time))?
-                    + fine.forward(Tensor::cat(of_fine, 1))?
-            }
-        };
-        let mut first = 0;
-        let mut take = |width: usize| {
-            first += width;
-            columns.clone().narrow(1, first - width, width)
-        };
-        let heads = &self.config.heads;
-        let means = take(MEAN) * (OUTPUT_SCALE * self.space.diagonal());
-        let quats = heads.rotation.then(|| take(QUAT));
-        let scales = heads.scale.then(|| take(SCALE));
-        let appearance = heads.appearance.then(|| take(APPEARANCE));
-        let sh_rest = (heads.sh_rest > 0).then(|| take(heads.sh_rest * CHANNELS));
+        let decoded = self.decoded(features)?;
+        let columns = self.columns();
+        let take = |first: usize, width: usize| decoded.clone().narrow(1, first, width);
+        let Appearance {
+            opacity_logits,
+            sh_dc,
+            sh_rest,
+        } = self.appearance(&decoded);
         Ok(Offsets {
-            means,
-            quats,
-            scales,
-            opacity_logits: appearance
-                .as_ref()
-                .map(|columns| columns.clone().narrow(1, 0, 1).reshape([n])),
-            sh_dc: appearance.map(|columns| columns.narrow(1, 1, 3).reshape([n, 1, 3])),
-            sh_rest: sh_rest.map(|columns| columns.reshape([n, heads.sh_rest, CHANNELS])),
+            means: take(0, MEAN) * columns.mean_factor,
+            quats: columns.quats.map(|first| take(first, QUAT)),
+            scales: columns.scales.map(|first| take(first, SCALE)),
+            opacity_logits,
+            sh_dc,
+            sh_rest,
         })
+    }
+
+    /// The output of the heads, side by side: see [`DeformationField::columns`].
+    ///
+    /// # Shapes
+    /// `[N, features] -> [N, columns]`
+    ///
+    /// # Errors
+    /// When the features have another width, or there are more than the device holds.
+    pub(crate) fn decoded(&self, features: Tensor<2>) -> Result<Tensor<2>, ModelError> {
+        let Some(fine) = &self.fine else {
+            return self.decoder.forward(features);
+        };
+        let n_features = features.dims()[1];
+        let expected = SpaceTimeEncoder::n_output_features_of(&self.config);
+        if n_features != expected {
+            let (expected, found) = (format!("width {expected}"), n_features.to_string());
+            return Err(ModelError::argument("features", expected, found));
+        }
+        let [own, of_time] = TimeEmbedding::widths(&self.config.encoder);
+        let take = |first: usize, width: usize| features.clone().narrow(1, first, width);
+        let of_fine = vec![take(0, own), take(own + of_time, of_time)];
+        let coarse = self.decoder.forward(take(0, own + of_time))?;
+        Ok(coarse + fine.forward(Tensor::cat(of_fine, 1))?)
+    }
+
+    /// Where the offsets of means, rotations and scales are among the columns of [`DeformationField::decoded`].
+    pub(crate) fn columns(&self) -> Columns {
+        let heads = &self.config.heads;
+        let behind_quats = if heads.rotation { MEAN + QUAT } else { MEAN };
+        Columns {
+            mean_factor: OUTPUT_SCALE * self.space.diagonal(),
+            quats: heads.rotation.then_some(MEAN),
+            scales: heads.scale.then_some(behind_quats),
+        }
+    }
+
+    /// What changes colours and opacities among the columns of [`DeformationField::decoded`]: the last ones.
+    pub(crate) fn appearance(&self, decoded: &Tensor<2>) -> Appearance {
+        let heads = &self.config.heads;
+        let [n, width] = decoded.dims();
+        let take = |first: usize, width: usize| decoded.clone().narrow(1, first, width);
+        let of_rest = heads.sh_rest * CHANNELS;
+        let first = width - of_rest - if heads.appearance { APPEARANCE } else { 0 };
+        let sh_rest = (of_rest > 0).then(|| take(width - of_rest, of_rest));
+        Appearance {
+            opacity_logits: heads.appearance.then(|| take(first, 1).reshape([n])),
+            sh_dc: heads
+                .appearance
+                .then(|| take(first + 1, CHANNELS).reshape([n, 1, CHANNELS])),
+            sh_rest: sh_rest.map(|columns| columns.reshape([n, heads.sh_rest, CHANNELS])),
+        }
     }
 
     /// The field without one of its heads.

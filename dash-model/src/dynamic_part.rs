@@ -6,6 +6,7 @@ mod pruning;
 use burn::module::{Module, Param};
 use burn::tensor::activation::sigmoid;
 use burn::tensor::{Int, Tensor};
+use dash_kernels::deform::{Ellipsoids, deform};
 use dash_kernels::project::{Activation, ShCoeffs};
 use dash_kernels::rows::join_rows;
 
@@ -50,26 +51,6 @@ pub struct DynamicPart {
 }
 
 impl DynamicPart {
-    /// Canonical means moved along their coarse trajectories.
-    ///
-    /// # Shapes
-    /// `-> [N, 3]`
-    ///
-    /// # Errors
-    /// When the trajectories do not fit their basis.
-    pub fn coarse_means(
-        &self,
-        settings: &SceneSettings,
-        time: f32,
-    ) -> Result<Tensor<2>, ModelError> {
-        let means = self.gaussians.means.val();
-        let Some(coefficients) = &self.gaussians.trajectories else {
-            return Ok(means);
-        };
-        let basis = settings.trajectory_basis;
-        Ok(means + basis.displacement(coefficients.val(), time)?)
-    }
-
     /// The Gaussians at `time`.
     ///
     /// Inside one of [`SceneSettings::gaps`] they are interpolated between both sides of the gap. Means follow a path with
@@ -182,9 +163,9 @@ impl DynamicPart {
                 None => value,
             }
         }
-        let offsets = self.field.decode(features)?;
+        let decoded = self.field.decoded(features)?;
+        let offsets = self.field.appearance(&decoded);
         let canonical = &self.gaussians;
-        let means = self.coarse_means(settings, time)? + offsets.means;
         let opacity_logits = plus(canonical.opacity_logits.val(), offsets.opacity_logits);
         let own = canonical.sh_coeffs();
         if let Some(offset) = &offsets.sh_rest
@@ -198,27 +179,39 @@ impl DynamicPart {
             dc: plus(own.dc, offsets.sh_dc),
             rest: plus(own.rest, offsets.sh_rest),
         };
-        Ok(match settings.offsets {
-            OffsetPlacement::BeforeActivation => Deformed {
-                means,
-                quats: plus(canonical.quats.val(), offsets.quats),
-                scales: plus(canonical.log_scales.val(), offsets.scales),
-                opacities: opacity_logits,
-                sh_coeffs,
-                activation: Activation::Exp,
-            },
-            OffsetPlacement::AfterActivation => {
-                let quats = canonical.quats.val();
-                let norm = (quats.clone().powi_scalar(2).sum_dim(1) + 1e-12).sqrt();
-                Deformed {
-                    means,
-                    quats: plus(quats / norm, offsets.quats),
-                    scales: plus(canonical.log_scales.val().exp(), offsets.scales),
-                    opacities: sigmoid(opacity_logits),
-                    sh_coeffs,
-                    activation: Activation::Linear,
-                }
+        let (quats, log_scales) = (canonical.quats.val(), canonical.log_scales.val());
+        let (quats, scales, opacities, activation) = match settings.offsets {
+            OffsetPlacement::BeforeActivation => {
+                (quats, log_scales, opacity_logits, Activation::Exp)
             }
+            OffsetPlacement::AfterActivation => {
+                let norm = (quats.clone().powi_scalar(2).sum_dim(1) + 1e-12).sqrt();
+                let opacities = sigmoid(opacity_logits);
+                (
+                    quats / norm,
+                    log_scales.exp(),
+                    opacities,
+                    Activation::Linear,
+                )
+            }
+        };
+        let canonical = Ellipsoids {
+            means: canonical.means.val(),
+            quats,
+            scales,
+        };
+        let path = self.gaussians.trajectories.as_ref();
+        let displacement =
+            |path: &Param<Tensor<2>>| settings.trajectory_basis.displacement(path.val(), time);
+        let path = path.map(displacement).transpose()?;
+        let deformed = deform(canonical, path, decoded, self.field.columns())?;
+        Ok(Deformed {
+            means: deformed.means,
+            quats: deformed.quats,
+            scales: deformed.scales,
+            opacities,
+            sh_coeffs,
+            activation,
         })
     }
 }

@@ -1,46 +1,49 @@
 //! Adam on CubeCL devices.
 //!
-//! A unit owns one element and writes it in place or to new memory. No shared memory, no atomics;
-//! deterministic.
+//! A launch steps up to [`AT_ONCE`] parameters. A unit owns an element of each and writes it in place. No shared memory, no
+//! atomics; deterministic.
 
 use burn::backend::ops::FloatTensorOps;
 use burn_cubecl::CubeBackend;
 use burn_cubecl::tensor::CubeTensor;
 use cubecl::prelude::*;
 
-use crate::cube::{arg, contiguous, is_finite, own_memory, uninitialised, units};
+use crate::cube::{arg, at_once, contiguous, is_finite, own_memory, uninitialised, units};
+use crate::tensor_list::TensorList;
 
-use super::{AdamStep, AdamUpdate, MAX_GRADIENT};
+use super::{AdamStep, AdamUpdate, MAX_GRADIENT, OneOf, Steps, sorted};
+
+/// Most parameters of a launch.
+const AT_ONCE: usize = 8;
 
 impl AdamUpdate for CubeBackend {
-    fn adam_step(
-        param: CubeTensor,
-        grad: CubeTensor,
-        first_moment: CubeTensor,
-        second_moment: CubeTensor,
-        settings: AdamStep,
-    ) -> (CubeTensor, CubeTensor, CubeTensor) {
-        launch([param, first_moment, second_moment], grad, None, &settings)
-    }
-
-    fn adam_step_unless(
-        param: CubeTensor,
-        grad: CubeTensor,
-        first_moment: CubeTensor,
-        second_moment: CubeTensor,
-        flags: CubeTensor,
-        damping: CubeTensor,
-        settings: AdamStep,
-        stop: usize,
-    ) -> (CubeTensor, CubeTensor, CubeTensor) {
-        let [flags, damping] = [flags, damping].map(contiguous);
-        let conditions = Some((flags, damping, stop));
-        launch(
-            [param, first_moment, second_moment],
-            grad,
-            conditions,
-            &settings,
-        )
+    fn adam_steps(TensorList(tensors): TensorList<Self>, steps: Steps) -> Vec<CubeTensor> {
+        let (flags, each) = sorted(tensors, &steps);
+        let flags = flags.map(contiguous);
+        let mut parameters: Vec<Prepared> = each
+            .into_iter()
+            .zip(&steps.each)
+            .map(|(one, (settings, _))| Prepared::of(one, settings))
+            .collect();
+        let client = parameters[0].state[0].client.clone();
+        let is_conditional = flags.is_some();
+        let n = at_once(&client, 5, 1, AT_ONCE);
+        for group in parameters.chunks_mut(n) {
+            let longest = group.iter().map(Prepared::len).fold(0, usize::max);
+            let (count, dim) = units(&client, longest);
+            // Where there are no flags the kernel does not look at what is bound in their place.
+            let flags = flags.as_ref().unwrap_or(&group[0].grad);
+            adam_kernel::launch(
+                &client,
+                count,
+                dim,
+                group.iter().map(Prepared::launched).collect(),
+                arg(flags),
+                steps.stop.unwrap_or(0) as u32,
+                is_conditional,
+            );
+        }
+        parameters.into_iter().flat_map(|one| one.state).collect()
     }
 
     fn typical_gradient(squares: CubeTensor, correction: f64) -> CubeTensor {
@@ -99,39 +102,58 @@ fn root_kernel(
     }
 }
 
-/// Steps the parameter and its moments, under conditions where there are any: flags, a damping, and the flag that stops
-/// the step.
-fn launch(
+/// A parameter whose memory may be written to.
+struct Prepared {
     state: [CubeTensor; 3],
     grad: CubeTensor,
-    conditions: Option<(CubeTensor, CubeTensor, usize)>,
-    settings: &AdamStep,
-) -> (CubeTensor, CubeTensor, CubeTensor) {
-    let grad = contiguous(grad);
-    let [param, first_moment, second_moment] = state.map(own_memory);
-    let n = param.meta.num_elements();
-    let client = param.client.clone();
-    let (count, dim) = units(&client, n);
-    let is_conditional = conditions.is_some();
-    // Without conditions the kernel does not look at what is bound in their place.
-    let (flags, damping, stop) = conditions.unwrap_or_else(|| (grad.clone(), grad.clone(), 0));
-    adam_kernel::launch(
-        &client,
-        count,
-        dim,
-        arg(&param),
-        arg(&grad),
-        arg(&first_moment),
-        arg(&second_moment),
-        arg(&flags),
-        arg(&damping),
-        constants(settings),
-        n as u32,
-        stop as u32,
-        settings.skip_zero_grad,
-        is_conditional,
-    );
-    (param, first_moment, second_moment)
+    damping: Option<CubeTensor>,
+    settings: AdamStep,
+}
+
+impl Prepared {
+    fn of(one: OneOf<CubeTensor>, settings: &AdamStep) -> Self {
+        Self {
+            state: one.state.map(own_memory),
+            grad: contiguous(one.grad),
+            damping: one.damping.map(contiguous),
+            settings: *settings,
+        }
+    }
+
+    fn len(&self) -> usize {
+        self.grad.meta.num_elements()
+    }
+
+    fn launched(&self) -> SteppedLaunch {
+        let [param, first, second] = self.state.each_ref().map(arg);
+        // Without a damping the kernel does not look at what is bound in its place.
+        let damping = self.damping.as_ref().unwrap_or(&self.grad);
+        SteppedLaunch::new(
+            param,
+            arg(&self.grad),
+            first,
+            second,
+            arg(damping),
+            constants(&self.settings),
+            self.len() as u32,
+            u32::from(self.damping.is_some()),
+            u32::from(self.settings.skip_zero_grad),
+        )
+    }
+}
+
+/// A parameter, and how it is stepped.
+#[derive(CubeType, CubeLaunch)]
+struct Stepped {
+    param: Box<[f32]>,         // [n]
+    grad: Box<[f32]>,          // [n]
+    first_moment: Box<[f32]>,  // [n]
+    second_moment: Box<[f32]>, // [n]
+    damping: Box<[f32]>,       // [1]
+    constants: Constants,
+    n: u32,
+    is_damped: u32,
+    skips_zeros: u32,
 }
 
 #[derive(CubeType, CubeLaunch, Clone, Copy)]
@@ -162,48 +184,52 @@ fn constants(settings: &AdamStep) -> ConstantsLaunch {
 
 #[cube(launch)]
 fn adam_kernel(
-    param: &mut [f32],         // [n]
-    grad: &[f32],              // [n]
-    first_moment: &mut [f32],  // [n]
-    second_moment: &mut [f32], // [n]
-    flags: &[f32],             // [F]
-    damping: &[f32],           // [1]
-    constants: Constants,
-    n: u32,
+    mut parameters: Sequence<Stepped>,
+    flags: &[f32], // [F]
     stop: u32,
-    #[comptime] skip_zero_grad: bool,
     #[comptime] is_conditional: bool,
 ) {
-    let i = ABSOLUTE_POS;
-    if i >= n as usize {
+    if comptime!(is_conditional) && flags[stop as usize] != 0.0f32 {
         terminate!();
     }
-    let g = grad[i];
-    let mut stepped = is_finite(g);
-    let mut epsilon = constants.epsilon;
-    if comptime!(is_conditional) {
-        stepped = stepped && flags[stop as usize] == 0.0f32;
-        let damping = damping[0];
-        let sound = is_finite(damping) && damping > 0.0f32;
-        epsilon += select(sound, damping, 0.0f32);
+    #[unroll]
+    for k in 0..parameters.len() {
+        step_element(parameters.index_mut(k), ABSOLUTE_POS);
     }
-    if comptime!(skip_zero_grad) {
-        stepped = stepped && g != 0.0f32;
-    }
-    if stepped {
-        let g = f32::clamp(g, -MAX_GRADIENT, MAX_GRADIENT);
-        let (old_m, old_v) = (first_moment[i], second_moment[i]);
-        let sound = is_finite(old_m) && is_finite(old_v) && old_v >= 0.0f32;
-        let m = constants.beta1 * select(sound, old_m, 0.0f32) + constants.one_minus_beta1 * g;
-        let v = constants.beta2 * select(sound, old_v, 0.0f32) + constants.one_minus_beta2 * g * g;
-        let denominator = (v * constants.inverse_correction2).sqrt() + epsilon;
-        // Zero moments and epsilon 0 ask for no step.
-        let step = select(m == 0.0f32, 0.0f32, constants.rate * m / denominator);
-        let new = param[i] - step;
-        if is_finite(new) && is_finite(v) {
-            param[i] = new;
-            first_moment[i] = m;
-            second_moment[i] = v;
+}
+
+#[cube]
+fn step_element(parameter: &mut Stepped, i: usize) {
+    if i < parameter.n as usize {
+        let g = parameter.grad[i];
+        let skipped = parameter.skips_zeros > 0u32 && g == 0.0f32;
+        let mut epsilon = parameter.constants.epsilon;
+        if parameter.is_damped > 0u32 {
+            let damping = parameter.damping[0usize];
+            let sound = is_finite(damping) && damping > 0.0f32;
+            epsilon += select(sound, damping, 0.0f32);
+        }
+        if is_finite(g) && !skipped {
+            let g = f32::clamp(g, -MAX_GRADIENT, MAX_GRADIENT);
+            let (old_m, old_v) = (parameter.first_moment[i], parameter.second_moment[i]);
+            let sound = is_finite(old_m) && is_finite(old_v) && old_v >= 0.0f32;
+            let m = parameter.constants.beta1 * select(sound, old_m, 0.0f32)
+                + parameter.constants.one_minus_beta1 * g;
+            let v = parameter.constants.beta2 * select(sound, old_v, 0.0f32)
+                + parameter.constants.one_minus_beta2 * g * g;
+            let denominator = (v * parameter.constants.inverse_correction2).sqrt() + epsilon;
+            // Zero moments and epsilon 0 ask for no step.
+            let step = select(
+                m == 0.0f32,
+                0.0f32,
+                parameter.constants.rate * m / denominator,
+            );
+            let new = parameter.param[i] - step;
+            if is_finite(new) && is_finite(v) {
+                parameter.param[i] = new;
+                parameter.first_moment[i] = m;
+                parameter.second_moment[i] = v;
+            }
         }
     }
 }

@@ -8,11 +8,12 @@ pub mod reference;
 mod tests;
 
 use burn::backend::tensor::FloatTensor;
-use burn::backend::{Backend, Dispatch, backend_extension};
+use burn::backend::{Backend, Dispatch, DispatchTensor, backend_extension};
 use burn::tensor::Tensor;
 
 use crate::KernelError;
 use crate::host::HostBackend;
+use crate::tensor_list::TensorList;
 
 /// Gradients are clamped to plus and minus this, so that their squares stay finite in f32.
 pub const MAX_GRADIENT: f32 = 1e18;
@@ -49,15 +50,30 @@ impl Default for AdamStep {
     }
 }
 
-/// What a step depends on that only the device knows.
+/// A parameter, its gradient and its moments, all of one length, and how it is stepped.
+#[derive(Debug)]
+pub struct Parameter {
+    /// The values.
+    pub param: Tensor<1>,
+    /// Their gradient.
+    pub grad: Tensor<1>,
+    /// First moments.
+    pub first_moment: Tensor<1>,
+    /// Second moments.
+    pub second_moment: Tensor<1>,
+    /// Settings of its step.
+    pub settings: AdamStep,
+    /// Added to epsilon, `[1]`, where only the device knows it; negative numbers and NaN count as zero.
+    pub damping: Option<Tensor<1>>,
+}
+
+/// A flag of the device that stops steps where it is not zero.
 #[derive(Debug, Clone)]
-pub struct Conditions {
+pub struct Stop {
     /// Flags `[F]`, as [`raise_flags`](crate::finite::raise_flags) raises them.
     pub flags: Tensor<1>,
-    /// The flag that stops the step.
-    pub stop: usize,
-    /// Added to epsilon, `[1]`; not negative.
-    pub damping: Tensor<1>,
+    /// The place of the flag.
+    pub at: usize,
 }
 
 /// The parameter and its moments, all of one shape.
@@ -103,13 +119,13 @@ pub fn adam_step<const R: usize>(
 ) -> Result<Stepped<R>, KernelError> {
     check_shapes(&param, [&grad, &first_moment, &second_moment])?;
     validate(settings)?;
-    let (param, first_moment, second_moment) = Dispatch::adam_step(
-        param.into_dispatch(),
-        grad.into_dispatch(),
-        first_moment.into_dispatch(),
-        second_moment.into_dispatch(),
-        *settings,
-    );
+    let tensors = [param, grad, first_moment, second_moment].map(Tensor::into_dispatch);
+    let steps = Steps {
+        each: vec![(*settings, false)],
+        stop: None,
+    };
+    let stepped = run(tensors.into(), steps).pop();
+    let (param, first_moment, second_moment) = stepped.expect("one parameter was given");
     Ok((
         Tensor::from_dispatch(param),
         Tensor::from_dispatch(first_moment),
@@ -117,73 +133,93 @@ pub fn adam_step<const R: usize>(
     ))
 }
 
-/// [`adam_step`], which changes nothing where a flag of the device stops it, and with a damping that the device has worked
-/// out. Nothing is read back.
+/// [`adam_step`] of many parameters at once: on a GPU in few launches. Where `stop` is a flag of the device that is
+/// raised, nothing changes. Nothing is read back.
 ///
-/// # Shapes, errors and panics
-/// Those of [`adam_step`], and [`KernelError::Shape`] when the flag is not there or the damping is not one number.
+/// # Errors
+/// [`KernelError::Shape`] when lengths differ, a damping is not one number or the flag is not there,
+/// [`KernelError::Config`] when a setting is out of range.
+///
+/// # Panics
+/// On tensors of an autodiff device.
 ///
 /// # Example
 /// ```
 /// use burn::tensor::{Device, Tensor};
-/// use dash_kernels::adam::{AdamStep, Conditions, adam_step_unless};
+/// use dash_kernels::adam::{AdamStep, Parameter, Stop, adam_steps};
 ///
 /// let device = Device::flex();
-/// let zeros = || Tensor::<1>::zeros([2], &device);
-/// let conditions = Conditions {
-///     flags: Tensor::from_floats([0.0, 1.0], &device),
-///     stop: 1,
-///     damping: Tensor::zeros([1], &device),
+/// let parameter = |gradient: f32| Parameter {
+///     param: Tensor::zeros([1], &device),
+///     grad: Tensor::from_floats([gradient], &device),
+///     first_moment: Tensor::zeros([1], &device),
+///     second_moment: Tensor::zeros([1], &device),
+///     settings: AdamStep { learning_rate: 0.5, ..AdamStep::default() },
+///     damping: None,
 /// };
-/// let gradient = Tensor::from_floats([0.3, -5.0], &device);
-/// let settings = AdamStep::default();
-/// let (param, ..) = adam_step_unless(zeros(), gradient, zeros(), zeros(), &settings, &conditions)?;
-/// assert_eq!(param.into_data().try_into_vec::<f32>()?, [0.0, 0.0]);
+/// let after = |flag: f32| {
+///     let stop = Stop { flags: Tensor::from_floats([flag], &device), at: 0 };
+///     let stepped = adam_steps(vec![parameter(0.3), parameter(-5.0)], Some(&stop))?;
+///     let values = stepped.into_iter().map(|(param, ..)| param.into_scalar::<f32>());
+///     Ok::<Vec<f32>, dash_kernels::KernelError>(values.collect())
+/// };
+/// assert_eq!(after(0.0)?, [-0.5, 0.5]);
+/// assert_eq!(after(1.0)?, [0.0, 0.0]);
 /// # Ok::<(), Box<dyn std::error::Error>>(())
 /// ```
-pub fn adam_step_unless<const R: usize>(
-    param: Tensor<R>,
-    grad: Tensor<R>,
-    first_moment: Tensor<R>,
-    second_moment: Tensor<R>,
-    settings: &AdamStep,
-    conditions: &Conditions,
-) -> Result<Stepped<R>, KernelError> {
-    check_shapes(&param, [&grad, &first_moment, &second_moment])?;
-    validate(settings)?;
-    let Conditions {
-        flags,
-        stop,
-        damping,
-    } = conditions;
-    for (name, found, fits, expected) in [
-        ("flags", flags.dims(), flags.dims()[0] > *stop, *stop + 1),
-        ("damping", damping.dims(), damping.dims() == [1], 1),
-    ] {
-        if !fits {
-            return Err(KernelError::Shape {
-                op: "adam_step_unless",
-                tensor: name,
-                expected: format!("[{expected}]"),
-                found: found.to_vec(),
-            });
-        }
+pub fn adam_steps(
+    parameters: Vec<Parameter>,
+    stop: Option<&Stop>,
+) -> Result<Vec<Stepped<1>>, KernelError> {
+    let (mut tensors, mut each) = (Vec::new(), Vec::new());
+    if let Some(stop) = stop {
+        check_vector("flags", &stop.flags, |n| n > stop.at, stop.at + 1)?;
+        tensors.push(stop.flags.clone().into_dispatch());
     }
-    let (param, first_moment, second_moment) = Dispatch::adam_step_unless(
-        param.into_dispatch(),
-        grad.into_dispatch(),
-        first_moment.into_dispatch(),
-        second_moment.into_dispatch(),
-        flags.clone().into_dispatch(),
-        damping.clone().into_dispatch(),
-        *settings,
-        *stop,
-    );
-    Ok((
-        Tensor::from_dispatch(param),
-        Tensor::from_dispatch(first_moment),
-        Tensor::from_dispatch(second_moment),
-    ))
+    for parameter in parameters {
+        let moments = [&parameter.first_moment, &parameter.second_moment];
+        check_shapes(&parameter.param, [&parameter.grad, moments[0], moments[1]])?;
+        validate(&parameter.settings)?;
+        if let Some(damping) = &parameter.damping {
+            check_vector("damping", damping, |n| n == 1, 1)?;
+        }
+        let Parameter {
+            param,
+            grad,
+            first_moment,
+            second_moment,
+            settings,
+            damping,
+        } = parameter;
+        each.push((settings, damping.is_some()));
+        let state = [param, grad, first_moment, second_moment];
+        let all = state.into_iter().chain(damping);
+        tensors.extend(all.map(Tensor::into_dispatch));
+    }
+    if each.is_empty() {
+        return Ok(Vec::new());
+    }
+    let stop = stop.map(|stop| stop.at);
+    let stepped = run(tensors, Steps { each, stop }).into_iter();
+    let tensor = Tensor::from_dispatch;
+    Ok(stepped
+        .map(|(param, first, second)| (tensor(param), tensor(first), tensor(second)))
+        .collect())
+}
+
+/// New parameters and moments, of the tensors of [`AdamUpdate::adam_steps`].
+fn run(
+    tensors: Vec<DispatchTensor>,
+    steps: Steps,
+) -> Vec<(DispatchTensor, DispatchTensor, DispatchTensor)> {
+    let mut stepped = Dispatch::adam_steps(TensorList(tensors), steps).into_iter();
+    let mut found = Vec::new();
+    while let (Some(param), Some(first), Some(second)) =
+        (stepped.next(), stepped.next(), stepped.next())
+    {
+        found.push((param, first, second));
+    }
+    found
 }
 
 /// The root mean square of what is positive among `squares [n]`, over a `correction` of their bias: with an optimizer's second
@@ -231,6 +267,24 @@ fn check_shapes<const R: usize>(
     Ok(())
 }
 
+fn check_vector(
+    name: &'static str,
+    found: &Tensor<1>,
+    fits: impl Fn(usize) -> bool,
+    expected: usize,
+) -> Result<(), KernelError> {
+    let [n] = found.dims();
+    if fits(n) {
+        return Ok(());
+    }
+    Err(KernelError::Shape {
+        op: "adam_steps",
+        tensor: name,
+        expected: format!("[{expected}]"),
+        found: vec![n],
+    })
+}
+
 fn validate(settings: &AdamStep) -> Result<(), KernelError> {
     let wrong = if !(settings.learning_rate >= 0.0 && settings.learning_rate.is_finite()) {
         format!(
@@ -255,70 +309,81 @@ fn validate(settings: &AdamStep) -> Result<(), KernelError> {
     })
 }
 
-/// Dispatch of [`adam_step`] over the enabled backends.
+/// How parameters are stepped.
+#[derive(Debug, Clone)]
+pub struct Steps {
+    /// Settings of each parameter, and whether it has a damping.
+    pub each: Vec<(AdamStep, bool)>,
+    /// The place of the flag that stops all.
+    pub stop: Option<usize>,
+}
+
+/// Dispatch of [`adam_step`] and [`adam_steps`] over the enabled backends.
 #[backend_extension(Flex: cfg(feature = "flex"), NdArray: cfg(feature = "ndarray"), Cube: cfg(feature = "cube"))]
 pub trait AdamUpdate: Backend {
-    /// See [`adam_step`]; shapes and settings have been checked.
-    fn adam_step(
-        param: FloatTensor<Self>,
-        grad: FloatTensor<Self>,
-        first_moment: FloatTensor<Self>,
-        second_moment: FloatTensor<Self>,
-        settings: AdamStep,
-    ) -> (FloatTensor<Self>, FloatTensor<Self>, FloatTensor<Self>);
-
-    /// See [`adam_step_unless`]; shapes and settings have been checked.
-    #[allow(clippy::too_many_arguments)]
-    fn adam_step_unless(
-        param: FloatTensor<Self>,
-        grad: FloatTensor<Self>,
-        first_moment: FloatTensor<Self>,
-        second_moment: FloatTensor<Self>,
-        flags: FloatTensor<Self>,
-        damping: FloatTensor<Self>,
-        settings: AdamStep,
-        stop: usize,
-    ) -> (FloatTensor<Self>, FloatTensor<Self>, FloatTensor<Self>);
+    /// See [`adam_steps`]; shapes and settings have been checked, and there is a parameter. `tensors` are the flags, where
+    /// there are any, then for each parameter the parameter, its gradient, first and second moments and its damping, where
+    /// it has one. Gives for each the new parameter and moments.
+    fn adam_steps(
+        #[extension_type] tensors: TensorList<Self>,
+        steps: Steps,
+    ) -> Vec<FloatTensor<Self>>;
 
     /// See [`typical_gradient`]; there is an element.
     fn typical_gradient(squares: FloatTensor<Self>, correction: f64) -> FloatTensor<Self>;
 }
 
-impl<B: HostBackend> AdamUpdate for B {
-    fn adam_step(
-        param: FloatTensor<B>,
-        grad: FloatTensor<B>,
-        first_moment: FloatTensor<B>,
-        second_moment: FloatTensor<B>,
-        settings: AdamStep,
-    ) -> (FloatTensor<B>, FloatTensor<B>, FloatTensor<B>) {
-        let grad = B::values(&grad);
-        let state = [param, first_moment, second_moment];
-        let [param, first_moment, second_moment] = B::change(state, |[param, first, second]| {
-            cpu::adam_step(param, &grad, first, second, &settings);
-        });
-        (param, first_moment, second_moment)
-    }
+/// A parameter's tensors: itself and its moments, its gradient and its damping.
+struct OneOf<T> {
+    state: [T; 3],
+    grad: T,
+    damping: Option<T>,
+}
 
-    fn adam_step_unless(
-        param: FloatTensor<B>,
-        grad: FloatTensor<B>,
-        first_moment: FloatTensor<B>,
-        second_moment: FloatTensor<B>,
-        flags: FloatTensor<B>,
-        damping: FloatTensor<B>,
-        settings: AdamStep,
-        stop: usize,
-    ) -> (FloatTensor<B>, FloatTensor<B>, FloatTensor<B>) {
-        if B::values(&flags)[stop] != 0.0 {
-            return (param, first_moment, second_moment);
+/// The flags, and the tensors of each parameter.
+fn sorted<T>(tensors: Vec<T>, steps: &Steps) -> (Option<T>, Vec<OneOf<T>>) {
+    let mut tensors = tensors.into_iter();
+    let mut next = || tensors.next().expect("each parameter brings its tensors");
+    let flags = steps.stop.map(|_| next());
+    let each = steps.each.iter().map(|(_, is_damped)| {
+        let [param, grad, first, second] = [(); 4].map(|()| next());
+        OneOf {
+            state: [param, first, second],
+            grad,
+            damping: is_damped.then(&mut next),
         }
-        let damping = f64::from(B::values(&damping)[0]);
-        let settings = AdamStep {
-            epsilon: settings.epsilon + if damping >= 0.0 { damping } else { 0.0 },
-            ..settings
-        };
-        B::adam_step(param, grad, first_moment, second_moment, settings)
+    });
+    let each = each.collect();
+    (flags, each)
+}
+
+impl<B: HostBackend> AdamUpdate for B {
+    fn adam_steps(TensorList(tensors): TensorList<B>, steps: Steps) -> Vec<FloatTensor<B>> {
+        let (flags, each) = sorted(tensors, &steps);
+        let raised = flags.zip(steps.stop);
+        if raised.is_some_and(|(flags, stop)| B::values(&flags)[stop] != 0.0) {
+            return each.into_iter().flat_map(|one| one.state).collect();
+        }
+        let stepped = each
+            .into_iter()
+            .zip(steps.each)
+            .map(|(one, (settings, _))| {
+                let damping = one.damping.map_or(0.0, |damping| B::values(&damping)[0]);
+                let damping = if damping >= 0.0 {
+                    f64::from(damping)
+                } else {
+                    0.0
+                };
+                let settings = AdamStep {
+                    epsilon: settings.epsilon + damping,
+                    ..settings
+                };
+                let grad = B::values(&one.grad);
+                B::change(one.state, |[param, first, second]| {
+                    cpu::adam_step(param, &grad, first, second, &settings);
+                })
+            });
+        stepped.flatten().collect()
     }
 
     fn typical_gradient(squares: FloatTensor<B>, correction: f64) -> FloatTensor<B> {

@@ -1,6 +1,6 @@
 use burn::tensor::Tensor;
 
-use super::{AdamStep, Conditions, adam_step, adam_step_unless, cpu, reference, typical_gradient};
+use super::{AdamStep, Parameter, Stop, adam_step, adam_steps, cpu, reference, typical_gradient};
 use crate::testing::*;
 
 /// No multiple of a group, and more than a parallel piece.
@@ -256,16 +256,23 @@ fn a_raised_flag_stops_the_step_and_damping_is_added_to_epsilon() {
         let mut rng = rng(11);
         let [start, grad, first] = [(); 3].map(|()| uniform(&mut rng, 100, -1.0, 1.0));
         let second = uniform(&mut rng, 100, 0.0, 1.0);
-        let step = |stop: usize, damping: f32| {
-            let conditions = Conditions {
+        let step = |at: usize, damping: f32| {
+            let stop = Stop {
                 flags: tensor(&[1.0, 0.0, 0.5], [3], &device),
-                stop,
-                damping: tensor(&[damping], [1], &device),
+                at,
             };
             let [start, grad, first, second] =
-                [&start, &grad, &first, &second].map(|v| tensor(v, [10, 10], &device));
-            let (param, first, second) =
-                adam_step_unless(start, grad, first, second, &settings, &conditions).expect("fits");
+                [&start, &grad, &first, &second].map(|v| tensor(v, [100], &device));
+            let parameter = Parameter {
+                param: start,
+                grad,
+                first_moment: first,
+                second_moment: second,
+                settings,
+                damping: Some(tensor(&[damping], [1], &device)),
+            };
+            let stepped = adam_steps(vec![parameter], Some(&stop)).expect("fits");
+            let (param, first, second) = stepped.into_iter().next().expect("one");
             [values(param), values(first), values(second)]
         };
         let before = [start.clone(), first.clone(), second.clone()];
@@ -286,26 +293,70 @@ fn a_raised_flag_stops_the_step_and_damping_is_added_to_epsilon() {
     }
 }
 
+/// More than a launch takes, of other lengths, rates and ages, some with a damping.
+#[test]
+fn many_parameters_are_stepped_like_each_by_itself() {
+    for device in devices() {
+        let mut rng = rng(21);
+        let (mut parameters, mut expected) = (Vec::new(), Vec::new());
+        for k in 0..19usize {
+            let n = [1, 3, 64, 65, 1000][k % 5];
+            let mut draw = |low| uniform(&mut rng, n, low, 1.0);
+            let [param, grad, first] = [(); 3].map(|()| draw(-1.0));
+            let second = draw(0.0);
+            let damping = k.is_multiple_of(3).then_some(0.1 * k as f32);
+            let settings = AdamStep {
+                learning_rate: 0.01 * (k + 1) as f64,
+                step: k as u64 + 1,
+                ..AdamStep::default()
+            };
+            let mut state = [&param, &first, &second].map(|values| to_f64(values));
+            let [p, f, s] = &mut state;
+            let with_damping = AdamStep {
+                epsilon: settings.epsilon + f64::from(damping.unwrap_or(0.0)),
+                ..settings
+            };
+            reference::adam_step(p, &to_f64(&grad), f, s, &with_damping);
+            expected.push(state);
+            let place = |values: &[f32]| tensor(values, [n], &device);
+            parameters.push(Parameter {
+                param: place(&param),
+                grad: place(&grad),
+                first_moment: place(&first),
+                second_moment: place(&second),
+                settings,
+                damping: damping.map(|damping| tensor(&[damping], [1], &device)),
+            });
+        }
+        let found = adam_steps(parameters, None).expect("fits");
+        assert_eq!(found.len(), expected.len());
+        for (k, ((param, first, second), expected)) in found.into_iter().zip(expected).enumerate() {
+            for (found, expected) in [param, first, second].into_iter().zip(&expected) {
+                assert_agrees(&format!("{device:?}, {k}"), &values(found), expected);
+            }
+        }
+        assert!(adam_steps(Vec::new(), None).expect("nothing").is_empty());
+    }
+}
+
 #[test]
 fn conditions_of_other_shapes_are_refused() {
     for device in devices() {
         let zeros = |n: usize| Tensor::<1>::zeros([n], &device);
-        let fits = |n_flags: usize, stop: usize, n_damping: usize| {
-            let conditions = Conditions {
+        let fits = |n_flags: usize, at: usize, n_damping: usize| {
+            let stop = Stop {
                 flags: zeros(n_flags),
-                stop,
-                damping: zeros(n_damping),
+                at,
             };
-            let settings = AdamStep::default();
-            adam_step_unless(
-                zeros(2),
-                zeros(2),
-                zeros(2),
-                zeros(2),
-                &settings,
-                &conditions,
-            )
-            .is_ok()
+            let parameter = Parameter {
+                param: zeros(2),
+                grad: zeros(2),
+                first_moment: zeros(2),
+                second_moment: zeros(2),
+                settings: AdamStep::default(),
+                damping: Some(zeros(n_damping)),
+            };
+            adam_steps(vec![parameter], Some(&stop)).is_ok()
         };
         assert!(fits(2, 1, 1) && !fits(1, 1, 1) && !fits(2, 1, 2) && !fits(2, 1, 0));
     }

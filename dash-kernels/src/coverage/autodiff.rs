@@ -6,7 +6,7 @@ use burn::backend::autodiff::grads::Gradients;
 use burn::backend::autodiff::ops::{Backward, Ops, OpsKind};
 use burn::backend::tensor::FloatTensor;
 
-use super::{Coverage, CoverageVjp, PictureSize};
+use super::{Coverage, CoverageVjp, FloaterWeights, PictureSize};
 
 /// The gradient of a cost was worked out with it; here it is multiplied by the loss's.
 #[derive(Debug)]
@@ -45,11 +45,12 @@ impl<B: CoverageVjp, C: CheckpointStrategy> Coverage for Autodiff<B, C> {
         }
     }
 
-    fn nearness(
+    fn floater_cost(
         opacity_logits: FloatTensor<Self>,
         splats: FloatTensor<Self>,
         motion: FloatTensor<Self>,
         picture: PictureSize,
+        weights: FloaterWeights,
         moves: bool,
     ) -> FloatTensor<Self> {
         let ((logits, node), (splats, _)) = (opacity_logits.into_parts(), splats.into_parts());
@@ -57,12 +58,12 @@ impl<B: CoverageVjp, C: CheckpointStrategy> Coverage for Autodiff<B, C> {
         match CostBackward.prepare::<C>([node]).compute_bound().stateful() {
             OpsKind::Tracked(prep) => {
                 let (cost, gradient) =
-                    B::nearness_and_gradient(logits, splats, motion, picture, moves);
+                    B::floater_cost_and_gradient(logits, splats, motion, picture, weights, moves);
                 prep.finish(gradient, cost)
             }
-            OpsKind::UnTracked(prep) => {
-                prep.finish(B::nearness(logits, splats, motion, picture, moves))
-            }
+            OpsKind::UnTracked(prep) => prep.finish(B::floater_cost(
+                logits, splats, motion, picture, weights, moves,
+            )),
         }
     }
 }

@@ -3,7 +3,7 @@
 
 use rayon::prelude::*;
 
-use super::{AT_REST, NEAR, NEAREST, PictureSize};
+use super::{AT_REST, FloaterWeights, NEAR, NEAREST, PictureSize};
 use crate::splats::{
     CONIC_A, CONIC_B, CONIC_C, DEPTH, MEAN_X, MEAN_Y, N_COLUMNS, OPACITY, RADIUS_X, RADIUS_Y,
 };
@@ -93,14 +93,8 @@ pub fn visible_motion(
     })
 }
 
-/// The cost and its gradient to the logits. See [`nearness`](super::nearness).
-pub fn nearness(
-    opacity_logits: &[f32],
-    splats: &[f32],
-    motion: Option<&[f32]>,
-    picture: PictureSize,
-) -> (f32, Vec<f32>) {
-    let (splats, _) = splats.as_chunks::<N_COLUMNS>();
+/// The mean disparity of what is covered; `None` where nothing is.
+fn typical_disparity(splats: &[[f32; N_COLUMNS]], picture: PictureSize) -> Option<f64> {
     let pieces = splats.par_chunks(PIECE).map(|splats| {
         let drawn = splats.iter().map(|splat| Drawn::of(splat, picture));
         drawn.fold([0.0; 2], |[covered, near], drawn| {
@@ -111,22 +105,46 @@ pub fn nearness(
     let pieces: Vec<[f64; 2]> = pieces.collect();
     let [covered, near] = [0, 1].map(|k| pieces.iter().map(|piece| piece[k]).sum::<f64>());
     let typical = near / covered;
-    if !(typical > 0.0 && typical.is_finite()) {
-        return (0.0, vec![0.0; opacity_logits.len()]);
-    }
+    (typical > 0.0 && typical.is_finite()).then_some(typical)
+}
+
+/// The cost and its gradient to the logits. See [`floater_cost`](super::floater_cost).
+pub fn floater_cost(
+    opacity_logits: &[f32],
+    splats: &[f32],
+    motion: Option<&[f32]>,
+    picture: PictureSize,
+    weights: FloaterWeights,
+) -> (f32, Vec<f32>) {
+    let (splats, _) = splats.as_chunks::<N_COLUMNS>();
+    let of_nearness = f64::from(weights.nearness);
+    let typical = match weights.nearness > 0.0 {
+        true => typical_disparity(splats, picture),
+        false => None,
+    };
     let [nearer, nearest, at_rest] = [NEAR, NEAREST, AT_REST].map(f64::from);
-    sum_of_rows(opacity_logits.len(), |row| {
+    let nearness = |row: usize| {
+        let Some(typical) = typical else {
+            return 0.0;
+        };
         let drawn = Drawn::of(&splats[row], picture);
         let near = (drawn.scale / typical).powi(2) - nearer * nearer;
-        if near <= 0.0 || !opacity_logits[row].is_finite() {
-            return (0.0, 0.0);
+        if near <= 0.0 {
+            return 0.0;
         }
         let moved = motion.map_or(0.0, |motion| motion[row]);
         let moved = match moved.is_finite() {
             true => f64::from(moved) * drawn.scale,
             false => 0.0,
         };
-        let weight = drawn.inside * near.min(nearest) / (1.0 + moved / at_rest);
+        drawn.inside * near.min(nearest) / (1.0 + moved / at_rest)
+    };
+    let share = f64::from(weights.opacity) / opacity_logits.len() as f64;
+    sum_of_rows(opacity_logits.len(), |row| {
+        if !opacity_logits[row].is_finite() {
+            return (0.0, 0.0);
+        }
+        let weight = share + of_nearness * nearness(row);
         let opacity = 1.0 / (1.0 + (-f64::from(opacity_logits[row])).exp());
         (opacity * weight, opacity * (1.0 - opacity) * weight)
     })

@@ -1,14 +1,16 @@
-//! Costs by coverage on CubeCL devices: a kernel for what a row costs and its slope, and Burn's reductions.
+//! Costs by coverage on CubeCL devices.
 //!
-//! A unit owns a Gaussian. No shared memory, no atomics; deterministic.
+//! Visible motion: a unit owns a Gaussian, and Burn sums the costs. Floaters: up to [`MAX_CUBES`] cubes of [`UNITS`] units; a
+//! unit owns every so manieth Gaussian, each cube adds up its units' sums in shared memory, and who needs the total adds up
+//! those of the cubes. No atomics; deterministic.
 
 use burn::backend::ops::FloatTensorOps;
 use burn_cubecl::CubeBackend;
 use burn_cubecl::tensor::CubeTensor;
 use cubecl::prelude::*;
 
-use super::{AT_REST, Coverage, CoverageVjp, NEAR, NEAREST, PictureSize};
-use crate::cube::{arg, contiguous, is_finite, uninitialised, units};
+use super::{AT_REST, Coverage, CoverageVjp, FloaterWeights, NEAR, NEAREST, PictureSize};
+use crate::cube::{arg, calculate_cubes, contiguous, is_finite, uninitialised, units};
 use crate::host::dims;
 use crate::splats::{
     CONIC_A, CONIC_B, CONIC_C, DEPTH, MEAN_X, MEAN_Y, N_COLUMNS, OPACITY, RADIUS_X, RADIUS_Y,
@@ -16,6 +18,12 @@ use crate::splats::{
 
 /// Motion, in shares of the picture's width, beyond which more of it changes nothing in single precision.
 const ENOUGH: f32 = 1e15;
+/// Units of a cube that adds up, a power of two.
+const UNITS: usize = 128;
+/// Base-2 logarithm of [`UNITS`].
+const HALVINGS: usize = 7;
+/// Most cubes that add up.
+const MAX_CUBES: usize = 64;
 
 impl Coverage for CubeBackend {
     fn visible_motion(
@@ -27,14 +35,15 @@ impl Coverage for CubeBackend {
         Self::visible_motion_and_gradient(extents, splats, picture, far).0
     }
 
-    fn nearness(
+    fn floater_cost(
         opacity_logits: CubeTensor,
         splats: CubeTensor,
         motion: CubeTensor,
         picture: PictureSize,
+        weights: FloaterWeights,
         moves: bool,
     ) -> CubeTensor {
-        Self::nearness_and_gradient(opacity_logits, splats, motion, picture, moves).0
+        Self::floater_cost_and_gradient(opacity_logits, splats, motion, picture, weights, moves).0
     }
 }
 
@@ -64,44 +73,61 @@ impl CoverageVjp for CubeBackend {
         (CubeBackend::float_sum(costs), slopes)
     }
 
-    fn nearness_and_gradient(
+    fn floater_cost_and_gradient(
         opacity_logits: CubeTensor,
         splats: CubeTensor,
         motion: CubeTensor,
         picture: PictureSize,
+        weights: FloaterWeights,
         moves: bool,
     ) -> (CubeTensor, CubeTensor) {
         let [logits, splats, motion] = [opacity_logits, splats, motion].map(contiguous);
         let [n] = dims::<1>(&logits);
         let client = logits.client.clone();
-        let (count, dim) = units(&client, n);
-        let covered = uninitialised(&logits, [n, 2]);
-        covered_kernel::launch(
-            &client,
-            count.clone(),
-            dim,
-            arg(&splats),
-            arg(&covered),
-            launched(picture),
-            n as u32,
+        let n_cubes = n.div_ceil(UNITS).min(MAX_CUBES);
+        let (count, dim) = (
+            calculate_cubes(&client, n_cubes),
+            CubeDim::new_1d(UNITS as u32),
         );
-        let sums = contiguous(CubeBackend::float_sum_dim(covered, 0));
-        let (costs, slopes) = (uninitialised(&logits, [n]), uninitialised(&logits, [n]));
-        nearness_kernel::launch(
+        let covered = uninitialised(&logits, [n_cubes, 2]);
+        let counts_nearness = weights.nearness > 0.0;
+        if counts_nearness {
+            covered_kernel::launch(
+                &client,
+                count.clone(),
+                dim,
+                arg(&splats),
+                arg(&covered),
+                launched(picture),
+                n as u32,
+                n_cubes as u32,
+            );
+        }
+        let (costs, slopes) = (
+            uninitialised(&logits, [n_cubes]),
+            uninitialised(&logits, [n]),
+        );
+        floater_kernel::launch(
             &client,
             count,
             dim,
             arg(&logits),
             arg(&splats),
             arg(&motion),
-            arg(&sums),
+            arg(&covered),
             arg(&costs),
             arg(&slopes),
             launched(picture),
+            WeightsLaunch::new(weights.opacity / n as f32, weights.nearness),
             n as u32,
+            n_cubes as u32,
             moves,
+            counts_nearness,
         );
-        (CubeBackend::float_sum(costs), slopes)
+        let cost = uninitialised(&logits, [1]);
+        let (count, dim) = units(&client, 1);
+        total_kernel::launch(&client, count, dim, arg(&costs), arg(&cost), n_cubes as u32);
+        (cost, slopes)
     }
 }
 
@@ -132,7 +158,7 @@ struct Drawn {
 fn drawn(
     splats: &[f32], // [N, C]
     row: usize,
-    picture: Picture,
+    picture: &Picture,
 ) -> Drawn {
     let first = row * N_COLUMNS;
     let (a, b, c) = (
@@ -185,7 +211,7 @@ fn visible_motion_kernel(
     if ABSOLUTE_POS >= n as usize {
         terminate!();
     }
-    let drawn = drawn(splats, ABSOLUTE_POS, picture);
+    let drawn = drawn(splats, ABSOLUTE_POS, &picture);
     let extent = extents[ABSOLUTE_POS];
     let sound = is_finite(extent);
     let weight = select(sound, drawn.opacity * drawn.share, 0.0f32);
@@ -195,53 +221,144 @@ fn visible_motion_kernel(
     slopes[ABSOLUTE_POS] = weight * drawn.scale / damped / damped;
 }
 
-/// What each Gaussian covers, and the same times its disparity.
+/// Adds up two runs of [`UNITS`] values, each into its first.
+#[cube]
+fn add_up(values: &mut Shared<[f32]>, // [2 * UNITS]
+) {
+    let unit = UNIT_POS as usize;
+    // What all units wrote is read.
+    sync_cube();
+    let mut half = comptime!(UNITS / 2).runtime();
+    for _ in 0..HALVINGS {
+        if unit < half {
+            let (first, second) = (values[unit + half], values[UNITS + unit + half]);
+            values[unit] += first;
+            values[UNITS + unit] += second;
+        }
+        half /= 2;
+        // The next half is read by other units.
+        sync_cube();
+    }
+}
+
+/// What each cube's Gaussians cover, and the same times their disparities.
 #[cube(launch)]
 fn covered_kernel(
     splats: &[f32],      // [N, C]
-    covered: &mut [f32], // [N, 2]
+    covered: &mut [f32], // [cubes, 2]
     picture: Picture,
     n: u32,
+    n_cubes: u32,
 ) {
-    if ABSOLUTE_POS >= n as usize {
-        terminate!();
+    let mut sums = Shared::<[f32]>::new_slice(comptime!(2 * UNITS));
+    let unit = UNIT_POS as usize;
+    let mut covers = 0.0f32;
+    let mut near = 0.0f32;
+    let mut row = CUBE_POS * UNITS + unit;
+    while row < n as usize {
+        let drawn = drawn(splats, row, &picture);
+        covers += drawn.opacity * drawn.inside;
+        near += drawn.opacity * drawn.inside * drawn.scale;
+        row += n_cubes as usize * UNITS;
     }
-    let drawn = drawn(splats, ABSOLUTE_POS, picture);
-    let covers = drawn.opacity * drawn.inside;
-    covered[2 * ABSOLUTE_POS] = covers;
-    covered[2 * ABSOLUTE_POS + 1] = covers * drawn.scale;
+    sums[unit] = covers;
+    sums[UNITS + unit] = near;
+    add_up(&mut sums);
+    if unit == 0 && CUBE_POS < n_cubes as usize {
+        covered[2 * CUBE_POS] = sums[0usize];
+        covered[2 * CUBE_POS + 1] = sums[UNITS];
+    }
 }
 
-#[cube(launch)]
-fn nearness_kernel(
-    logits: &[f32],     // [N]
-    splats: &[f32],     // [N, C]
-    motion: &[f32],     // [N]
-    sums: &[f32],       // [2]
-    costs: &mut [f32],  // [N]
-    slopes: &mut [f32], // [N]
-    picture: Picture,
-    n: u32,
+/// Weight of an opacity, and of nearness.
+#[derive(CubeType, CubeLaunch, Clone, Copy)]
+struct Weights {
+    opacity: f32,
+    nearness: f32,
+}
+
+/// What a Gaussian's opacity costs for being near.
+#[cube]
+fn nearness(
+    splats: &[f32], // [N, C]
+    motion: &[f32], // [N]
+    row: usize,
+    typical: f32,
+    picture: &Picture,
     #[comptime] moves: bool,
-) {
-    if ABSOLUTE_POS >= n as usize {
-        terminate!();
-    }
-    let drawn = drawn(splats, ABSOLUTE_POS, picture);
-    let typical = sums[1] / sums[0];
-    let logit = logits[ABSOLUTE_POS];
+) -> f32 {
+    let drawn = drawn(splats, row, picture);
     let mut moved = 0.0f32;
     if comptime!(moves) {
-        moved = motion[ABSOLUTE_POS];
+        moved = motion[row];
     }
-    let sound = is_finite(logit) && is_finite(typical) && typical > 0.0f32;
     let moved = select(is_finite(moved), moved, 0.0f32) * drawn.scale;
     let ratio = drawn.scale / typical;
     let near = f32::clamp(ratio * ratio - NEAR * NEAR, 0.0f32, NEAREST);
     let weight = drawn.inside * near / (1.0f32 + moved / AT_REST);
-    let weight = select(sound, weight, 0.0f32);
-    let opacity = 1.0f32 / (1.0f32 + (-logit).exp());
-    let opacity = select(sound, opacity, 0.0f32);
-    costs[ABSOLUTE_POS] = opacity * weight;
-    slopes[ABSOLUTE_POS] = opacity * (1.0f32 - opacity) * weight;
+    select(is_finite(typical) && typical > 0.0f32, weight, 0.0f32)
+}
+
+#[cube(launch)]
+fn floater_kernel(
+    logits: &[f32],     // [N]
+    splats: &[f32],     // [N, C]
+    motion: &[f32],     // [N]
+    covered: &[f32],    // [cubes, 2]
+    costs: &mut [f32],  // [cubes]
+    slopes: &mut [f32], // [N]
+    picture: Picture,
+    weights: Weights,
+    n: u32,
+    n_cubes: u32,
+    #[comptime] moves: bool,
+    #[comptime] counts_nearness: bool,
+) {
+    let mut sums = Shared::<[f32]>::new_slice(comptime!(2 * UNITS));
+    let unit = UNIT_POS as usize;
+    let mut typical = 0.0f32;
+    if comptime!(counts_nearness) {
+        let mut all = 0.0f32;
+        let mut near = 0.0f32;
+        for cube in 0..n_cubes as usize {
+            all += covered[2 * cube];
+            near += covered[2 * cube + 1];
+        }
+        typical = near / all;
+    }
+    let mut cost = 0.0f32;
+    let mut row = CUBE_POS * UNITS + unit;
+    while row < n as usize {
+        let logit = logits[row];
+        let mut weight = weights.opacity;
+        if comptime!(counts_nearness) {
+            weight += weights.nearness * nearness(splats, motion, row, typical, &picture, moves);
+        }
+        let sound = is_finite(logit);
+        let opacity = select(sound, 1.0f32 / (1.0f32 + (-logit).exp()), 0.0f32);
+        cost += opacity * weight;
+        slopes[row] = opacity * (1.0f32 - opacity) * weight;
+        row += n_cubes as usize * UNITS;
+    }
+    sums[unit] = cost;
+    sums[UNITS + unit] = 0.0f32;
+    add_up(&mut sums);
+    if unit == 0 && CUBE_POS < n_cubes as usize {
+        costs[CUBE_POS] = sums[0usize];
+    }
+}
+
+#[cube(launch)]
+fn total_kernel(
+    costs: &[f32],    // [cubes]
+    cost: &mut [f32], // [1]
+    n_cubes: u32,
+) {
+    if ABSOLUTE_POS == 0 {
+        let mut sum = 0.0f32;
+        for cube in 0..n_cubes as usize {
+            sum += costs[cube];
+        }
+        cost[0usize] = sum;
+    }
 }

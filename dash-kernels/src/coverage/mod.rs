@@ -105,20 +105,33 @@ pub fn visible_motion(
     )))
 }
 
-/// How much of a picture Gaussians cover from nearer than half of the typical distance: the sum over them of opacity, times
-/// the share of the picture under each, times what the square of its disparity has above that of [`NEAR`] (at most
-/// [`NEAREST`]), in units of the mean disparity of what they cover. A Gaussian larger than the picture counts by the
+/// What [`floater_cost`] is made of.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct FloaterWeights {
+    /// Weight of the mean opacity.
+    pub opacity: f32,
+    /// Weight of nearness.
+    pub nearness: f32,
+}
+
+/// What floaters cost: the weighted sum of the mean opacity of all Gaussians, and of nearness.
+///
+/// Nearness is how much of a picture Gaussians cover from nearer than half of the typical distance: the sum over them of
+/// opacity, times the share of the picture under each, times what the square of its disparity has above that of [`NEAR`] (at
+/// most [`NEAREST`]), in units of the mean disparity of what they cover. A Gaussian larger than the picture counts by the
 /// part of it that lies inside: such are backgrounds. Zero where nothing is drawn.
 ///
 /// A floater between the camera and the scene, as dark as the background, changes no training picture, but darkens
-/// novel views between them. What moves is followed and must stay visible: it pays the less the more its `motion`.
+/// novel views between them. What moves is followed and must stay visible: it pays the less for being near the more its
+/// `motion`.
 ///
 /// # Shapes
 /// `opacity_logits [N]`, `splats [N, C]` as [`project`](crate::project::project) packs them, `motion [N]` in world units
 /// (`None`: all rest) `-> [1]`.
 ///
 /// # Gradient
-/// To the logits; splats and motion are constants. Motion that is not finite counts as none.
+/// To the logits; splats and motion are constants. Motion that is not finite counts as none; a logit that is not finite
+/// costs nothing.
 ///
 /// # Errors
 /// [`KernelError::Shape`] when rows or columns differ.
@@ -126,7 +139,7 @@ pub fn visible_motion(
 /// # Example
 /// ```
 /// use burn::tensor::{Device, Tensor};
-/// use dash_kernels::{Camera, coverage::nearness, splats};
+/// use dash_kernels::{Camera, coverage::{FloaterWeights, floater_cost}, splats};
 ///
 /// let device = Device::flex();
 /// let camera = Camera::from_fov_x(1.0, 20, 10);
@@ -138,32 +151,35 @@ pub fn visible_motion(
 ///     (splat[splats::RADIUS_X], splat[splats::RADIUS_Y]) = (4.0, 4.0);
 ///     splat
 /// };
-/// let cost_of = |depths: [f32; 3]| {
+/// let cost_of = |depths: [f32; 3], opacity| {
 ///     let rows = depths.map(splat).concat();
 ///     let splats = Tensor::<1>::from_floats(rows.as_slice(), &device).reshape([3, splats::N_COLUMNS]);
-///     let cost = nearness(Tensor::zeros([3], &device), splats, None, &camera)?;
+///     let weights = FloaterWeights { opacity, nearness: 1.0 };
+///     let cost = floater_cost(Tensor::zeros([3], &device), splats, None, &camera, weights)?;
 ///     Ok::<f32, dash_kernels::KernelError>(cost.into_scalar())
 /// };
 /// // All at about one distance, and one at a tenth of it.
-/// assert_eq!(cost_of([1.0, 1.1, 0.9])?, 0.0);
-/// assert!(cost_of([1.0, 1.1, 0.1])? > 0.0);
+/// assert_eq!(cost_of([1.0, 1.1, 0.9], 0.0)?, 0.0);
+/// assert_eq!(cost_of([1.0, 1.1, 0.9], 0.5)?, 0.25);
+/// assert!(cost_of([1.0, 1.1, 0.1], 0.0)? > 0.0);
 /// # Ok::<(), Box<dyn std::error::Error>>(())
 /// ```
-pub fn nearness(
+pub fn floater_cost(
     opacity_logits: Tensor<1>,
     splats: Tensor<2>,
     motion: Option<Tensor<1>>,
     camera: &Camera,
+    weights: FloaterWeights,
 ) -> Result<Tensor<1>, KernelError> {
     let [n] = opacity_logits.dims();
-    check_rows("nearness", &splats, n)?;
+    check_rows("floater_cost", &splats, n)?;
     if let Some(found) = motion
         .as_ref()
         .map(Tensor::dims)
         .filter(|&dims| dims != [n])
     {
         return Err(KernelError::Shape {
-            op: "nearness",
+            op: "floater_cost",
             tensor: "motion",
             expected: format!("[{n}]"),
             found: found.to_vec(),
@@ -175,11 +191,12 @@ pub fn nearness(
     let moves = motion.is_some();
     // Something has to be bound in its place, and is not looked at.
     let motion = motion.unwrap_or_else(|| opacity_logits.clone());
-    Ok(Tensor::from_dispatch(Dispatch::nearness(
+    Ok(Tensor::from_dispatch(Dispatch::floater_cost(
         opacity_logits.into_dispatch(),
         splats.into_dispatch(),
         motion.into_dispatch(),
         PictureSize::of(camera),
+        weights,
         moves,
     )))
 }
@@ -207,12 +224,13 @@ pub trait Coverage: Backend {
         far: f32,
     ) -> FloatTensor<Self>;
 
-    /// See [`nearness`]; shapes have been checked. Where nothing `moves`, the motion is not looked at.
-    fn nearness(
+    /// See [`floater_cost`]; shapes have been checked. Where nothing `moves`, the motion is not looked at.
+    fn floater_cost(
         opacity_logits: FloatTensor<Self>,
         splats: FloatTensor<Self>,
         motion: FloatTensor<Self>,
         picture: PictureSize,
+        weights: FloaterWeights,
         moves: bool,
     ) -> FloatTensor<Self>;
 }
@@ -228,11 +246,12 @@ pub trait CoverageVjp: Coverage {
     ) -> (FloatTensor<Self>, FloatTensor<Self>);
 
     /// The cost `[1]`, and its gradient to the logits `[N]`.
-    fn nearness_and_gradient(
+    fn floater_cost_and_gradient(
         opacity_logits: FloatTensor<Self>,
         splats: FloatTensor<Self>,
         motion: FloatTensor<Self>,
         picture: PictureSize,
+        weights: FloaterWeights,
         moves: bool,
     ) -> (FloatTensor<Self>, FloatTensor<Self>);
 }
@@ -247,14 +266,15 @@ impl<B: HostBackend> Coverage for B {
         B::visible_motion_and_gradient(extents, splats, picture, far).0
     }
 
-    fn nearness(
+    fn floater_cost(
         opacity_logits: FloatTensor<B>,
         splats: FloatTensor<B>,
         motion: FloatTensor<B>,
         picture: PictureSize,
+        weights: FloaterWeights,
         moves: bool,
     ) -> FloatTensor<B> {
-        B::nearness_and_gradient(opacity_logits, splats, motion, picture, moves).0
+        B::floater_cost_and_gradient(opacity_logits, splats, motion, picture, weights, moves).0
     }
 }
 
@@ -274,19 +294,21 @@ impl<B: HostBackend> CoverageVjp for B {
         )
     }
 
-    fn nearness_and_gradient(
+    fn floater_cost_and_gradient(
         opacity_logits: FloatTensor<B>,
         splats: FloatTensor<B>,
         motion: FloatTensor<B>,
         picture: PictureSize,
+        weights: FloaterWeights,
         moves: bool,
     ) -> (FloatTensor<B>, FloatTensor<B>) {
         let [n] = dims::<1>(&opacity_logits);
-        let (cost, gradient) = cpu::nearness(
+        let (cost, gradient) = cpu::floater_cost(
             &B::values(&opacity_logits),
             &B::values(&splats),
             moves.then_some(&*B::values(&motion)),
             picture,
+            weights,
         );
         (
             B::tensor(vec![cost], [1], &opacity_logits),

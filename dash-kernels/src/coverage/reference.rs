@@ -1,6 +1,6 @@
 //! Costs by coverage in f64, straight from their definition.
 
-use super::{AT_REST, NEAR, NEAREST, PictureSize};
+use super::{AT_REST, FloaterWeights, NEAR, NEAREST, PictureSize};
 use crate::splats::{
     CONIC_A, CONIC_B, CONIC_C, DEPTH, MEAN_X, MEAN_Y, N_COLUMNS, OPACITY, RADIUS_X, RADIUS_Y,
 };
@@ -56,31 +56,34 @@ pub fn visible_motion(
     (cost, gradient)
 }
 
-/// The cost and its gradient to the logits. See [`nearness`](super::nearness).
-pub fn nearness(
+/// The cost and its gradient to the logits. See [`floater_cost`](super::floater_cost).
+pub fn floater_cost(
     opacity_logits: &[f64],
     splats: &[f64],
     motion: &[f64],
     picture: PictureSize,
+    weights: FloaterWeights,
 ) -> (f64, Vec<f64>) {
     let splats = splats.chunks_exact(N_COLUMNS);
     let drawn: Vec<_> = splats.map(|splat| drawn(splat, picture)).collect();
     let covered = |d: &Drawn| d.opacity * d.share * d.inside;
     let all: f64 = drawn.iter().flatten().map(covered).sum();
     let near: f64 = drawn.iter().flatten().map(|d| covered(d) * d.scale).sum();
-    if all <= 0.0 {
-        return (0.0, vec![0.0; opacity_logits.len()]);
-    }
-    let typical = near / all;
-    let mut cost = 0.0;
-    let rows = opacity_logits.iter().zip(motion).zip(&drawn);
-    let gradient = rows.map(|((logit, motion), drawn)| {
-        let Some(drawn) = drawn else {
-            return 0.0;
-        };
+    let nearness = |drawn: &Drawn, motion: f64| {
+        let typical = near / all;
         let near = (drawn.scale / typical).powi(2) - f64::from(NEAR).powi(2);
         let rests = 1.0 / (1.0 + motion * drawn.scale / f64::from(AT_REST));
-        let weight = drawn.share * drawn.inside * near.clamp(0.0, f64::from(NEAREST)) * rests;
+        drawn.share * drawn.inside * near.clamp(0.0, f64::from(NEAREST)) * rests
+    };
+    let share = f64::from(weights.opacity) / opacity_logits.len() as f64;
+    let mut cost = 0.0;
+    let rows = opacity_logits.iter().zip(motion).zip(&drawn);
+    let gradient = rows.map(|((logit, &motion), drawn)| {
+        let near = match drawn {
+            Some(drawn) if all > 0.0 => nearness(drawn, motion),
+            _ => 0.0,
+        };
+        let weight = share + f64::from(weights.nearness) * near;
         let opacity = 1.0 / (1.0 + (-logit).exp());
         cost += opacity * weight;
         opacity * (1.0 - opacity) * weight

@@ -1,7 +1,7 @@
 use burn::tensor::{Device, Tensor};
 use rand::Rng;
 
-use super::{PictureSize, cpu, nearness, reference, visible_motion};
+use super::{FloaterWeights, PictureSize, cpu, floater_cost, reference, visible_motion};
 use crate::Camera;
 use crate::splats::*;
 use crate::testing::{
@@ -10,6 +10,22 @@ use crate::testing::{
 };
 
 const FAR: f32 = 0.05;
+const NEARNESS: FloaterWeights = FloaterWeights {
+    opacity: 0.0,
+    nearness: 1.0,
+};
+/// Nearness alone, opacity alone, both.
+const WEIGHTS: [FloaterWeights; 3] = [
+    NEARNESS,
+    FloaterWeights {
+        opacity: 0.7,
+        nearness: 0.0,
+    },
+    FloaterWeights {
+        opacity: 0.3,
+        nearness: 2.0,
+    },
+];
 
 fn camera() -> Camera {
     Camera::from_fov_x(1.2, 160, 90)
@@ -82,19 +98,22 @@ fn reference_gradients_match_central_differences() {
     });
     assert_close("extents", &gradient, &expected, 1e-9, DIFFERENCES_RELATIVE);
     let (logits, motion) = (normals(&mut rng(3), n), to_f64(&motions(4, n)));
-    let (cost, gradient) = reference::nearness(&logits, &splats, &motion, picture);
-    let expected = central_differences(&logits, 1e-5, |logits| {
-        reference::nearness(logits, &splats, &motion, picture).0
-    });
-    assert!(cost > 0.0);
-    assert_close("logits", &gradient, &expected, 1e-9, DIFFERENCES_RELATIVE);
+    for weights in WEIGHTS {
+        let (cost, gradient) = reference::floater_cost(&logits, &splats, &motion, picture, weights);
+        let expected = central_differences(&logits, 1e-5, |logits| {
+            reference::floater_cost(logits, &splats, &motion, picture, weights).0
+        });
+        assert!(cost > 0.0);
+        assert_close("logits", &gradient, &expected, 1e-9, DIFFERENCES_RELATIVE);
+    }
 }
 
 #[test]
 fn backends_match_the_reference() {
     let picture = PictureSize::of(&camera());
     for device in devices() {
-        for (seed, n) in [(1, 1), (2, 40), (3, 5_000)] {
+        // The last are more than all cubes have units.
+        for (seed, n) in [(1, 1), (2, 40), (3, 5_000), (4, 20_000)] {
             let name = format!("{device:?}, {n} rows");
             let rows = splats(seed, n);
             let (extents, motion) = (motions(seed + 10, n), motions(seed + 20, n));
@@ -110,14 +129,17 @@ fn backends_match_the_reference() {
             assert_close(&name, &[f64::from(found.0)], &[expected.0], 1e-9, 1e-5);
             assert_agrees(&name, &found.1, &expected.1);
 
-            let found = on_device(&logits, &device, |logits, device| {
-                let splats = tensor(&rows, [n, N_COLUMNS], device);
-                let motion = tensor(&motion, [n], device);
-                nearness(logits, splats, Some(motion), &camera()).expect("fits")
-            });
-            let expected = reference::nearness(&to_f64(&logits), &wide, &to_f64(&motion), picture);
-            assert_close(&name, &[f64::from(found.0)], &[expected.0], 1e-9, 1e-5);
-            assert_agrees(&name, &found.1, &expected.1);
+            for weights in WEIGHTS {
+                let found = on_device(&logits, &device, |logits, device| {
+                    let splats = tensor(&rows, [n, N_COLUMNS], device);
+                    let motion = Some(tensor(&motion, [n], device));
+                    floater_cost(logits, splats, motion, &camera(), weights).expect("fits")
+                });
+                let (logits, motion) = (to_f64(&logits), to_f64(&motion));
+                let expected = reference::floater_cost(&logits, &wide, &motion, picture, weights);
+                assert_close(&name, &[f64::from(found.0)], &[expected.0], 1e-9, 1e-5);
+                assert_agrees(&name, &found.1, &expected.1);
+            }
         }
     }
 }
@@ -130,7 +152,7 @@ fn what_moves_pays_less_for_being_near() {
         let cost = |motion: Option<f32>| {
             let motion = motion.map(|by| Tensor::full([n], by, &device));
             let logits = Tensor::zeros([n], &device);
-            values(nearness(logits, splats(), motion, &camera()).expect("fits"))[0]
+            values(floater_cost(logits, splats(), motion, &camera(), NEARNESS).expect("fits"))[0]
         };
         let (resting, still, moving) = (cost(None), cost(Some(0.0)), cost(Some(0.1)));
         assert_eq!(resting, still);
@@ -155,7 +177,8 @@ fn whatever_is_in_a_row_costs_and_slopes_are_finite() {
                 });
                 let near = on_device(&logits, &device, |logits, device| {
                     let motion = Some(tensor(&extents, [n], device));
-                    nearness(logits, splats(device), motion, &camera()).expect("fits")
+                    let weights = WEIGHTS[2];
+                    floater_cost(logits, splats(device), motion, &camera(), weights).expect("fits")
                 });
                 for (name, (cost, slopes)) in [("moved", moved), ("near", near)] {
                     let name = format!("{device:?}, {name}, column {column}, {poison}");
@@ -172,12 +195,14 @@ fn nothing_drawn_costs_nothing() {
     for device in devices() {
         let splats = Tensor::zeros([3, N_COLUMNS], &device);
         let numbers = || Tensor::ones([3], &device);
-        let near = nearness(numbers(), splats.clone(), None, &camera()).expect("fits");
+        let near = floater_cost(numbers(), splats.clone(), None, &camera(), NEARNESS);
+        let near = near.expect("fits");
         let moved = visible_motion(numbers(), splats, &camera(), FAR).expect("fits");
         assert_eq!([values(near), values(moved)], [[0.0], [0.0]]);
         let none = || Tensor::<1>::zeros([0], &device);
         let no_splats = Tensor::zeros([0, N_COLUMNS], &device);
-        let near = nearness(none(), no_splats.clone(), None, &camera()).expect("fits");
+        let near = floater_cost(none(), no_splats.clone(), None, &camera(), WEIGHTS[2]);
+        let near = near.expect("fits");
         let moved = visible_motion(none(), no_splats, &camera(), FAR).expect("fits");
         assert_eq!([values(near), values(moved)], [[0.0], [0.0]]);
     }
@@ -192,7 +217,10 @@ fn any_number_of_threads_gives_the_same_bits() {
         all(cpu::visible_motion(&extents, &rows, picture, FAR))
     });
     assert_same_for_any_thread_count("near", || {
-        all(cpu::nearness(&logits, &rows, Some(&extents), picture))
+        let motion = Some(&*extents);
+        all(cpu::floater_cost(
+            &logits, &rows, motion, picture, WEIGHTS[2],
+        ))
     });
 }
 
@@ -203,8 +231,9 @@ fn other_shapes_and_distances_are_refused() {
         let numbers = |n: usize| Tensor::<1>::zeros([n], &device);
         let camera = camera();
         assert!(visible_motion(numbers(2), rows(3), &camera, FAR).is_err());
-        assert!(nearness(numbers(2), rows(3), None, &camera).is_err());
-        assert!(nearness(numbers(3), rows(3), Some(numbers(2)), &camera).is_err());
+        let near = |n, motion| floater_cost(numbers(n), rows(3), motion, &camera, NEARNESS);
+        assert!(near(2, None).is_err() && near(3, Some(numbers(2))).is_err());
+        assert!(near(3, Some(numbers(3))).is_ok());
         for far in [0.0, -1.0, f32::NAN] {
             assert!(visible_motion(numbers(3), rows(3), &camera, far).is_err());
         }

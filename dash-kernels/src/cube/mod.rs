@@ -138,6 +138,13 @@ pub(crate) fn units(client: &Client, n: usize) -> (CubeCount, CubeDim) {
     )
 }
 
+/// Groups of `each` buffers that a kernel can be given at once besides `others`; at most `most`. WebGPU promises 8 buffers, other
+/// devices have more.
+pub(crate) fn at_once(client: &Client, each: usize, others: usize, most: usize) -> usize {
+    let bindings = client.properties().hardware.max_bindings as usize;
+    (bindings.saturating_sub(others) / each).clamp(1, most)
+}
+
 /// `n` cubes, spread over as many axes as the device needs.
 pub(crate) fn calculate_cubes(client: &Client, n: usize) -> CubeCount {
     cubecl::calculate_cube_count_elemwise(client, n, CubeDim::new_1d(1))

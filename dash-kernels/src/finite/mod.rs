@@ -12,12 +12,10 @@ use burn::tensor::Tensor;
 
 use crate::KernelError;
 use crate::host::HostBackend;
+use crate::tensor_list::TensorList;
 
 /// Value of the flag of a tensor that is not finite.
 pub const RAISED: f32 = 1.0;
-/// Tensors of a launch: WebGPU promises a kernel eight buffers, of which one holds the flags and one the uniforms.
-pub const AT_ONCE: usize = 6;
-
 /// A tensor that is searched, its flag, and where its rows are marked.
 #[derive(Debug, Clone)]
 pub struct Searched {
@@ -27,6 +25,8 @@ pub struct Searched {
     pub flag: usize,
     /// The place of the first row's mark among the flags, and values in a row; `None`: rows are not marked.
     pub marks: Option<(usize, usize)>,
+    /// The place among the flags that the first value is copied to, such as a loss to be read with them.
+    pub copy: Option<usize>,
 }
 
 /// Raises flags, to 1, where values are not finite, without reading anything back: flag `any` for all tensors together, each
@@ -40,7 +40,7 @@ pub struct Searched {
 /// `flags [F] -> [F]`, in place where nobody else holds their storage.
 ///
 /// # Errors
-/// [`KernelError::Shape`] when a flag or a mark lies behind the last of `flags`.
+/// [`KernelError::Shape`] when a flag, a mark or the place of a copy lies behind the last of `flags`.
 ///
 /// # Panics
 /// On tensors of an autodiff device, or of different devices.
@@ -55,6 +55,7 @@ pub struct Searched {
 ///     values: Tensor::from_floats(values, &device),
 ///     flag,
 ///     marks: Some((3, 2)),
+///     copy: None,
 /// };
 /// let tensors = [searched([1.0; 4], 1), searched([0.0, 0.0, 0.0, f32::NAN], 2)];
 /// // One flag for all, one for each tensor, and marks of two rows of two values.
@@ -72,7 +73,8 @@ pub fn raise_flags(
         let [n] = searched.values.dims();
         let marks = searched.marks;
         let end = marks.map_or(0, |(first, width)| first + n.div_ceil(width.max(1)));
-        end.max(searched.flag + 1)
+        let copied = searched.copy.map_or(0, |place| place + 1);
+        end.max(copied).max(searched.flag + 1)
     };
     let end = tensors.iter().map(end_of).fold(any + 1, usize::max);
     if end > n_flags {
@@ -83,23 +85,18 @@ pub fn raise_flags(
             found: vec![n_flags],
         });
     }
-    let is_empty = |searched: &Searched| searched.values.dims()[0] == 0;
-    let filled = tensors.iter().filter(|searched| !is_empty(searched));
-    let filled: Vec<&Searched> = filled.collect();
-    let mut flags = flags.into_dispatch();
-    for group in filled.chunks(AT_ONCE) {
-        // A short group repeats its last tensor.
-        let place = |k: usize| group[k.min(group.len() - 1)];
-        let tensor = |k: usize| place(k).values.clone().into_dispatch();
-        let [a, b, c, d, e, f] = std::array::from_fn(tensor);
-        let slots = Slots {
-            any,
-            n: group.len(),
-            flags: std::array::from_fn(|k| place(k).flag),
-            marks: std::array::from_fn(|k| place(k).marks.unwrap_or((0, 0))),
-        };
-        flags = Dispatch::raise_flags(a, b, c, d, e, f, flags, slots);
+    let is_filled = |searched: &&Searched| searched.values.dims()[0] > 0;
+    let filled = || tensors.iter().filter(is_filled);
+    let slots = Slots {
+        any,
+        each: filled().map(Slot::of).collect(),
+    };
+    if slots.each.is_empty() {
+        return Ok(flags);
     }
+    let tensors = filled().map(|searched| searched.values.clone().into_dispatch());
+    let tensors = TensorList(tensors.collect());
+    let flags = Dispatch::raise_flags(tensors, flags.into_dispatch(), slots);
     Ok(Tensor::from_dispatch(flags))
 }
 
@@ -129,6 +126,7 @@ pub fn all_finite(tensors: &[Tensor<1>]) -> Vec<bool> {
             values: values.clone(),
             flag,
             marks: None,
+            copy: None,
         })
         .collect();
     let flags = Tensor::zeros([tensors.len() + 1], &device);
@@ -139,31 +137,42 @@ pub fn all_finite(tensors: &[Tensor<1>]) -> Vec<bool> {
     flags.into_iter().map(|flag| flag != RAISED).collect()
 }
 
-/// Flags and marks of the tensors of a launch.
+/// Where a tensor's flag, marks and copy are.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Slot {
+    /// The tensor's flag.
+    pub flag: usize,
+    /// The first mark, and values in a row; 0 of these: rows are not marked.
+    pub marks: (usize, usize),
+    /// Where the first value is copied to.
+    pub copy: Option<usize>,
+}
+
+impl Slot {
+    fn of(searched: &Searched) -> Self {
+        Self {
+            flag: searched.flag,
+            marks: searched.marks.unwrap_or((0, 0)),
+            copy: searched.copy,
+        }
+    }
+}
+
+/// Those of all tensors.
+#[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Slots {
     /// The flag of all tensors together.
     pub any: usize,
-    /// Tensors that count; the others repeat the last of them.
-    pub n: usize,
-    /// The flag of each tensor.
-    pub flags: [usize; AT_ONCE],
-    /// The first mark of each tensor, and values in a row; 0 for rows that are not marked.
-    pub marks: [(usize, usize); AT_ONCE],
+    /// In the order of the tensors.
+    pub each: Vec<Slot>,
 }
 
 /// Dispatch of [`raise_flags`] over the enabled backends.
 #[backend_extension(Flex: cfg(feature = "flex"), NdArray: cfg(feature = "ndarray"), Cube: cfg(feature = "cube"))]
 pub trait RaiseFlags: Backend {
-    /// See [`raise_flags`]; no tensor is empty, and all flags and marks are there.
-    #[allow(clippy::too_many_arguments)]
+    /// See [`raise_flags`]; there is a tensor, none is empty, and all places are there.
     fn raise_flags(
-        a: FloatTensor<Self>,
-        b: FloatTensor<Self>,
-        c: FloatTensor<Self>,
-        d: FloatTensor<Self>,
-        e: FloatTensor<Self>,
-        f: FloatTensor<Self>,
+        #[extension_type] tensors: TensorList<Self>,
         flags: FloatTensor<Self>,
         slots: Slots,
     ) -> FloatTensor<Self>;
@@ -171,30 +180,29 @@ pub trait RaiseFlags: Backend {
 
 impl<B: HostBackend> RaiseFlags for B {
     fn raise_flags(
-        a: FloatTensor<B>,
-        b: FloatTensor<B>,
-        c: FloatTensor<B>,
-        d: FloatTensor<B>,
-        e: FloatTensor<B>,
-        f: FloatTensor<B>,
+        TensorList(tensors): TensorList<B>,
         flags: FloatTensor<B>,
         slots: Slots,
     ) -> FloatTensor<B> {
-        let tensors = [a, b, c, d, e, f];
-        let tensors = tensors.iter().take(slots.n).enumerate();
-        let broken: Vec<_> = tensors
-            .filter(|(_, tensor)| !cpu::all_finite(&B::values(tensor)))
-            .collect();
-        if broken.is_empty() {
+        let tensors = || tensors.iter().zip(&slots.each);
+        let is_broken = |tensor| !cpu::all_finite(&B::values(tensor));
+        let broken: Vec<bool> = tensors().map(|(tensor, _)| is_broken(tensor)).collect();
+        if !broken.contains(&true) && slots.each.iter().all(|slot| slot.copy.is_none()) {
             return flags;
         }
         let [flags] = B::change([flags], |[flags]| {
-            flags[slots.any] = RAISED;
-            for (k, tensor) in broken {
-                flags[slots.flags[k]] = RAISED;
-                let (first, width) = slots.marks[k];
-                for row in cpu::broken_rows(&B::values(tensor), width) {
-                    flags[first + row] = RAISED;
+            for ((tensor, slot), &is_broken) in tensors().zip(&broken) {
+                let values = B::values(tensor);
+                if let Some(place) = slot.copy {
+                    flags[place] = values[0];
+                }
+                if is_broken {
+                    flags[slots.any] = RAISED;
+                    flags[slot.flag] = RAISED;
+                    let (first, width) = slot.marks;
+                    for row in cpu::broken_rows(&values, width) {
+                        flags[first + row] = RAISED;
+                    }
                 }
             }
         });

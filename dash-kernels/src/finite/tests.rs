@@ -25,7 +25,7 @@ fn only_what_is_not_finite_is_told_and_only_of_its_tensor() {
             }
         }
         // As many as a launch takes, and one more or less.
-        for n in [0, 1, 5, 6, 7, 12, 13, tensors.len()] {
+        for n in [0, 1, 5, 6, 7, 23, 24, 25, tensors.len()] {
             let found = all_finite(&tensors[..n]);
             assert_eq!(found, expected[..n], "{device:?}, {n} tensors");
         }
@@ -82,6 +82,7 @@ fn rows_are_marked_and_flags_stay_raised() {
                         flag: 2 + k,
                         // The fourth has no marks.
                         marks: (k != 3).then_some((MARKS, width)),
+                        copy: None,
                     }
                 })
                 .collect()
@@ -101,18 +102,52 @@ fn rows_are_marked_and_flags_stay_raised() {
 }
 
 #[test]
+fn first_values_are_copied_beside_the_flags() {
+    for device in devices() {
+        // More tensors than a launch takes.
+        let searched: Vec<Searched> = (0..30)
+            .map(|k| Searched {
+                values: tensor(&[k as f32 + 0.5, 1.0], [2], &device),
+                flag: 1,
+                marks: None,
+                copy: (k % 2 == 0).then_some(2 + k),
+            })
+            .collect();
+        let found = raise_flags(Tensor::zeros([40], &device), &searched, 0).expect("fits");
+        let expected: Vec<f32> = (0..40)
+            .map(|place| match place {
+                2..32 if place % 2 == 0 => place as f32 - 1.5,
+                _ => 0.0,
+            })
+            .collect();
+        assert_eq!(values(found), expected, "{device:?}");
+        let lost = Searched {
+            values: tensor(&[f32::INFINITY], [1], &device),
+            flag: 0,
+            marks: None,
+            copy: Some(1),
+        };
+        let found = raise_flags(Tensor::zeros([2], &device), &[lost], 0).expect("fits");
+        assert_eq!(values(found), [RAISED, f32::INFINITY], "{device:?}");
+    }
+}
+
+#[test]
 fn flags_and_marks_that_are_not_there_are_refused() {
     for device in devices() {
         let zeros = |n: usize| Tensor::<1>::zeros([n], &device);
-        let raise = |n: usize, marks, any: usize, flag: usize| {
+        let raise_with = |n: usize, marks, any: usize, flag: usize, copy: Option<usize>| {
             let values = zeros(6);
             let searched = [Searched {
                 values,
                 flag,
                 marks,
+                copy,
             }];
             raise_flags(zeros(n), &searched, any).is_ok()
         };
+        let raise = |n, marks, any, flag| raise_with(n, marks, any, flag, None);
+        assert!(raise_with(4, None, 0, 1, Some(3)) && !raise_with(3, None, 0, 1, Some(3)));
         assert!(raise(2, None, 0, 1) && !raise(1, None, 0, 1) && !raise(2, None, 2, 0));
         assert!(raise(5, Some((2, 2)), 0, 1) && !raise(4, Some((2, 2)), 0, 1));
     }

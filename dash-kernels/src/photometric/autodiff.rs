@@ -1,11 +1,11 @@
 //! Backward node of [`photometric`](super::photometric).
 
-use burn::backend::Autodiff;
 use burn::backend::autodiff::checkpoint::{base::Checkpointer, strategy::CheckpointStrategy};
 use burn::backend::autodiff::grads::Gradients;
 use burn::backend::autodiff::ops::{Backward, Ops, OpsKind};
 use burn::backend::tensor::FloatTensor;
-use burn::tensor::{Shape, Slice};
+use burn::backend::{Autodiff, AutodiffBackend};
+use burn::tensor::Shape;
 
 use super::{PhotometricLoss, PhotometricVjp};
 
@@ -17,10 +17,9 @@ impl<B: PhotometricVjp> Backward<B, 1> for PhotometricBackward {
     type State = FloatTensor<B>;
 
     fn backward(self, ops: Ops<Self::State, 1>, grads: &mut Gradients, _: &mut Checkpointer) {
-        let v_both = grads.consume::<B>(&ops.node);
+        let v_loss = grads.consume::<B>(&ops.node);
         let [image] = ops.parents;
         if let Some(node) = image {
-            let v_loss = B::float_slice(v_both, &[Slice::from(0..1)]);
             let v_loss = B::float_reshape(v_loss, Shape::new([1, 1, 1]));
             grads.register::<B>(node.id, B::float_mul(ops.state, v_loss));
         }
@@ -32,7 +31,7 @@ impl<B: PhotometricVjp, C: CheckpointStrategy> PhotometricLoss for Autodiff<B, C
         image: FloatTensor<Self>,
         target: FloatTensor<Self>,
         dssim: f32,
-    ) -> FloatTensor<Self> {
+    ) -> (FloatTensor<Self>, FloatTensor<Self>) {
         let ((image, node), (target, _)) = (image.into_parts(), target.into_parts());
         match PhotometricBackward
             .prepare::<C>([node])
@@ -40,10 +39,13 @@ impl<B: PhotometricVjp, C: CheckpointStrategy> PhotometricLoss for Autodiff<B, C
             .stateful()
         {
             OpsKind::Tracked(prep) => {
-                let (both, gradient) = B::photometric_and_gradient(image, target, dssim);
-                prep.finish(gradient, both)
+                let ([loss, mse], gradient) = B::photometric_and_gradient(image, target, dssim);
+                (prep.finish(gradient, loss), Self::from_inner(mse))
             }
-            OpsKind::UnTracked(prep) => prep.finish(B::photometric(image, target, dssim)),
+            OpsKind::UnTracked(prep) => {
+                let (loss, mse) = B::photometric(image, target, dssim);
+                (prep.finish(loss), Self::from_inner(mse))
+            }
         }
     }
 }

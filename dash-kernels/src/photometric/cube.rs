@@ -8,8 +8,9 @@ use crate::cube::contiguous;
 use crate::ssim::cube::loss;
 
 impl PhotometricLoss for CubeBackend {
-    fn photometric(image: CubeTensor, target: CubeTensor, dssim: f32) -> CubeTensor {
-        Self::photometric_and_gradient(image, target, dssim).0
+    fn photometric(image: CubeTensor, target: CubeTensor, dssim: f32) -> (CubeTensor, CubeTensor) {
+        let ([loss, mse], _) = Self::photometric_and_gradient(image, target, dssim);
+        (loss, mse)
     }
 }
 
@@ -18,7 +19,7 @@ impl PhotometricVjp for CubeBackend {
         image: CubeTensor,
         target: CubeTensor,
         dssim: f32,
-    ) -> (CubeTensor, CubeTensor) {
+    ) -> ([CubeTensor; 2], CubeTensor) {
         loss::photometric(&contiguous(image), &contiguous(target), dssim)
     }
 }

@@ -85,38 +85,42 @@ pub fn photometric(
     let n_values = of_image.iter().product();
     let device = image.device();
     check_values("the image", n_values, "compare smaller ones", &device)?;
-    let both = Dispatch::photometric(image.into_dispatch(), target.into_dispatch(), dssim);
-    let both = Tensor::<1>::from_dispatch(both);
+    let (loss, mse) = Dispatch::photometric(image.into_dispatch(), target.into_dispatch(), dssim);
     Ok(Photometric {
-        loss: both.clone().narrow(0, 0, 1),
-        mse: both.detach().narrow(0, 1, 1),
+        loss: Tensor::from_dispatch(loss),
+        mse: Tensor::from_dispatch(mse),
     })
 }
 
 /// Dispatch of [`photometric`] over the enabled backends.
 #[backend_extension(Autodiff, Flex: cfg(feature = "flex"), NdArray: cfg(feature = "ndarray"), Cube: cfg(feature = "cube"))]
 pub trait PhotometricLoss: Backend {
-    /// Loss and mean squared error `[2]`; see [`photometric`]. Shapes and `dssim` have been checked.
+    /// Loss and mean squared error, `[1]` each; see [`photometric`]. Shapes and `dssim` have been checked.
     fn photometric(
-        image: FloatTensor<Self>,
-        target: FloatTensor<Self>,
-        dssim: f32,
-    ) -> FloatTensor<Self>;
-}
-
-/// The pullback of [`photometric`], which a backend has to implement for gradients.
-pub trait PhotometricVjp: PhotometricLoss {
-    /// Loss and mean squared error `[2]`, and the loss's gradient to the image, of the image's shape.
-    fn photometric_and_gradient(
         image: FloatTensor<Self>,
         target: FloatTensor<Self>,
         dssim: f32,
     ) -> (FloatTensor<Self>, FloatTensor<Self>);
 }
 
+/// The pullback of [`photometric`], which a backend has to implement for gradients.
+pub trait PhotometricVjp: PhotometricLoss {
+    /// Loss and mean squared error, `[1]` each, and the loss's gradient to the image, of the image's shape.
+    fn photometric_and_gradient(
+        image: FloatTensor<Self>,
+        target: FloatTensor<Self>,
+        dssim: f32,
+    ) -> ([FloatTensor<Self>; 2], FloatTensor<Self>);
+}
+
 impl<B: HostBackend> PhotometricLoss for B {
-    fn photometric(image: FloatTensor<B>, target: FloatTensor<B>, dssim: f32) -> FloatTensor<B> {
-        B::photometric_and_gradient(image, target, dssim).0
+    fn photometric(
+        image: FloatTensor<B>,
+        target: FloatTensor<B>,
+        dssim: f32,
+    ) -> (FloatTensor<B>, FloatTensor<B>) {
+        let ([loss, mse], _) = B::photometric_and_gradient(image, target, dssim);
+        (loss, mse)
     }
 }
 
@@ -125,7 +129,7 @@ impl<B: HostBackend> PhotometricVjp for B {
         image: FloatTensor<B>,
         target: FloatTensor<B>,
         dssim: f32,
-    ) -> (FloatTensor<B>, FloatTensor<B>) {
+    ) -> ([FloatTensor<B>; 2], FloatTensor<B>) {
         let (of_image, shape) = (dims::<3>(&image), dims::<3>(&target));
         let (all, target) = (B::values(&image), B::values(&target));
         let (wide, channels) = (of_image[2], shape[2]);
@@ -146,7 +150,7 @@ impl<B: HostBackend> PhotometricVjp for B {
             }
             (both, gradient)
         };
-        let both = B::tensor(both.to_vec(), [2], &image);
+        let both = both.map(|value| B::tensor(vec![value], [1], &image));
         (both, B::tensor(gradient, of_image, &image))
     }
 }

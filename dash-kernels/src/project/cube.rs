@@ -16,7 +16,7 @@ use burn_cubecl::CubeBackend;
 use burn_cubecl::tensor::CubeTensor;
 use cubecl::prelude::*;
 
-use crate::cube::{arg, contiguous, is_finite, uninitialised, units, zeros};
+use crate::cube::{arg, contiguous, is_finite, uninitialised, units};
 use crate::splats::{self, ALPHA_MIN, N_COLUMNS};
 
 use super::{Activation, GaussianTensors, Project, ProjectVjp, View};
@@ -86,7 +86,7 @@ impl ProjectVjp for CubeBackend {
         let others = form.n_coeffs - 1;
         // Bound even where they are not written to.
         let gradient = |width| match with_sh_coeffs && width > 0 {
-            true => zeros(&means, [n, width, 3]),
+            true => uninitialised(&means, [n, width, 3]),
             false => uninitialised(&means, [1, 1, 1]),
         };
         let (v_sh_dc, v_sh_rest) = (gradient(1), gradient(others));

@@ -148,8 +148,42 @@ pub(super) struct ShGradients {
     v_sh_rest: Box<[f32]>, // [N, K - 1, 3]
 }
 
+#[cube]
+impl ShGradients {
+    /// Those of Gaussian `i`, of a colour's gradient; zero beyond the degree.
+    fn write(
+        &mut self,
+        i: usize,
+        basis: &Array<f32>, // [MAX_BASIS]
+        v_colour: &Vec3,
+        #[comptime] form: Form,
+    ) {
+        let n_seen = comptime!(sh::N_COEFFS[form.sh_degree]);
+        v_colour.scaled(basis[0]).write(&mut self.v_sh_dc, i);
+        #[unroll]
+        for k in 1..comptime!(form.n_coeffs) {
+            let row = i * comptime!(form.n_coeffs - 1) + k - 1;
+            if comptime!(k < n_seen) {
+                v_colour.scaled(basis[k]).write(&mut self.v_sh_rest, row);
+            } else {
+                Vec3::zero().write(&mut self.v_sh_rest, row);
+            }
+        }
+    }
+
+    /// Those of Gaussian `i`, which is not seen.
+    pub fn write_zeros(&mut self, i: usize, #[comptime] form: Form) {
+        Vec3::zero().write(&mut self.v_sh_dc, i);
+        #[unroll]
+        for k in 1..comptime!(form.n_coeffs) {
+            let row = i * comptime!(form.n_coeffs - 1) + k - 1;
+            Vec3::zero().write(&mut self.v_sh_rest, row);
+        }
+    }
+}
+
 /// The pullback of [`colour`]: to the mean through the direction it is seen from. The coefficients' gradient is written
-/// to `v_sh` where it is asked for and `v_colour` is finite.
+/// to `v_sh` where it is asked for: zero where `v_colour` is not finite.
 #[cube]
 pub(super) fn colour_vjp(
     means: &[f32],   // [N, 3]
@@ -164,13 +198,12 @@ pub(super) fn colour_vjp(
     let offset = view.offset(&Vec3::read(means, i));
     let inverse_distance = 1.0f32 / offset.dot(&offset).sqrt();
     let direction = offset.scaled(inverse_distance);
-    if comptime!(with_sh_coeffs) && v_colour.is_finite() {
-        let basis = basis_at(&direction, form.sh_degree);
-        v_colour.scaled(basis[0]).write(&mut v_sh.v_sh_dc, i);
-        #[unroll]
-        for k in 1..comptime!(sh::N_COEFFS[form.sh_degree]) {
-            let row = i * comptime!(form.n_coeffs - 1) + k - 1;
-            v_colour.scaled(basis[k]).write(&mut v_sh.v_sh_rest, row);
+    if comptime!(with_sh_coeffs) {
+        if v_colour.is_finite() {
+            let basis = basis_at(&direction, form.sh_degree);
+            v_sh.write(i, &basis, v_colour, form);
+        } else {
+            v_sh.write_zeros(i, form);
         }
     }
     let mut v_mean = Vec3::zero();

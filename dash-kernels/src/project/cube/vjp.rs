@@ -129,5 +129,7 @@ pub(super) fn project_vjp_kernel(
         if f.drawn && own.is_finite() {
             own.write(&mut gradients, i);
         }
+    } else if comptime!(with_sh_coeffs) {
+        gradients.v_sh.write_zeros(i, form);
     }
 }

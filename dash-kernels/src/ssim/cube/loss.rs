@@ -19,13 +19,13 @@ const SUMS: usize = 3;
 /// Base-2 logarithm of [`UNITS`].
 const HALVINGS: usize = 8;
 
-/// Loss and mean squared error `[2]`, and the gradient of the loss to the image, of the image's shape. Both images are
-/// contiguous.
+/// Loss and mean squared error, `[1]` each, and the gradient of the loss to the image, of the image's shape. Both images
+/// are contiguous.
 pub(crate) fn photometric(
     image: &CubeTensor,  // [H, W, C + E]
     target: &CubeTensor, // [H, W, C]
     dssim: f32,
-) -> (CubeTensor, CubeTensor) {
+) -> ([CubeTensor; 2], CubeTensor) {
     let of_image = crate::host::dims::<3>(image);
     let shape = crate::host::dims::<3>(target);
     let [height, width, channels] = shape;
@@ -48,18 +48,19 @@ pub(crate) fn photometric(
         (1.0 - dssim) / n,
         n_tiles as u32,
     );
-    let both = uninitialised(image, [2]);
+    let [loss, mse] = [(); 2].map(|()| uninitialised(image, [1]));
     sum_kernel::launch(
         &client,
         CubeCount::new_single(),
         CubeDim::new_1d(UNITS as u32),
         arg(&sums),
-        arg(&both),
+        arg(&loss),
+        arg(&mse),
         n,
         dssim,
         n_tiles as u32,
     );
-    (both, v_image)
+    ([loss, mse], v_image)
 }
 
 #[cube(launch)]
@@ -217,7 +218,8 @@ fn add_up(values: &mut Shared<[f32]>, // [3 * UNITS] and more
 #[cube(launch)]
 fn sum_kernel(
     sums: &[f32],     // [tiles, 3]
-    both: &mut [f32], // [2]
+    loss: &mut [f32], // [1]
+    mse: &mut [f32],  // [1]
     n: f32,
     dssim: f32,
     n_tiles: u32,
@@ -240,7 +242,7 @@ fn sum_kernel(
     add_up(&mut values);
     if UNIT_POS == 0 {
         let unlike = 1.0f32 - values[0usize] / n;
-        both[0usize] = (1.0f32 - dssim) * (values[UNITS] / n) + dssim * unlike;
-        both[1usize] = values[comptime!(2 * UNITS)] / n;
+        loss[0usize] = (1.0f32 - dssim) * (values[UNITS] / n) + dssim * unlike;
+        mse[0usize] = values[comptime!(2 * UNITS)] / n;
     }
 }

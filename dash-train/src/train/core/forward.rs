@@ -18,7 +18,7 @@ pub struct Forward {
     pub static_splats: Tensor<2>,
     /// The same of the dynamic set, if there is one.
     pub dynamic_splats: Option<Tensor<2>>,
-    /// Zeros that were added to the splats of both sets, static ones first: their gradient is that of the splats.
+    /// Has the gradient of the splats of both sets, static ones first, after the backward pass.
     pub leaf: Tensor<2>,
     /// How far the method moves each static Gaussian over the clip `[N]`, world units.
     pub motion: Option<Tensor<1>>,

@@ -1,8 +1,6 @@
 //! The losses of Eqs. 6 and 12.
 
-use burn::tensor::activation::sigmoid;
 use burn::tensor::{Tensor, TensorData};
-use dash_model::Gaussians;
 
 /// Image and target `[H, W, C]`, both black where `counted [H * W]` is zero: what is there changes
 /// neither the loss nor any gradient.
@@ -40,35 +38,13 @@ pub(crate) fn static_motion(extents: Tensor<1>, is_static: &[bool], diagonal: f3
     (extents * weights).sum()
 }
 
-/// Mean opacity of a set; `None` of an empty one, which has no mean.
-pub(crate) fn opacity(set: &Gaussians) -> Option<Tensor<1>> {
-    // A sum: on GPUs Burn has few units work out a mean.
-    let share = 1.0 / set.len() as f64;
-    (!set.is_empty()).then(|| sigmoid(set.opacity_logits.val()).sum() * share)
-}
-
 #[cfg(test)]
 mod tests {
     use burn::tensor::Device;
     use dash_kernels::photometric::photometric;
-    use dash_model::GaussianRows;
 
     use super::*;
     use crate::train::core::to_host;
-
-    #[test]
-    fn an_empty_set_has_no_opacity_to_pay_for() {
-        let device = Device::flex();
-        let set = |n: usize| {
-            let points = vec![[0.0; 3]; n];
-            let mut rows = GaussianRows::from_points(&points, &points, 0, 0.1);
-            rows.opacity_logits = [0.0, 1e9].into_iter().cycle().take(n).collect();
-            opacity(&Gaussians::from_rows(&rows, &device)).map(|mean| to_host(mean)[0])
-        };
-        assert_eq!(set(0), None);
-        assert_eq!(set(1), Some(0.5));
-        assert_eq!(set(2), Some(0.75));
-    }
 
     #[test]
     fn weighted_errors_are_means_over_all_values() {

@@ -6,11 +6,12 @@
 use std::collections::BTreeSet;
 
 use burn::tensor::{Device, Tensor};
+use dash_kernels::adam::Stop;
 use dash_kernels::finite::{RAISED, Searched, raise_flags};
 use dash_kernels::limits::largest_buffer_bytes;
 
 use super::module_visit::Watched;
-use super::optimizer::{Stop, to_host};
+use super::optimizer::to_host;
 use super::sets::Set;
 use super::skipped::Place;
 
@@ -46,7 +47,6 @@ struct Numbers {
     /// For each of `capacity` steps a flag, for each a loss, for each a squared error; flags of tensors; marks of the rows of
     /// both sets, where the gradients are gone when this is read.
     values: Tensor<1>,
-    zero: Tensor<1>,
     capacity: usize,
     n_rows: [usize; 2],
     steps: Vec<(usize, String)>,
@@ -63,7 +63,6 @@ impl Numbers {
         let n = 3 * capacity + MAX_TENSORS + marks;
         Self {
             values: Tensor::zeros([n], device),
-            zero: Tensor::zeros([1], device),
             capacity,
             n_rows,
             steps: Vec::new(),
@@ -181,29 +180,30 @@ impl Notes {
             .unwrap_or_else(|| Numbers::new(self.every.max(1), n_rows, &device));
         let slot = numbers.steps.len();
         numbers.steps.push((step, view.to_string()));
-        let of_loss = Searched {
-            values: loss.clone(),
-            flag: slot,
-            marks: None,
-        };
+        // The loss and the squared error are noted beside the flags.
+        let of_losses = [loss, mse]
+            .into_iter()
+            .zip(1..)
+            .map(|(values, k)| Searched {
+                values,
+                flag: slot,
+                marks: None,
+                copy: Some(k * numbers.capacity + slot),
+            });
+        let mut searched: Vec<Searched> = of_losses.collect();
         let of_tensors = watched.iter().map(|watched| Searched {
             values: watched.values.clone(),
             flag: numbers.flag(watched),
             marks: numbers.marks(watched),
+            copy: None,
         });
-        let searched: Vec<Searched> = std::iter::once(of_loss).chain(of_tensors).collect();
+        searched.extend(of_tensors);
         // Nobody else holds the numbers: they change in place.
-        let mut values = numbers.values;
-        for (k, value) in [loss, mse].into_iter().enumerate() {
-            let place = (k + 1) * numbers.capacity + slot;
-            values = values.slice_assign(place..place + 1, value);
-        }
         numbers.values =
-            raise_flags(values, &searched, slot).expect("there is a flag for each tensor");
+            raise_flags(numbers.values, &searched, slot).expect("there is a flag for each tensor");
         let stop = Stop {
             flags: numbers.values.clone(),
-            place: slot,
-            zero: numbers.zero.clone(),
+            at: slot,
         };
         self.numbers = Some(numbers);
         stop

@@ -3,11 +3,11 @@
 #[cfg(test)]
 mod tests;
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, HashMap};
 
-use burn::module::{Module, ModuleMapper, Param};
+use burn::module::{Module, ModuleMapper, Param, ParamId};
 use burn::tensor::{Device, Gradients, Tensor, TensorData};
-use dash_kernels::adam::{AdamStep, Conditions, adam_step, adam_step_unless, typical_gradient};
+use dash_kernels::adam::{AdamStep, Parameter, Stop, adam_steps, typical_gradient};
 use dash_kernels::counts::note_read;
 use dash_model::gather_rows;
 use dash_model::parameters::{HostTensor, Path, named_parameters};
@@ -51,15 +51,8 @@ impl Moments {
         }
     }
 
-    /// One step of Adam on the parameter, flattened.
-    pub(crate) fn step(
-        self,
-        value: Tensor<1>,
-        gradient: Tensor<1>,
-        rate: Rate,
-        stop: Option<&Stop>,
-    ) -> (Tensor<1>, Self) {
-        let device = value.device();
+    /// The next step of Adam on the parameter, flattened.
+    fn parameter(self, value: Tensor<1>, gradient: Tensor<1>, rate: Rate) -> Parameter {
         let damping = (rate.damping > 0.0).then(|| {
             let (squares, steps) = match self.steps {
                 0 => (gradient.clone().powi_scalar(2), None),
@@ -68,7 +61,7 @@ impl Moments {
             let correction = steps.map_or(1.0, |steps| 1.0 - BETA2.powf(steps as f64));
             typical_gradient(squares, correction) * rate.damping
         });
-        let step = AdamStep {
+        let settings = AdamStep {
             learning_rate: f64::from(rate.rate),
             beta1: BETA1,
             beta2: BETA2,
@@ -76,52 +69,46 @@ impl Moments {
             step: self.steps + 1,
             skip_zero_grad: false,
         };
-        let stepped = match (stop, damping) {
-            (None, None) => adam_step(value, gradient, self.first, self.second, &step),
-            (stop, damping) => {
-                let stop = match stop {
-                    Some(stop) => stop.clone(),
-                    None => Stop::never(&device),
-                };
-                let conditions = Conditions {
-                    flags: stop.flags,
-                    stop: stop.place,
-                    damping: damping.unwrap_or(stop.zero),
-                };
-                adam_step_unless(value, gradient, self.first, self.second, &step, &conditions)
-            }
-        };
-        let (value, first, second) = stepped.expect(
-            "a parameter, its gradient and its moments have one shape, and rates are validated",
-        );
-        let moments = Self {
-            first,
-            second,
-            steps: step.step,
-        };
-        (value, moments)
-    }
-}
-
-/// A flag on the device that stops a step: where it is raised, nothing changes.
-#[derive(Debug, Clone)]
-pub(crate) struct Stop {
-    pub(super) flags: Tensor<1>,
-    pub(super) place: usize,
-    /// `[1]`, for parameters without damping.
-    pub(super) zero: Tensor<1>,
-}
-
-impl Stop {
-    /// A flag that nothing raises.
-    fn never(device: &Device) -> Self {
-        let zero = Tensor::zeros([1], device);
-        Self {
-            flags: zero.clone(),
-            place: 0,
-            zero,
+        Parameter {
+            param: value,
+            grad: gradient,
+            first_moment: self.first,
+            second_moment: self.second,
+            settings,
+            damping,
         }
     }
+
+    /// One step of Adam on the parameter, flattened.
+    pub(crate) fn step(
+        self,
+        value: Tensor<1>,
+        gradient: Tensor<1>,
+        rate: Rate,
+        stop: Option<&Stop>,
+    ) -> (Tensor<1>, Self) {
+        let stepped = stepped(vec![self.parameter(value, gradient, rate)], stop).pop();
+        stepped.expect("one parameter was given")
+    }
+}
+
+/// Parameters and moments after a step.
+fn stepped(parameters: Vec<Parameter>, stop: Option<&Stop>) -> Vec<(Tensor<1>, Moments)> {
+    let steps: Vec<u64> = parameters.iter().map(|p| p.settings.step).collect();
+    let stepped = adam_steps(parameters, stop).expect(
+        "a parameter, its gradient and its moments have one shape, and rates are validated",
+    );
+    let with_steps = stepped.into_iter().zip(steps);
+    with_steps
+        .map(|((value, first, second), steps)| {
+            let moments = Moments {
+                first,
+                second,
+                steps,
+            };
+            (value, moments)
+        })
+        .collect()
 }
 
 /// Adam over the named parameters of modules.
@@ -130,6 +117,18 @@ pub struct Optimizer {
     moments: BTreeMap<String, Moments>,
     /// What stops the present step, where the host does not know yet whether all is finite.
     pub(crate) stop: Option<Stop>,
+    /// Parameters taken out of modules for the present step.
+    taken: Vec<Taken>,
+    /// Their new values, and their shapes.
+    stepped: HashMap<ParamId, (Tensor<1>, Vec<usize>)>,
+}
+
+/// A parameter taken out of a module.
+struct Taken {
+    id: ParamId,
+    shape: Vec<usize>,
+    name: String,
+    parameter: Parameter,
 }
 
 impl Optimizer {
@@ -142,13 +141,48 @@ impl Optimizer {
         gradients: &mut Gradients,
         rate_of: impl Fn(&str) -> Rate,
     ) -> M {
+        let module = self.take(prefix, module, gradients, rate_of);
+        self.step_taken();
+        self.give_back(module)
+    }
+
+    /// Takes every parameter that has a gradient out of a module, for [`Optimizer::step_taken`]: all that is taken until then
+    /// takes its step at once. The module is of no use before [`Optimizer::give_back`], and nobody else should hold its
+    /// parameters: what is held elsewhere is copied.
+    pub fn take<M: Module>(
+        &mut self,
+        prefix: &str,
+        module: M,
+        gradients: &mut Gradients,
+        rate_of: impl Fn(&str) -> Rate,
+    ) -> M {
         let mut path = Path::default();
         path.enter(prefix, "");
-        module.map(&mut Stepper {
+        module.map(&mut Taker {
             path,
             optimizer: self,
             gradients,
             rate_of,
+        })
+    }
+
+    /// One step on all parameters that were taken.
+    pub fn step_taken(&mut self) {
+        let taken = std::mem::take(&mut self.taken).into_iter();
+        let (places, parameters): (Vec<_>, Vec<_>) = taken
+            .map(|taken| ((taken.id, taken.shape, taken.name), taken.parameter))
+            .unzip();
+        let stepped = stepped(parameters, self.stop.as_ref());
+        for ((id, shape, name), (value, moments)) in places.into_iter().zip(stepped) {
+            self.moments.insert(name, moments);
+            self.stepped.insert(id, (value, shape));
+        }
+    }
+
+    /// Puts the parameters that were taken out of a module back into it.
+    pub fn give_back<M: Module>(&mut self, module: M) -> M {
+        module.map(&mut Giver {
+            stepped: &mut self.stepped,
         })
     }
 
@@ -300,7 +334,7 @@ impl Optimizer {
         }
         Ok(Self {
             moments,
-            stop: None,
+            ..Self::default()
         })
     }
 }
@@ -319,14 +353,14 @@ pub(crate) fn to_host<const R: usize>(tensor: Tensor<R>) -> Vec<f32> {
         .unwrap_or_else(|error| panic!("training tensors are f32: {error:?}"))
 }
 
-struct Stepper<'a, F> {
+struct Taker<'a, F> {
     path: Path,
     optimizer: &'a mut Optimizer,
     gradients: &'a mut Gradients,
     rate_of: F,
 }
 
-impl<F: Fn(&str) -> Rate> ModuleMapper for Stepper<'_, F> {
+impl<F: Fn(&str) -> Rate> ModuleMapper for Taker<'_, F> {
     fn enter_module(&mut self, name: &str, container_type: &str) {
         self.path.enter(name, container_type);
     }
@@ -345,16 +379,34 @@ impl<F: Fn(&str) -> Rate> ModuleMapper for Stepper<'_, F> {
         let shape = tensor.dims();
         let n: usize = shape.iter().product();
         let value = tensor.inner().reshape([n]);
-        let gradient = gradient.reshape([n]);
-        let moments = self
-            .optimizer
-            .moments
-            .remove(&name)
-            .unwrap_or_else(|| Moments::of(&value));
-        let stop = self.optimizer.stop.as_ref();
-        let (value, moments) = moments.step(value, gradient, rate, stop);
-        self.optimizer.moments.insert(name, moments);
-        let updated = Tensor::from_inner(value.reshape(shape)).require_grad();
-        Param::from_mapped_value(id, updated, mapper)
+        let moments = self.optimizer.moments.remove(&name);
+        let moments = moments.unwrap_or_else(|| Moments::of(&value));
+        // What stands in its place has its shape no more: it must not hold its memory.
+        let hollow = Tensor::empty([1; D], &value.device());
+        self.optimizer.taken.push(Taken {
+            id,
+            shape: shape.to_vec(),
+            name,
+            parameter: moments.parameter(value, gradient.reshape([n]), rate),
+        });
+        Param::from_mapped_value(id, Tensor::from_inner(hollow), mapper)
+    }
+}
+
+struct Giver<'a> {
+    stepped: &'a mut HashMap<ParamId, (Tensor<1>, Vec<usize>)>,
+}
+
+impl ModuleMapper for Giver<'_> {
+    fn map_float<const D: usize>(&mut self, param: Param<Tensor<D>>) -> Param<Tensor<D>> {
+        let (id, tensor, mapper) = param.consume();
+        let tensor = match self.stepped.remove(&id) {
+            Some((value, shape)) => {
+                let shape: [usize; D] = std::array::from_fn(|k| shape[k]);
+                Tensor::from_inner(value.reshape(shape)).require_grad()
+            }
+            None => tensor,
+        };
+        Param::from_mapped_value(id, tensor, mapper)
     }
 }

@@ -3,6 +3,7 @@
 use burn::tensor::{Tensor, TensorData};
 use dash_kernels::photometric::photometric;
 use dash_kernels::rows::join_rows;
+use dash_kernels::tap::tap;
 
 use super::forward::Forward;
 use super::hooks::Hooks;
@@ -37,8 +38,8 @@ pub(super) fn forward<M: Method>(
     if let Some(dynamic) = dynamic_splats {
         splats = join_rows(splats, dynamic)?;
     }
-    let leaf = run.zeros(splats.dims()).require_grad();
-    splats = splats + leaf.clone();
+    let leaf = Tensor::<2>::empty([1, 1], &run.device).require_grad();
+    splats = tap(splats, leaf.clone());
     for extension in &mut hooks.extensions {
         splats = extension.splats(run, splats);
     }

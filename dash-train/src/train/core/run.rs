@@ -3,7 +3,7 @@
 use std::collections::BTreeSet;
 use std::sync::Arc;
 
-use burn::tensor::{Device, Tensor};
+use burn::tensor::Device;
 use dash_model::{
     DynamicScene, Gaps, GaussianRows, Gaussians, OffsetPlacement, SceneSettings, SpaceBox,
     TrajectoryBasis,
@@ -88,8 +88,6 @@ pub struct Run<M> {
     pub(super) edits: Vec<RowEdit>,
     /// What was noted of steps on the device.
     pub(crate) notes: Notes,
-    /// Zeros of the size that was last asked for.
-    zeros: Option<Tensor<2>>,
     /// Mean loss and PSNR of the steps that were read last.
     pub(super) last_means: [f32; 2],
     /// Steps left out because something was not finite.
@@ -169,7 +167,6 @@ impl<M> Run<M> {
             frozen_after: None,
             edits: Vec::new(),
             notes: Notes::new(&device),
-            zeros: None,
             last_means: [f32::NAN; 2],
             skipped: Skipped::default(),
             waited_secs: 0.0,
@@ -198,16 +195,6 @@ impl<M> Run<M> {
             Set::Static => &self.config.densify.static_set,
             Set::Dynamic => &self.config.densify.dynamic,
         }
-    }
-
-    /// Zeros on the run's device, not made anew while the same size is asked for.
-    pub(super) fn zeros(&mut self, size: [usize; 2]) -> Tensor<2> {
-        let known = self.zeros.take().filter(|zeros| zeros.dims() == size);
-        let device = self.device.clone().inner();
-        let zeros = self
-            .zeros
-            .insert(known.unwrap_or_else(|| Tensor::zeros(size, &device)));
-        Tensor::from_inner(zeros.clone())
     }
 
     /// What lengths are measured by.

@@ -182,13 +182,16 @@ fn update<M: Method>(run: &mut Run<M>, gradients: &mut Gradients) {
         let mut optimizer = std::mem::take(&mut run.optimizer);
         let rate = |name: &str| Rate::plain(rates(name) * M::rate_factor(run, name));
         let static_set = run.scene.static_set.clone();
-        let static_set = optimizer.step("scene.static_set", static_set, gradients, rate);
+        let static_set = optimizer.take("scene.static_set", static_set, gradients, rate);
         run.scene.static_set = static_set;
-        if let Some(dynamic) = run.scene.dynamic.take() {
+        let mut dynamic = run.scene.dynamic.take();
+        if let Some(own) = dynamic.take() {
             let rate = |name: &str| Rate::plain(rates(name) * M::rate_factor(run, name));
-            let dynamic = optimizer.step("scene.dynamic", dynamic, gradients, rate);
-            run.scene.dynamic = Some(dynamic);
+            dynamic = Some(optimizer.take("scene.dynamic", own, gradients, rate));
         }
+        optimizer.step_taken();
+        run.scene.static_set = optimizer.give_back(run.scene.static_set.clone());
+        run.scene.dynamic = dynamic.map(|dynamic| optimizer.give_back(dynamic));
         run.optimizer = optimizer;
     }
     M::update(run, gradients);

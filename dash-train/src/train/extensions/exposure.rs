@@ -8,13 +8,14 @@
 use std::collections::{BTreeMap, BTreeSet};
 
 use burn::tensor::{Device, Gradients, Tensor, TensorData};
+use dash_kernels::adam::Stop;
 use dash_kernels::exposure::{CHANNELS, RESPONSE, expose};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use crate::Error;
 use crate::dataset::View;
-use crate::train::core::optimizer::{Moments, Stop};
+use crate::train::core::optimizer::Moments;
 use crate::train::core::{Extension, Rate, Run, Saved, to_host};
 
 /// Share of the run after which it is decided whether cameras differ.
@@ -61,7 +62,9 @@ impl Responses {
         let (value, moments) = moments.step(value, gradient.reshape([RESPONSE]), rate, stop);
         self.moments[row] = moments;
         let row = row..row + 1;
-        let values = self.values.clone();
+        // Nobody else holds the values: they change in place.
+        let hollow = Tensor::empty([1, 1], &value.device());
+        let values = std::mem::replace(&mut self.values, hollow);
         let values = values.slice_assign([row, 0..RESPONSE], value.reshape([1, RESPONSE]));
         self.values = values.clone() - values.mean_dim(0);
     }

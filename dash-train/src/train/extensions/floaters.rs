@@ -3,13 +3,13 @@
 use std::collections::BTreeSet;
 
 use burn::tensor::Tensor;
-use dash_kernels::coverage::nearness;
+use dash_kernels::coverage::{FloaterWeights, floater_cost};
+use dash_model::Gaussians;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use crate::Error;
 use crate::dataset::View;
-use crate::train::core::loss::opacity;
 use crate::train::core::{Extension, Forward, Run};
 
 /// `[extensions.floaters]`
@@ -67,26 +67,31 @@ impl<M> Extension<M> for Floaters {
         view: &View,
         forward: &Forward,
     ) -> Result<Vec<Tensor<1>>, Error> {
+        let of_static = FloaterWeights {
+            opacity: self.config.opacity * self.opacity_factor,
+            nearness: self.config.nearness,
+        };
+        let of_dynamic = FloaterWeights {
+            opacity: 0.0,
+            ..of_static
+        };
+        let cost = |set: &Gaussians, splats: &Tensor<2>, motion, weights: FloaterWeights| {
+            let logits = set.opacity_logits.val();
+            let splats = Tensor::from_inner(splats.clone());
+            floater_cost(logits, splats, motion, &view.camera, weights)
+        };
         let mut terms = Vec::new();
-        let weight = self.config.opacity * self.opacity_factor;
-        if weight > 0.0 {
-            terms.extend(opacity(&run.scene.static_set).map(|mean| mean * weight));
+        let static_set = &run.scene.static_set;
+        let costs_something = of_static.opacity > 0.0 || of_static.nearness > 0.0;
+        if costs_something && !static_set.is_empty() {
+            let motion = forward.motion.clone();
+            terms.push(cost(static_set, &forward.static_splats, motion, of_static)?);
         }
-        let weight = self.config.nearness;
-        if weight > 0.0 {
-            let of_rows = |splats: &Tensor<2>| Tensor::from_inner(splats.clone());
-            let mut add = |cost: Tensor<1>| terms.push(cost * weight);
-            add(nearness(
-                run.scene.static_set.opacity_logits.val(),
-                of_rows(&forward.static_splats),
-                forward.motion.clone(),
-                &view.camera,
-            )?);
-            if let (Some(dynamic), Some(splats)) = (&run.scene.dynamic, &forward.dynamic_splats) {
-                let logits = dynamic.gaussians.opacity_logits.val();
-                let splats = of_rows(splats);
-                add(nearness(logits, splats, None, &view.camera)?);
-            }
+        if let (Some(dynamic), Some(splats)) = (&run.scene.dynamic, &forward.dynamic_splats)
+            && of_dynamic.nearness > 0.0
+            && !dynamic.gaussians.is_empty()
+        {
+            terms.push(cost(&dynamic.gaussians, splats, None, of_dynamic)?);
         }
         Ok(terms)
     }

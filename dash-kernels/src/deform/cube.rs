@@ -1,0 +1,200 @@
+//! Deformation on CubeCL devices. A unit owns a Gaussian. No shared memory, no atomics; deterministic.
+
+use burn_cubecl::CubeBackend;
+use burn_cubecl::tensor::CubeTensor;
+use cubecl::prelude::*;
+
+use super::{Columns, Deform, DeformVjp, Form, MEAN, QUAT, SCALE};
+use crate::cube::{arg, contiguous, uninitialised, units};
+use crate::host::dims;
+
+impl Deform for CubeBackend {
+    fn deform(
+        means: CubeTensor,
+        quats: CubeTensor,
+        scales: CubeTensor,
+        path: CubeTensor,
+        offsets: CubeTensor,
+        form: Form,
+    ) -> (CubeTensor, CubeTensor, CubeTensor) {
+        let [means, quats, scales, path, offsets] =
+            [means, quats, scales, path, offsets].map(contiguous);
+        let [n, width] = dims::<2>(&offsets);
+        let Form { columns, has_path } = form;
+        let moved = uninitialised(&means, [n, MEAN]);
+        // Bound even where they are not written to.
+        let output = |first: Option<usize>, size: usize| match first {
+            Some(_) => uninitialised(&means, [n, size]),
+            None => uninitialised(&means, [1, 1]),
+        };
+        let turned = output(columns.quats, QUAT);
+        let scaled = output(columns.scales, SCALE);
+        let (count, dim) = units(&means.client, n);
+        deform_kernel::launch(
+            &means.client,
+            count,
+            dim,
+            EllipsoidsLaunch::new(arg(&means), arg(&quats), arg(&scales)),
+            arg(&path),
+            arg(&offsets),
+            EllipsoidsLaunch::new(arg(&moved), arg(&turned), arg(&scaled)),
+            columns.mean_factor,
+            n as u32,
+            width,
+            Places::of(columns),
+            has_path,
+        );
+        (moved, turned, scaled)
+    }
+}
+
+impl DeformVjp for CubeBackend {
+    fn deform_vjp(
+        v_means: CubeTensor,
+        v_quats: CubeTensor,
+        v_scales: CubeTensor,
+        width: usize,
+        columns: Columns,
+    ) -> CubeTensor {
+        let [v_means, v_quats, v_scales] = [v_means, v_quats, v_scales].map(contiguous);
+        let [n, _] = dims::<2>(&v_means);
+        let v_offsets = uninitialised(&v_means, [n, width]);
+        let (count, dim) = units(&v_means.client, n);
+        deform_vjp_kernel::launch(
+            &v_means.client,
+            count,
+            dim,
+            EllipsoidsLaunch::new(arg(&v_means), arg(&v_quats), arg(&v_scales)),
+            arg(&v_offsets),
+            columns.mean_factor,
+            n as u32,
+            width,
+            Places::of(columns),
+        );
+        v_offsets
+    }
+}
+
+/// The first columns of quaternions and scales.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+struct Places {
+    quats: Option<usize>,
+    scales: Option<usize>,
+}
+
+impl Places {
+    fn of(columns: Columns) -> Self {
+        Self {
+            quats: columns.quats,
+            scales: columns.scales,
+        }
+    }
+}
+
+#[derive(CubeType, CubeLaunch)]
+struct Ellipsoids {
+    means: Box<[f32]>,  // [N, 3]
+    quats: Box<[f32]>,  // [N, 4]
+    scales: Box<[f32]>, // [N, 3]
+}
+
+/// `out = values + offsets`, `size` values of Gaussian `i` and the columns from `first` on.
+#[cube]
+fn add_row(
+    values: &[f32],  // [N, size]
+    offsets: &[f32], // [N, width]
+    out: &mut [f32], // [N, size]
+    i: usize,
+    #[comptime] size: usize,
+    #[comptime] width: usize,
+    #[comptime] first: usize,
+) {
+    #[unroll]
+    for k in 0..size {
+        out[i * size + k] = values[i * size + k] + offsets[i * width + first + k];
+    }
+}
+
+#[cube(launch)]
+fn deform_kernel(
+    canonical: Ellipsoids,
+    path: &[f32],    // [N, 3]
+    offsets: &[f32], // [N, width]
+    mut deformed: Ellipsoids,
+    mean_factor: f32,
+    n: u32,
+    #[comptime] width: usize,
+    #[comptime] places: Places,
+    #[comptime] has_path: bool,
+) {
+    let i = ABSOLUTE_POS;
+    if i >= n as usize {
+        terminate!();
+    }
+    #[unroll]
+    for k in 0..MEAN {
+        let at = i * MEAN + k;
+        let mut mean = canonical.means[at];
+        if comptime!(has_path) {
+            mean += path[at];
+        }
+        deformed.means[at] = mean + mean_factor * offsets[i * width + k];
+    }
+    if comptime!(places.quats.is_some()) {
+        add_row(
+            &canonical.quats,
+            offsets,
+            &mut deformed.quats,
+            i,
+            QUAT,
+            width,
+            comptime!(places.quats.unwrap_or(0)),
+        );
+    }
+    if comptime!(places.scales.is_some()) {
+        add_row(
+            &canonical.scales,
+            offsets,
+            &mut deformed.scales,
+            i,
+            SCALE,
+            width,
+            comptime!(places.scales.unwrap_or(0)),
+        );
+    }
+}
+
+#[cube(launch)]
+fn deform_vjp_kernel(
+    gradients: Ellipsoids,
+    v_offsets: &mut [f32], // [N, width]
+    mean_factor: f32,
+    n: u32,
+    #[comptime] width: usize,
+    #[comptime] places: Places,
+) {
+    let i = ABSOLUTE_POS;
+    if i >= n as usize {
+        terminate!();
+    }
+    let row = i * width;
+    #[unroll]
+    for k in 0..width {
+        if comptime!(k < MEAN) {
+            v_offsets[row + k] = mean_factor * gradients.means[i * MEAN + k];
+        } else if comptime!(within(k, places.quats, QUAT)) {
+            let own = comptime!(k - places.quats.unwrap_or(0));
+            v_offsets[row + k] = gradients.quats[i * QUAT + own];
+        } else if comptime!(within(k, places.scales, SCALE)) {
+            let own = comptime!(k - places.scales.unwrap_or(0));
+            v_offsets[row + k] = gradients.scales[i * SCALE + own];
+        } else {
+            v_offsets[row + k] = 0.0f32;
+        }
+    }
+}
+
+/// Whether a column is one of `size` columns.
+fn within(column: usize, first: Option<usize>, size: usize) -> bool {
+    first.is_some_and(|first| (first..first + size).contains(&column))
+}
