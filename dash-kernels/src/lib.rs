@@ -12,13 +12,16 @@
 //! | [`hash_encode`] | points in the unit box -> features of a multiresolution hash grid, in 2 to 4 dimensions |
 //! | [`mlp`] | small fully connected network |
 //! | [`ssim`], [`photometric`] | structural similarity; the loss of 3D Gaussian Splatting |
-//! | [`adam`] | one fused step of Adam |
+//! | [`adam`] | a fused step of Adam, of many parameters at once |
 //! | [`space_time`] | positions and a time -> points of the 4D unit cube |
+//! | [`deform`] | canonical Gaussians moved, turned and scaled by a field's offsets and their trajectories |
+//! | [`smoothness`] | how much a field's features change beside some points |
 //! | [`displacement`], [`trajectory`] | displacements of trajectories at a time; extents of trajectories |
 //! | [`rows`] | some rows of a matrix, rows of two matrices joined |
-//! | [`rgba8`] | pictures in 8 bits a channel, for screens and files |
+//! | [`rgba8`] | pictures in 8 bits a channel, for screens and files, and back |
+//! | [`tap`] | the gradient of a tensor in the middle of a graph |
 //! | [`finite`] | which tensors and rows hold NaN or infinity |
-//! | [`coverage`] | costs of visible motion and of nearness to the camera |
+//! | [`coverage`] | costs of visible motion and of floaters |
 //! | [`screen_gradients`] | what density control gathers of a view |
 //! | [`exposure`] | colours of splats as a camera with an exposure of its own sees them |
 //! | [`limits`] | largest buffer of a device |
@@ -26,7 +29,7 @@
 //!
 //! Each operation's folder has the public function with its checks (`mod.rs`), a plain f64 reference (`reference.rs`),
 //! the CPU kernels (`cpu.rs`), the GPU kernels (`cube.rs`, feature `cube`) and the backward node (`autodiff.rs`).
-//! `camera`, `error` and `determinism` hold the items at the root, `host` and `cube` what backends share.
+//! `camera`, `error` and `determinism` hold the items at the root, `host`, `cube` and `outputs` what backends share.
 //!
 //! # Conventions
 //! - Shape letters: `N` Gaussians or points, `D` input dimensions, `L` levels, `F` features per
@@ -35,8 +38,8 @@
 //!   pixels, pixel centres at +0.5.
 //! - Quaternions are (w, x, y, z) and normalised inside the operation.
 //! - The gradient of `x` is `v_x`; the pullback of `f` is `f_vjp`.
-//! - Tensors are `f32`. Values and gradients that are not finite count as zero or draw nothing; each operation says
-//!   which.
+//! - Tensors are `f32`. Values and gradients that are not finite count as zero, draw nothing or are passed on; each
+//!   operation says which.
 //! - CPU results are bit-identical for any number of threads. On GPUs a run repeats bit for bit
 //!   after [`set_deterministic`].
 //! - Operations don't wait for the device, unless determinism is asked for. A buffer that outgrows the device's limit
@@ -120,6 +123,7 @@ mod host;
 mod isa;
 pub mod limits;
 pub mod mlp;
+mod outputs;
 pub mod photometric;
 #[cfg(test)]
 mod poison_tests;
@@ -128,6 +132,7 @@ pub mod rasterize;
 pub mod rgba8;
 pub mod rows;
 pub mod screen_gradients;
+pub mod smoothness;
 pub mod space_time;
 pub mod splats;
 pub mod ssim;

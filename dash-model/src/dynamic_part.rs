@@ -5,10 +5,10 @@ mod pruning;
 
 use burn::module::{Module, Param};
 use burn::tensor::activation::sigmoid;
-use burn::tensor::{Int, Tensor};
-use dash_kernels::deform::{Ellipsoids, deform};
+use burn::tensor::{Int, Tensor, TensorData};
+use dash_kernels::deform::{Ellipsoids, Path, deform};
 use dash_kernels::project::{Activation, ShCoeffs};
-use dash_kernels::rows::join_rows;
+use dash_kernels::space_time::Beside;
 
 pub use deformed::Deformed;
 
@@ -118,30 +118,25 @@ impl DynamicPart {
         self.field.features(canonical.means.val(), embeddings, time)
     }
 
-    /// [`DynamicPart::features`], and the features at other points of the 4D unit cube, in one lookup. The gradient of each
+    /// [`DynamicPart::features`], and behind them the features beside some of the means, in one lookup: the gradient of each
     /// lookup is as large as the tables, however few its points.
     ///
     /// # Shapes
-    /// `rows [M]`: the Gaussians whose embeddings `points [M, 4]` take `-> [N, features], [M, features]`
+    /// `M` points beside `-> [N + M, features]`
     ///
     /// # Errors
     /// When a shape does not fit.
-    pub fn features_and_at(
-        &self,
-        time: f32,
-        rows: Tensor<1, Int>,
-        points: Tensor<2>,
-    ) -> Result<(Tensor<2>, Tensor<2>), ModelError> {
+    pub fn features_beside(&self, time: f32, beside: Beside) -> Result<Tensor<2>, ModelError> {
         let canonical = &self.gaussians;
-        let own = self.field.space().points_at(canonical.means.val(), time)?;
-        let [n, m] = [own.dims()[0], points.dims()[0]];
         let embeddings = canonical.embeddings.as_ref().map(|embeddings| {
-            let own = embeddings.val();
+            let rows: Vec<i32> = beside.rows.iter().map(|&row| row as i32).collect();
+            let (own, shape) = (embeddings.val(), [rows.len()]);
+            let rows = Tensor::<1, Int>::from_data(TensorData::new(rows, shape), &own.device());
             Tensor::cat(vec![own.clone(), own.select(0, rows)], 0)
         });
-        let all = join_rows(own, points)?;
-        let features = self.field.features_at(all, embeddings)?;
-        Ok((features.clone().narrow(0, 0, n), features.narrow(0, n, m)))
+        let space = self.field.space();
+        let points = space.points_beside(canonical.means.val(), time, beside)?;
+        self.field.features_at(points, embeddings)
     }
 
     /// The Gaussians at `time`, from features of [`DynamicPart::features`], without regard to gaps.
@@ -200,10 +195,10 @@ impl DynamicPart {
             quats,
             scales,
         };
-        let path = self.gaussians.trajectories.as_ref();
-        let displacement =
-            |path: &Param<Tensor<2>>| settings.trajectory_basis.displacement(path.val(), time);
-        let path = path.map(displacement).transpose()?;
+        let path = self.gaussians.trajectories.as_ref().map(|path| Path {
+            coefficients: path.val(),
+            basis: settings.trajectory_basis.at(time),
+        });
         let deformed = deform(canonical, path, decoded, self.field.columns())?;
         Ok(Deformed {
             means: deformed.means,

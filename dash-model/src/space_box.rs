@@ -2,7 +2,7 @@
 
 use burn::tensor::{Tensor, TensorData};
 use dash_kernels::KernelError;
-use dash_kernels::space_time::{Bounds, space_time};
+use dash_kernels::space_time::{Beside, Bounds, space_time, space_time_beside};
 use serde::{Deserialize, Serialize};
 
 /// An axis-aligned box of world space that a field maps onto the unit cube.
@@ -100,12 +100,31 @@ impl SpaceBox {
     /// # Errors
     /// When there are other than three coordinates, or the box or the time is not finite.
     pub fn points_at(&self, positions: Tensor<2>, time: f32) -> Result<Tensor<2>, KernelError> {
-        let bounds = Bounds {
+        space_time(positions, &self.bounds(), time)
+    }
+
+    /// [`SpaceBox::points_at`], and behind these others beside some of them, clamped to the unit cube.
+    ///
+    /// # Shapes
+    /// `[N, 3]`, `M` points beside `-> [N + M, 4]`
+    ///
+    /// # Errors
+    /// As [`SpaceBox::points_at`], and when a row is not there.
+    pub fn points_beside(
+        &self,
+        positions: Tensor<2>,
+        time: f32,
+        beside: Beside,
+    ) -> Result<Tensor<2>, KernelError> {
+        space_time_beside(positions, beside, &self.bounds(), time)
+    }
+
+    fn bounds(&self) -> Bounds {
+        Bounds {
             min: self.min,
             scale: self.scale(),
             clamp: self.clamp,
-        };
-        space_time(positions, &bounds, time)
+        }
     }
 
     /// World positions in the unit cube.

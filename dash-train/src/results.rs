@@ -50,7 +50,8 @@ pub enum Process {
     Evaluates,
 }
 
-const TRAINING_MEMORY: &str = "most resident memory of the process that trained, dataset included";
+pub(crate) const TRAINING_MEMORY: &str =
+    "most resident memory of the process that trained, dataset included";
 const EVALUATION_MEMORY: &str = "most resident memory of the process that evaluated, dataset included; that of training is not known";
 
 /// The folder of a run of a comparison or benchmark (`owner`): what an interrupted one left of it, on whatever device, or a
@@ -135,9 +136,16 @@ pub fn evaluate_run(
         peak_memory_bytes: peak,
         evaluation,
     };
-    let json = serde_json::to_vec_pretty(&results).map_err(|e| Error::Config(e.to_string()))?;
-    write_atomically(&run.scores_path(split), |mut file| file.write_all(&json))?;
+    results.write(&run.scores_path(split))?;
     Ok(results)
+}
+
+impl Results {
+    /// Writes them to a file.
+    pub(crate) fn write(&self, path: &Path) -> Result<(), Error> {
+        let json = serde_json::to_vec_pretty(self).map_err(|e| Error::Config(e.to_string()))?;
+        Ok(write_atomically(path, |mut file| file.write_all(&json))?)
+    }
 }
 
 /// Reads a run's `results.json`; `None` when the run has none yet.

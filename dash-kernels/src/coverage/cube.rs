@@ -1,8 +1,7 @@
 //! Costs by coverage on CubeCL devices.
 //!
-//! Visible motion: a unit owns a Gaussian, and Burn sums the costs. Floaters: up to [`MAX_CUBES`] cubes of [`UNITS`] units; a
-//! unit owns every so manieth Gaussian, each cube adds up its units' sums in shared memory, and who needs the total adds up
-//! those of the cubes. No atomics; deterministic.
+//! Visible motion: a unit owns a Gaussian, and Burn sums the costs. Floaters: cubes add up what their units own, as in
+//! `cube/sums.rs`. No atomics; deterministic.
 
 use burn::backend::ops::FloatTensorOps;
 use burn_cubecl::CubeBackend;
@@ -10,7 +9,8 @@ use burn_cubecl::tensor::CubeTensor;
 use cubecl::prelude::*;
 
 use super::{AT_REST, Coverage, CoverageVjp, FloaterWeights, NEAR, NEAREST, PictureSize};
-use crate::cube::{arg, calculate_cubes, contiguous, is_finite, uninitialised, units};
+use crate::cube::sums::{UNITS, add_up, cubes, total};
+use crate::cube::{arg, contiguous, is_finite, uninitialised, units};
 use crate::host::dims;
 use crate::splats::{
     CONIC_A, CONIC_B, CONIC_C, DEPTH, MEAN_X, MEAN_Y, N_COLUMNS, OPACITY, RADIUS_X, RADIUS_Y,
@@ -18,12 +18,6 @@ use crate::splats::{
 
 /// Motion, in shares of the picture's width, beyond which more of it changes nothing in single precision.
 const ENOUGH: f32 = 1e15;
-/// Units of a cube that adds up, a power of two.
-const UNITS: usize = 128;
-/// Base-2 logarithm of [`UNITS`].
-const HALVINGS: usize = 7;
-/// Most cubes that add up.
-const MAX_CUBES: usize = 64;
 
 impl Coverage for CubeBackend {
     fn visible_motion(
@@ -84,11 +78,7 @@ impl CoverageVjp for CubeBackend {
         let [logits, splats, motion] = [opacity_logits, splats, motion].map(contiguous);
         let [n] = dims::<1>(&logits);
         let client = logits.client.clone();
-        let n_cubes = n.div_ceil(UNITS).min(MAX_CUBES);
-        let (count, dim) = (
-            calculate_cubes(&client, n_cubes),
-            CubeDim::new_1d(UNITS as u32),
-        );
+        let (n_cubes, count, dim) = cubes(&client, n);
         let covered = uninitialised(&logits, [n_cubes, 2]);
         let counts_nearness = weights.nearness > 0.0;
         if counts_nearness {
@@ -124,10 +114,7 @@ impl CoverageVjp for CubeBackend {
             moves,
             counts_nearness,
         );
-        let cost = uninitialised(&logits, [1]);
-        let (count, dim) = units(&client, 1);
-        total_kernel::launch(&client, count, dim, arg(&costs), arg(&cost), n_cubes as u32);
-        (cost, slopes)
+        (total(&costs, n_cubes), slopes)
     }
 }
 
@@ -221,26 +208,6 @@ fn visible_motion_kernel(
     slopes[ABSOLUTE_POS] = weight * drawn.scale / damped / damped;
 }
 
-/// Adds up two runs of [`UNITS`] values, each into its first.
-#[cube]
-fn add_up(values: &mut Shared<[f32]>, // [2 * UNITS]
-) {
-    let unit = UNIT_POS as usize;
-    // What all units wrote is read.
-    sync_cube();
-    let mut half = comptime!(UNITS / 2).runtime();
-    for _ in 0..HALVINGS {
-        if unit < half {
-            let (first, second) = (values[unit + half], values[UNITS + unit + half]);
-            values[unit] += first;
-            values[UNITS + unit] += second;
-        }
-        half /= 2;
-        // The next half is read by other units.
-        sync_cube();
-    }
-}
-
 /// What each cube's Gaussians cover, and the same times their disparities.
 #[cube(launch)]
 fn covered_kernel(
@@ -263,7 +230,7 @@ fn covered_kernel(
     }
     sums[unit] = covers;
     sums[UNITS + unit] = near;
-    add_up(&mut sums);
+    add_up(&mut sums, 2usize);
     if unit == 0 && CUBE_POS < n_cubes as usize {
         covered[2 * CUBE_POS] = sums[0usize];
         covered[2 * CUBE_POS + 1] = sums[UNITS];
@@ -314,7 +281,7 @@ fn floater_kernel(
     #[comptime] moves: bool,
     #[comptime] counts_nearness: bool,
 ) {
-    let mut sums = Shared::<[f32]>::new_slice(comptime!(2 * UNITS));
+    let mut sums = Shared::<[f32]>::new_slice(UNITS);
     let unit = UNIT_POS as usize;
     let mut typical = 0.0f32;
     if comptime!(counts_nearness) {
@@ -341,24 +308,8 @@ fn floater_kernel(
         row += n_cubes as usize * UNITS;
     }
     sums[unit] = cost;
-    sums[UNITS + unit] = 0.0f32;
-    add_up(&mut sums);
+    add_up(&mut sums, 1usize);
     if unit == 0 && CUBE_POS < n_cubes as usize {
         costs[CUBE_POS] = sums[0usize];
-    }
-}
-
-#[cube(launch)]
-fn total_kernel(
-    costs: &[f32],    // [cubes]
-    cost: &mut [f32], // [1]
-    n_cubes: u32,
-) {
-    if ABSOLUTE_POS == 0 {
-        let mut sum = 0.0f32;
-        for cube in 0..n_cubes as usize {
-            sum += costs[cube];
-        }
-        cost[0usize] = sum;
     }
 }

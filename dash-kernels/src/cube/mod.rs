@@ -1,9 +1,10 @@
-//! Shared by the CubeCL kernels: device memory, launches, prefix sums, sorting, atomic addition, numbers of
+//! Shared by the CubeCL kernels: device memory, launches, sums, prefix sums, sorting, atomic addition, numbers of
 //! two floats.
 
 pub(crate) mod atomic;
 pub(crate) mod radix_sort;
 pub(crate) mod scan;
+pub(crate) mod sums;
 #[cfg(test)]
 pub(crate) mod tests;
 pub(crate) mod two_float;
@@ -83,14 +84,6 @@ impl Buffer {
             handle,
             length: words.len(),
         }
-    }
-
-    /// Zeros.
-    pub fn zeros(client: &Client, length: usize) -> Self {
-        let buffer = Self::uninitialised(client, length);
-        let (count, dim) = units(client, length);
-        zero_kernel::launch(client, count, dim, buffer.arg(), length as u32);
-        buffer
     }
 
     /// The buffer as a kernel's argument.

@@ -6,6 +6,7 @@ use cubecl::prelude::*;
 
 use super::{Columns, Deform, DeformVjp, Form, MEAN, QUAT, SCALE};
 use crate::cube::{arg, contiguous, uninitialised, units};
+use crate::displacement::cube::{displaced, values};
 use crate::host::dims;
 
 impl Deform for CubeBackend {
@@ -13,14 +14,15 @@ impl Deform for CubeBackend {
         means: CubeTensor,
         quats: CubeTensor,
         scales: CubeTensor,
-        path: CubeTensor,
+        coefficients: CubeTensor,
         offsets: CubeTensor,
         form: Form,
     ) -> (CubeTensor, CubeTensor, CubeTensor) {
-        let [means, quats, scales, path, offsets] =
-            [means, quats, scales, path, offsets].map(contiguous);
+        let [means, quats, scales, coefficients, offsets] =
+            [means, quats, scales, coefficients, offsets].map(contiguous);
         let [n, width] = dims::<2>(&offsets);
-        let Form { columns, has_path } = form;
+        let Form { columns, basis } = form;
+        let has_path = !basis.is_empty();
         let moved = uninitialised(&means, [n, MEAN]);
         // Bound even where they are not written to.
         let output = |first: Option<usize>, size: usize| match first {
@@ -29,17 +31,24 @@ impl Deform for CubeBackend {
         };
         let turned = output(columns.quats, QUAT);
         let scaled = output(columns.scales, SCALE);
+        // No device binds an empty buffer.
+        let values = match has_path {
+            true => values(&means.client, &basis),
+            false => values(&means.client, &[0.0]),
+        };
         let (count, dim) = units(&means.client, n);
         deform_kernel::launch(
             &means.client,
             count,
             dim,
             EllipsoidsLaunch::new(arg(&means), arg(&quats), arg(&scales)),
-            arg(&path),
+            arg(&coefficients),
+            values.arg(),
             arg(&offsets),
             EllipsoidsLaunch::new(arg(&moved), arg(&turned), arg(&scaled)),
             columns.mean_factor,
             n as u32,
+            basis.len() as u32,
             width,
             Places::of(columns),
             has_path,
@@ -118,11 +127,13 @@ fn add_row(
 #[cube(launch)]
 fn deform_kernel(
     canonical: Ellipsoids,
-    path: &[f32],    // [N, 3]
-    offsets: &[f32], // [N, width]
+    coefficients: &[f32], // [N, B * 3]
+    basis: &[f32],        // [B]
+    offsets: &[f32],      // [N, width]
     mut deformed: Ellipsoids,
     mean_factor: f32,
     n: u32,
+    n_functions: u32,
     #[comptime] width: usize,
     #[comptime] places: Places,
     #[comptime] has_path: bool,
@@ -136,7 +147,7 @@ fn deform_kernel(
         let at = i * MEAN + k;
         let mut mean = canonical.means[at];
         if comptime!(has_path) {
-            mean += path[at];
+            mean += displaced(coefficients, basis, i, k, n_functions as usize);
         }
         deformed.means[at] = mean + mean_factor * offsets[i * width + k];
     }

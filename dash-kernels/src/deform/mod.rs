@@ -13,6 +13,7 @@ use burn::backend::{Backend, Dispatch, backend_extension};
 use burn::tensor::Tensor;
 
 use crate::KernelError;
+use crate::displacement::{self, AXES, DisplacementVjp, check_basis};
 use crate::host::{HostBackend, dims};
 
 /// Values of a mean, which are the first of a row of offsets.
@@ -53,19 +54,33 @@ pub struct Ellipsoids {
     pub scales: Tensor<2>,
 }
 
-/// `means + path + mean_factor * offsets[.., 0..3]`, `quats + offsets` and `scales + offsets`, in one pass.
+/// Coarse trajectories and the values of their basis functions at a time: see
+/// [`displacement`](crate::displacement::displacement).
+#[derive(Debug, Clone)]
+pub struct Path {
+    /// `[N, B * 3]`.
+    pub coefficients: Tensor<2>,
+    /// Of the `B` functions.
+    pub basis: Vec<f32>,
+}
+
+/// `means + displacement + mean_factor * offsets[.., 0..3]`, `quats + offsets` and `scales + offsets`, in one pass. The
+/// displacement is that of `path`, where there is one.
 ///
 /// # Shapes
-/// `path [N, 3]` (`None`: none), `offsets [N, W]` with at least the columns that `columns` names.
+/// `offsets [N, W]` with at least the columns that `columns` names.
+///
+/// What is not finite is passed on: [`project`](crate::project::project) draws no such Gaussian.
 ///
 /// # Gradient
 /// To all tensors. Columns of offsets that `columns` does not name have none from here.
 ///
 /// # Errors
-/// [`KernelError::Shape`] when rows or columns differ.
+/// [`KernelError::Shape`] when rows or columns differ, [`KernelError::Config`] for a basis function whose value is not
+/// finite.
 ///
 /// # Source
-/// DASH Eq. 10.
+/// DASH Eq. 10; the coarse trajectory below the field's offsets is ours.
 ///
 /// # Example
 /// ```
@@ -87,7 +102,7 @@ pub struct Ellipsoids {
 /// ```
 pub fn deform(
     canonical: Ellipsoids,
-    path: Option<Tensor<2>>,
+    path: Option<Path>,
     offsets: Tensor<2>,
     columns: Columns,
 ) -> Result<Ellipsoids, KernelError> {
@@ -97,12 +112,16 @@ pub fn deform(
         scales,
     } = canonical;
     let [n, _] = means.dims();
-    let path_dims = path.as_ref().map_or([n, MEAN], Tensor::dims);
+    let path = path.filter(|path| !path.basis.is_empty());
+    let of_path = path.as_ref().map_or([[n, 0]; 2], |path| {
+        let width = AXES * path.basis.len();
+        [path.coefficients.dims(), [n, width]]
+    });
     for (name, found, width) in [
         ("means", means.dims(), MEAN),
         ("quats", quats.dims(), QUAT),
         ("scales", scales.dims(), SCALE),
-        ("path", path_dims, MEAN),
+        ("path", of_path[0], of_path[1][1]),
         (
             "offsets",
             offsets.dims(),
@@ -125,17 +144,18 @@ pub fn deform(
             scales,
         });
     }
-    let form = Form {
-        columns,
-        has_path: path.is_some(),
+    // Something has to be bound in the place of a path that is not there, and is not looked at.
+    let (coefficients, basis) = match path {
+        Some(path) => (path.coefficients, path.basis),
+        None => (means.clone(), Vec::new()),
     };
-    // Something has to be bound in its place, and is not looked at.
-    let path = path.unwrap_or_else(|| means.clone());
+    check_basis("deform", &basis)?;
+    let form = Form { columns, basis };
     let (moved, turned, scaled) = Dispatch::deform(
         means.into_dispatch(),
         quats.clone().into_dispatch(),
         scales.clone().into_dispatch(),
-        path.into_dispatch(),
+        coefficients.into_dispatch(),
         offsets.into_dispatch(),
         form,
     );
@@ -151,12 +171,12 @@ pub fn deform(
 }
 
 /// What is added to what.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, PartialEq)]
 pub struct Form {
     /// Where offsets are.
     pub columns: Columns,
-    /// Whether means follow a path.
-    pub has_path: bool,
+    /// Values of the basis functions of trajectories; none: there are no trajectories.
+    pub basis: Vec<f32>,
 }
 
 /// Dispatch of [`deform`] over the enabled backends.
@@ -168,14 +188,14 @@ pub trait Deform: Backend {
         means: FloatTensor<Self>,
         quats: FloatTensor<Self>,
         scales: FloatTensor<Self>,
-        path: FloatTensor<Self>,
+        coefficients: FloatTensor<Self>,
         offsets: FloatTensor<Self>,
         form: Form,
     ) -> (FloatTensor<Self>, FloatTensor<Self>, FloatTensor<Self>);
 }
 
-/// The pullback of [`deform`], which a backend has to implement for gradients.
-pub trait DeformVjp: Deform {
+/// The pullback of [`deform`], which a backend has to implement for gradients. That of trajectories is the displacement's.
+pub trait DeformVjp: Deform + DisplacementVjp {
     /// The gradient of `width` columns of offsets `[N, width]`, from those of means, quaternions and scales. The gradients of the other
     /// inputs are those of the outputs.
     fn deform_vjp(
@@ -192,7 +212,7 @@ impl<B: HostBackend> Deform for B {
         means: FloatTensor<B>,
         quats: FloatTensor<B>,
         scales: FloatTensor<B>,
-        path: FloatTensor<B>,
+        coefficients: FloatTensor<B>,
         offsets: FloatTensor<B>,
         form: Form,
     ) -> (FloatTensor<B>, FloatTensor<B>, FloatTensor<B>) {
@@ -202,8 +222,9 @@ impl<B: HostBackend> Deform for B {
             values: &offsets,
             width,
         };
-        let Form { columns, has_path } = form;
-        let path = has_path.then(|| B::values(&path));
+        let Form { columns, basis } = form;
+        let path = (!basis.is_empty())
+            .then(|| displacement::cpu::displacement(&B::values(&coefficients), &basis));
         let moved = cpu::moved(&B::values(&means), path.as_deref(), rows, columns);
         let add = |values: FloatTensor<B>, first: Option<usize>, size: usize| match first {
             Some(first) => {

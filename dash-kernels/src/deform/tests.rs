@@ -1,9 +1,11 @@
 use burn::tensor::{Device, Tensor};
 
-use super::{Columns, Ellipsoids, deform, reference};
+use super::{Columns, Ellipsoids, Path, deform, reference};
+use crate::displacement;
 use crate::testing::{assert_agrees, devices, normals, rng, tensor, to_f32, to_f64, values};
 
 const FACTOR: f32 = 0.3;
+const BASIS: [f32; 2] = [0.5, -2.0];
 
 /// Every arrangement of columns that fields have, and their width.
 const ARRANGED: [(Columns, usize); 4] = [
@@ -22,10 +24,10 @@ const fn columns(quats: Option<usize>, scales: Option<usize>) -> Columns {
     }
 }
 
-/// Means, quaternions, scales, path and offsets.
+/// Means, quaternions, scales, trajectories and offsets.
 fn inputs(n: usize, width: usize) -> [Vec<f32>; 5] {
     let mut rng = rng(n as u64);
-    [3, 4, 3, 3, width].map(|size| to_f32(&normals(&mut rng, n * size)))
+    [3, 4, 3, 3 * BASIS.len(), width].map(|size| to_f32(&normals(&mut rng, n * size)))
 }
 
 /// What comes out, and gradients of the inputs of a weighted sum of it.
@@ -47,7 +49,10 @@ fn on_device(
         quats: quats.clone(),
         scales: scales.clone(),
     };
-    let given = has_path.then(|| path.clone());
+    let given = has_path.then(|| Path {
+        coefficients: path.clone(),
+        basis: BASIS.to_vec(),
+    });
     let deformed = deform(canonical, given, offsets.clone(), columns).expect("fits");
     let outputs = [deformed.means, deformed.quats, deformed.scales];
     let weigh = |(output, weights): (&Tensor<2>, &Vec<f32>)| {
@@ -70,7 +75,10 @@ fn backends_match_the_reference() {
         for (n, has_path) in [(1, true), (70, false), (1_000, true)] {
             let inputs = inputs(n, width);
             let [means, quats, scales, path, offsets] = inputs.each_ref().map(|v| to_f64(v));
-            let path = if has_path { path } else { vec![0.0; 3 * n] };
+            let path = match has_path {
+                true => displacement::reference::displacement(&path, &BASIS.map(f64::from)),
+                false => vec![0.0; 3 * n],
+            };
             let canonical = [&*means, &*quats, &*scales];
             let expected = reference::deform(canonical, &path, &offsets, width, arranged);
             let mut rng = rng(3);
@@ -87,7 +95,9 @@ fn backends_match_the_reference() {
                 assert_eq!(v_means.as_ref(), Some(&weights[0]), "{name}");
                 assert_eq!(v_quats.as_ref(), Some(&weights[1]), "{name}");
                 assert_eq!(v_scales.as_ref(), Some(&weights[2]), "{name}");
-                assert_eq!(v_path, has_path.then(|| weights[0].clone()), "{name}");
+                let along = |v: &[f32]| BASIS.map(|b| v.iter().map(|v| b * v).collect::<Vec<_>>());
+                let rows = weights[0].chunks(3).flat_map(along).flatten();
+                assert_eq!(v_path, has_path.then(|| rows.collect()), "{name}");
                 let mut expected = vec![0.0; n * width];
                 for i in 0..n {
                     let row = &mut expected[i * width..(i + 1) * width];
@@ -163,9 +173,13 @@ fn other_shapes_are_refused() {
                 quats,
                 scales,
             };
+            let path = Path {
+                coefficients: path,
+                basis: BASIS.to_vec(),
+            };
             deform(canonical, Some(path), offsets, ARRANGED[0].0).is_ok()
         };
-        let good = [[2, 3], [2, 4], [2, 3], [2, 3], [2, 10]];
+        let good = [[2, 3], [2, 4], [2, 3], [2, 6], [2, 10]];
         assert!(fits(good));
         for k in 0..5 {
             for by in [[1, 0], [0, 1]] {

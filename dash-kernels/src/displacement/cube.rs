@@ -49,7 +49,8 @@ impl DisplacementVjp for CubeBackend {
     }
 }
 
-fn values(client: &Client, basis: &[f32]) -> Buffer {
+/// The values of the basis functions on the device.
+pub(crate) fn values(client: &Client, basis: &[f32]) -> Buffer {
     Buffer::from_words(client, bytemuck::cast_slice(basis))
 }
 
@@ -64,14 +65,26 @@ fn displacement_kernel(
     if ABSOLUTE_POS >= length as usize {
         terminate!();
     }
-    let n_functions = n_functions as usize;
-    let first = ABSOLUTE_POS / AXES * n_functions * AXES + ABSOLUTE_POS % AXES;
+    let (row, axis) = (ABSOLUTE_POS / AXES, ABSOLUTE_POS % AXES);
+    out[ABSOLUTE_POS] = displaced(coefficients, basis, row, axis, n_functions as usize);
+}
+
+/// A trajectory's displacement along an axis.
+#[cube]
+pub(crate) fn displaced(
+    coefficients: &[f32], // [N, B * 3]
+    basis: &[f32],        // [B]
+    row: usize,
+    axis: usize,
+    n_functions: usize,
+) -> f32 {
+    let first = row * n_functions * AXES + axis;
     let mut sum = 0.0f32;
     for k in 0..n_functions {
         let coefficient = finite_or_zero(coefficients[first + AXES * k]);
         sum = f32::clamp(fma(coefficient, basis[k], sum), f32::MIN, f32::MAX);
     }
-    out[ABSOLUTE_POS] = sum;
+    sum
 }
 
 #[cube(launch)]

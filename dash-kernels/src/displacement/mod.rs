@@ -3,7 +3,7 @@
 mod autodiff;
 pub mod cpu;
 #[cfg(feature = "cube")]
-mod cube;
+pub(crate) mod cube;
 pub mod reference;
 #[cfg(test)]
 mod tests;
@@ -16,7 +16,7 @@ use crate::KernelError;
 use crate::host::{HostBackend, dims};
 
 /// Coordinates of a displacement.
-const AXES: usize = 3;
+pub(crate) const AXES: usize = 3;
 
 /// Displacements of trajectories: the sum of their coefficients times the values of the basis functions at a time.
 ///
@@ -55,12 +55,7 @@ pub fn displacement(coefficients: Tensor<2>, basis: &[f32]) -> Result<Tensor<2>,
             found: vec![n, width],
         });
     }
-    if let Some(value) = basis.iter().find(|value| !value.is_finite()) {
-        return Err(KernelError::Config {
-            op: "displacement",
-            what: format!("a value of `basis` is {value}, expected finite values"),
-        });
-    }
+    check_basis("displacement", basis)?;
     // No device binds an empty buffer.
     if n == 0 || width == 0 {
         return Ok(Tensor::zeros([n, AXES], &coefficients.device()));
@@ -69,6 +64,16 @@ pub fn displacement(coefficients: Tensor<2>, basis: &[f32]) -> Result<Tensor<2>,
         coefficients.into_dispatch(),
         basis.to_vec(),
     )))
+}
+
+pub(crate) fn check_basis(op: &'static str, basis: &[f32]) -> Result<(), KernelError> {
+    match basis.iter().find(|value| !value.is_finite()) {
+        None => Ok(()),
+        Some(value) => Err(KernelError::Config {
+            op,
+            what: format!("a value of `basis` is {value}, expected finite values"),
+        }),
+    }
 }
 
 /// Dispatch of [`displacement`] over the enabled backends.

@@ -97,7 +97,8 @@ fn raise_kernel(
             if !is_finite(tensor.values[i]) {
                 flags[any as usize] = RAISED;
                 flags[tensor.flag as usize] = RAISED;
-                if tensor.width > 0u32 {
+                let has_marks = tensor.width > 0u32;
+                if has_marks {
                     flags[(tensor.marks + i as u32 / tensor.width) as usize] = RAISED;
                 }
             }

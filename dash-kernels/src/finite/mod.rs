@@ -33,8 +33,8 @@ pub struct Searched {
 /// tensor's own, and the marks of its rows at fault. No flag is lowered, so flags and marks can be those of many steps
 /// and be read once.
 ///
-/// The other operations of this crate give finite results for any input, so a fault has to be searched for in the
-/// parameters, in gradients and in the optimizer's state.
+/// What draws a picture gives finite results for any input, so a fault has to be searched for in the parameters, in gradients
+/// and in the optimizer's state.
 ///
 /// # Shapes
 /// `flags [F] -> [F]`, in place where nobody else holds their storage.

@@ -1,4 +1,5 @@
-//! Fully connected networks on CubeCL devices: a launch for each layer, after one that cleans the parameters.
+//! Fully connected networks on CubeCL devices: a launch for each layer. Parameters and gradients that are not finite are read as
+//! zero.
 //!
 //! Forward and gradient to the input: a unit owns [`ROWS`] rows of [`COLUMNS`] outputs, neighbouring units neighbouring
 //! outputs of the same rows, whose values come from the cache. Gradient to the parameters: a unit owns [`INPUTS`] times
@@ -30,7 +31,7 @@ const MOST_SUMS: usize = 1 << 24;
 
 impl Perceptron for CubeBackend {
     fn mlp(input: CubeTensor, parameters: CubeTensor, layout: MlpLayout) -> CubeTensor {
-        let (input, parameters) = (contiguous(input), clean(parameters));
+        let [input, parameters] = [input, parameters].map(contiguous);
         forward(&input, &parameters, &layout, layout.layers().len())
             .pop()
             .unwrap_or(input)
@@ -45,7 +46,7 @@ impl PerceptronVjp for CubeBackend {
         layout: &MlpLayout,
         [needs_input, needs_parameters]: [bool; 2],
     ) -> [Option<CubeTensor>; 2] {
-        let (input, parameters) = (contiguous(input), clean(parameters));
+        let [input, parameters] = [input, parameters].map(contiguous);
         let client = &input.client;
         let n = input.meta.shape()[0];
         let hidden = forward(&input, &parameters, layout, layout.layers().len() - 1);
@@ -54,7 +55,7 @@ impl PerceptronVjp for CubeBackend {
         let part = n.div_ceil(most_parts).max(PART);
         let n_parts = n.div_ceil(part);
         let sums = needs_parameters.then(|| Buffer::uninitialised(client, n_parts * n_parameters));
-        let mut v = clean(v_out);
+        let mut v = contiguous(v_out);
         let mut v_input = None;
         for (index, layer) in layout.layers().iter().enumerate().rev() {
             let inputs = index.checked_sub(1).map_or(&input, |index| &hidden[index]);
@@ -94,20 +95,6 @@ impl PerceptronVjp for CubeBackend {
 /// Units that the outputs of one row take.
 fn groups(n_outputs: usize) -> usize {
     n_outputs.div_ceil(COLUMNS)
-}
-
-/// The values, with zeros in place of those that are not finite.
-fn clean(values: CubeTensor) -> CubeTensor {
-    let values = contiguous(values);
-    let length = values.meta.num_elements();
-    let out = CubeTensor {
-        handle: uninitialised(&values, [length]).handle,
-        ..values.clone()
-    };
-    let (count, dim) = units(&values.client, length);
-    let length = length as u32;
-    clean_kernel::launch(&values.client, count, dim, arg(&values), arg(&out), length);
-    out
 }
 
 /// Outputs of each of the first `n_layers` layers.
@@ -181,17 +168,6 @@ fn sizes(layer: &MlpLayer, n: usize) -> SizesLaunch {
     )
 }
 
-#[cube(launch)]
-fn clean_kernel(
-    values: &[f32],  // [length]
-    out: &mut [f32], // [length]
-    length: u32,
-) {
-    if ABSOLUTE_POS < length as usize {
-        out[ABSOLUTE_POS] = finite_or_zero(values[ABSOLUTE_POS]);
-    }
-}
-
 /// Where a unit's rows start; those behind the last are the last again.
 #[cube]
 fn row_starts(first_row: usize, n_rows: usize, width: usize) -> Array<usize> {
@@ -237,7 +213,7 @@ fn layer_kernel(
     let mut sums = Array::<f32>::new(comptime!(ROWS * COLUMNS));
     #[unroll]
     for column in 0..COLUMNS {
-        let bias = parameters[first + n_inputs * n_outputs + columns[column]];
+        let bias = finite_or_zero(parameters[first + n_inputs * n_outputs + columns[column]]);
         #[unroll]
         for row in 0..ROWS {
             sums[row * COLUMNS + column] = bias;
@@ -246,7 +222,7 @@ fn layer_kernel(
     for k in 0..n_inputs {
         #[unroll]
         for column in 0..COLUMNS {
-            weights[column] = parameters[first + k * n_outputs + columns[column]];
+            weights[column] = finite_or_zero(parameters[first + k * n_outputs + columns[column]]);
         }
         #[unroll]
         for row in 0..ROWS {
@@ -303,11 +279,11 @@ fn layer_vjp_kernel(
     for k in 0..n_outputs {
         #[unroll]
         for column in 0..COLUMNS {
-            weights[column] = parameters[first + columns[column] * n_outputs + k];
+            weights[column] = finite_or_zero(parameters[first + columns[column] * n_outputs + k]);
         }
         #[unroll]
         for row in 0..ROWS {
-            let value = v[rows[row] + k];
+            let value = finite_or_zero(v[rows[row] + k]);
             #[unroll]
             for column in 0..COLUMNS {
                 sums[row * COLUMNS + column] += value * weights[column];

@@ -4,11 +4,12 @@
 
 use burn::tensor::DType;
 use burn_cubecl::CubeBackend;
+use burn_cubecl::kernel::into_contiguous;
 use burn_cubecl::ops::numeric::empty_device_contiguous_dtype;
 use burn_cubecl::tensor::CubeTensor;
 use cubecl::prelude::*;
 
-use super::PackRgba8;
+use super::{BYTES, PackRgba8};
 use crate::cube::{arg, contiguous, finite_or_zero, units};
 use crate::host::dims;
 
@@ -33,6 +34,42 @@ impl PackRgba8 for CubeBackend {
             pitch as u32,
         );
         pixels
+    }
+
+    fn from_bytes(words: CubeTensor, n: usize) -> CubeTensor {
+        let words = into_contiguous(words);
+        let (client, device) = (words.client.clone(), words.device.clone());
+        let numbers = empty_device_contiguous_dtype(client, device, [n].into(), DType::F32);
+        let (count, dim) = units(&words.client, n.div_ceil(BYTES));
+        bytes_kernel::launch(
+            &words.client,
+            count,
+            dim,
+            arg(&words),
+            arg(&numbers),
+            n as u32,
+        );
+        numbers
+    }
+}
+
+/// A unit owns a word.
+#[cube(launch)]
+fn bytes_kernel(
+    words: &[u32],       // [ceil(n / 4)]
+    numbers: &mut [f32], // [n]
+    n: u32,
+) {
+    let first = ABSOLUTE_POS * BYTES;
+    if first < n as usize {
+        let word = words[ABSOLUTE_POS];
+        #[unroll]
+        for k in 0..BYTES {
+            if first + k < n as usize {
+                let byte = (word >> comptime!(8 * k as u32)) & 0xffu32;
+                numbers[first + k] = f32::cast_from(byte) / 255.0f32;
+            }
+        }
     }
 }
 

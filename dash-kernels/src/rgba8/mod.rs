@@ -8,7 +8,7 @@ mod tests;
 
 use burn::backend::tensor::{FloatTensor, IntTensor};
 use burn::backend::{Backend, Dispatch, TensorMetadata, backend_extension};
-use burn::tensor::{Int, Tensor, TensorData};
+use burn::tensor::{Int, Tensor, TensorData, try_read_sync};
 
 use crate::KernelError;
 use crate::host::{HostBackend, dims};
@@ -52,11 +52,49 @@ pub fn rgba8(image: Tensor<3>, pitch: usize) -> Result<Tensor<2, Int>, KernelErr
     Ok(Tensor::from_dispatch(Dispatch::pack_rgba8(image, pitch)))
 }
 
-/// Dispatch of [`rgba8`] over the enabled backends.
+/// Bytes as numbers in [0, 1]: a picture in a quarter of the memory, on its way to a device.
+///
+/// # Shapes
+/// `words [W]` of four bytes each, the lowest first; the first `n` bytes count `-> [n]`.
+///
+/// # Errors
+/// [`KernelError::Shape`] when there are fewer bytes, or none is asked for.
+///
+/// # Example
+/// ```
+/// use burn::tensor::{Device, Int, Tensor};
+/// use dash_kernels::rgba8::from_bytes;
+///
+/// let words = Tensor::<1, Int>::from_ints([0x33_ff_00], &Device::flex());
+/// let numbers = from_bytes(words, 3)?;
+/// assert_eq!(numbers.into_data().try_into_vec::<f32>()?, [0.0, 1.0, 0.2]);
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
+pub fn from_bytes(words: Tensor<1, Int>, n: usize) -> Result<Tensor<1>, KernelError> {
+    let [n_words] = words.dims();
+    if n == 0 || n > BYTES * n_words {
+        return Err(KernelError::Shape {
+            op: "from_bytes",
+            tensor: "words",
+            expected: format!("[{}] or more, of 1 byte or more", n.div_ceil(BYTES)),
+            found: vec![n_words],
+        });
+    }
+    let words = words.into_dispatch();
+    Ok(Tensor::from_dispatch(Dispatch::from_bytes(words, n)))
+}
+
+/// Bytes of a word.
+const BYTES: usize = 4;
+
+/// Dispatch of [`rgba8`] and [`from_bytes`] over the enabled backends.
 #[backend_extension(Flex: cfg(feature = "flex"), NdArray: cfg(feature = "ndarray"), Cube: cfg(feature = "cube"))]
 pub trait PackRgba8: Backend {
     /// `[H, W, C]` to `[H, pitch]`, 32 bits each.
     fn pack_rgba8(image: FloatTensor<Self>, pitch: usize) -> IntTensor<Self>;
+
+    /// See [`from_bytes`]; there are as many bytes.
+    fn from_bytes(words: IntTensor<Self>, n: usize) -> FloatTensor<Self>;
 }
 
 impl<B: HostBackend> PackRgba8 for B {
@@ -65,5 +103,14 @@ impl<B: HostBackend> PackRgba8 for B {
         let pixels = cpu::rgba8(&B::values(&image), [height, width, channels], pitch);
         let data = TensorData::new(pixels, [height, pitch]);
         B::int_from_data(data, &image.device())
+    }
+    fn from_bytes(words: IntTensor<B>, n: usize) -> FloatTensor<B> {
+        let device = words.device();
+        let words = try_read_sync(B::int_into_data(words))
+            .expect("a host backend's tensors are read without waiting")
+            .expect("reading host memory cannot fail");
+        let bytes = words.iter::<i32>().flat_map(i32::to_le_bytes).take(n);
+        let numbers: Vec<f32> = bytes.map(|byte| f32::from(byte) / 255.0).collect();
+        B::float_from_data(TensorData::new(numbers, [n]), &device)
     }
 }

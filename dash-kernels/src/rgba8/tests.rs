@@ -1,8 +1,8 @@
-use burn::tensor::{Device, Tensor};
+use burn::tensor::{Device, Int, Tensor, TensorData};
 use rand::Rng;
 
-use super::rgba8;
-use crate::testing::{devices, poison, rng, tensor, uniform};
+use super::{from_bytes, rgba8};
+use crate::testing::{devices, poison, rng, tensor, uniform, values};
 
 /// What the operation says it does, one pixel at a time.
 fn reference(values: &[f32], [height, width, channels]: [usize; 3], pitch: usize) -> Vec<u8> {
@@ -128,5 +128,36 @@ fn a_gpu_shows_its_buffer_and_a_cpu_has_none() {
         if let Some((buffer, offset)) = buffer {
             assert!(offset + 64 * 4 <= buffer.size());
         }
+    }
+}
+
+#[test]
+fn bytes_become_numbers_whatever_their_place_in_a_word() {
+    let bytes: Vec<u8> = (0..=255).cycle().take(1_023).collect();
+    for device in devices() {
+        for n in [1, 2, 3, 4, 5, 1_020, 1_023] {
+            let words = bytes.chunks(4).map(|chunk| {
+                let mut word = [0; 4];
+                word[..chunk.len()].copy_from_slice(chunk);
+                i32::from_le_bytes(word)
+            });
+            let words: Vec<i32> = words.collect();
+            let shape = [words.len()];
+            let words = Tensor::<1, Int>::from_data(TensorData::new(words, shape), &device);
+            let found = values(from_bytes(words, n).expect("as many"));
+            assert_eq!(found.len(), n);
+            for (found, byte) in found.iter().zip(&bytes) {
+                let expected = f32::from(*byte) / 255.0;
+                // A division on a GPU may be off by 2.5 units in the last place (WGSL).
+                let off = (found - expected).abs();
+                assert!(
+                    off <= 2.5 * f32::EPSILON * expected,
+                    "{device:?}: {byte} {found}"
+                );
+            }
+        }
+        let words = || Tensor::<1, Int>::zeros([2], &device);
+        assert!(from_bytes(words(), 8).is_ok());
+        assert!(from_bytes(words(), 9).is_err() && from_bytes(words(), 0).is_err());
     }
 }

@@ -16,7 +16,7 @@ use crate::KernelError;
 use crate::host::{HostBackend, dims};
 
 /// Stands for a row that was not taken.
-const NOT_TAKEN: u32 = u32::MAX;
+pub(crate) const NOT_TAKEN: u32 = u32::MAX;
 
 /// Some rows of a matrix, none of them twice.
 ///
@@ -166,7 +166,7 @@ pub trait TakeRowsVjp: TakeRows {
 }
 
 /// The place of each of `n` rows among those taken.
-fn places(n: usize, rows: &[u32]) -> Vec<u32> {
+pub(crate) fn places(n: usize, rows: &[u32]) -> Vec<u32> {
     let mut places = vec![NOT_TAKEN; n];
     for (place, &row) in (0..).zip(rows) {
         places[row as usize] = place;

@@ -25,18 +25,26 @@ impl<B: SpaceTimeVjp> Backward<B, 1> for SpaceTimeBackward {
 }
 
 impl<B: SpaceTimeVjp, C: CheckpointStrategy> SpaceTime for Autodiff<B, C> {
-    fn space_time(positions: FloatTensor<Self>, bounds: Bounds, time: f32) -> FloatTensor<Self> {
-        let (positions, node) = positions.into_parts();
+    fn space_time(
+        positions: FloatTensor<Self>,
+        steps: FloatTensor<Self>,
+        rows: Vec<u32>,
+        bounds: Bounds,
+        time: f32,
+    ) -> FloatTensor<Self> {
+        let ((positions, node), (steps, _)) = (positions.into_parts(), steps.into_parts());
         match SpaceTimeBackward
             .prepare::<C>([node])
             .compute_bound()
             .stateful()
         {
             OpsKind::Tracked(prep) => {
-                let out = B::space_time(positions.clone(), bounds, time);
+                let out = B::space_time(positions.clone(), steps, rows, bounds, time);
                 prep.finish((positions, bounds), out)
             }
-            OpsKind::UnTracked(prep) => prep.finish(B::space_time(positions, bounds, time)),
+            OpsKind::UnTracked(prep) => {
+                prep.finish(B::space_time(positions, steps, rows, bounds, time))
+            }
         }
     }
 }

@@ -24,6 +24,17 @@ pub fn space_time(positions: &[f32], bounds: &Bounds, time: f32) -> Vec<f32> {
     out
 }
 
+/// Appends points beside those of `rows`, by `steps [M, 4]`. See [`space_time_beside`](super::space_time_beside).
+pub fn add_beside(points: &mut Vec<f32>, steps: &[f32], rows: &[u32]) {
+    let (steps, _) = steps.as_chunks::<WIDTH>();
+    for (step, &row) in steps.iter().zip(rows) {
+        for (axis, by) in step.iter().enumerate() {
+            let beside = points[row as usize * WIDTH + axis] + by;
+            points.push(finite_or_zero(beside).clamp(0.0, 1.0));
+        }
+    }
+}
+
 struct Forward<'a> {
     out: &'a mut [f32],
     positions: &'a [f32],

@@ -7,23 +7,35 @@ use burn_cubecl::tensor::CubeTensor;
 use cubecl::prelude::*;
 
 use super::{AXES, Bounds, SpaceTime, SpaceTimeVjp, WIDTH};
-use crate::cube::{arg, contiguous, finite_or_zero, is_finite, uninitialised, units};
+use crate::cube::{Buffer, arg, contiguous, finite_or_zero, is_finite, uninitialised, units};
 
 impl SpaceTime for CubeBackend {
-    fn space_time(positions: CubeTensor, bounds: Bounds, time: f32) -> CubeTensor {
-        let positions = contiguous(positions);
-        let n = positions.meta.shape()[0];
-        let out = uninitialised(&positions, [n, WIDTH]);
-        let (count, dim) = units(&positions.client, n);
+    fn space_time(
+        positions: CubeTensor,
+        steps: CubeTensor,
+        rows: Vec<u32>,
+        bounds: Bounds,
+        time: f32,
+    ) -> CubeTensor {
+        let [positions, steps] = [positions, steps].map(contiguous);
+        let client = &positions.client;
+        let [n, m] = [positions.meta.shape()[0], rows.len()];
+        let out = uninitialised(&positions, [n + m, WIDTH]);
+        let (count, dim) = units(client, n + m);
+        // No device binds an empty buffer.
+        let rows = Buffer::from_words(client, if m > 0 { &rows } else { &[0] });
         space_time_kernel::launch(
-            &positions.client,
+            client,
             count,
             dim,
             arg(&positions),
+            arg(&steps),
+            rows.arg(),
             arg(&out),
             launched(&bounds),
             time,
             n as u32,
+            m as u32,
             bounds.clamp,
         );
         out
@@ -92,24 +104,72 @@ fn limited_vjp(value: f32, v: f32, scale: f32, #[comptime] clamp: bool) -> f32 {
     }
 }
 
+/// A point of the unit cube.
+#[derive(CubeType, Clone, Copy)]
+struct Point {
+    x: f32,
+    y: f32,
+    z: f32,
+    t: f32,
+}
+
+#[cube]
+fn point_of(
+    positions: &[f32], // [N, 3]
+    row: usize,
+    axes: &Axes,
+    time: f32,
+    #[comptime] clamp: bool,
+) -> Point {
+    let from = AXES * row;
+    Point {
+        x: limited(along(positions[from], axes.min_x, axes.scale_x), clamp),
+        y: limited(along(positions[from + 1], axes.min_y, axes.scale_y), clamp),
+        z: limited(along(positions[from + 2], axes.min_z, axes.scale_z), clamp),
+        t: time,
+    }
+}
+
+/// A coordinate beside another.
+#[cube]
+fn beside(value: f32, step: f32) -> f32 {
+    f32::clamp(finite_or_zero(value + step), 0.0f32, 1.0f32)
+}
+
 #[cube(launch)]
 fn space_time_kernel(
     positions: &[f32], // [N, 3]
-    out: &mut [f32],   // [N, 4]
+    steps: &[f32],     // [M, 4]
+    rows: &[u32],      // [M]
+    out: &mut [f32],   // [N + M, 4]
     axes: Axes,
     time: f32,
     n: u32,
+    m: u32,
     #[comptime] clamp: bool,
 ) {
     let i = ABSOLUTE_POS;
-    if i >= n as usize {
+    if i >= (n + m) as usize {
         terminate!();
     }
-    let (from, to) = (AXES * i, WIDTH * i);
-    out[to] = limited(along(positions[from], axes.min_x, axes.scale_x), clamp);
-    out[to + 1] = limited(along(positions[from + 1], axes.min_y, axes.scale_y), clamp);
-    out[to + 2] = limited(along(positions[from + 2], axes.min_z, axes.scale_z), clamp);
-    out[to + 3] = time;
+    let is_beside = i >= n as usize;
+    let mut row = i;
+    if is_beside {
+        row = rows[i - n as usize] as usize;
+    }
+    let mut point = point_of(positions, row, &axes, time, clamp);
+    if is_beside {
+        let from = (i - n as usize) * WIDTH;
+        point.x = beside(point.x, steps[from]);
+        point.y = beside(point.y, steps[from + 1]);
+        point.z = beside(point.z, steps[from + 2]);
+        point.t = beside(point.t, steps[from + 3]);
+    }
+    let to = WIDTH * i;
+    out[to] = point.x;
+    out[to + 1] = point.y;
+    out[to + 2] = point.z;
+    out[to + 3] = point.t;
 }
 
 #[cube(launch)]

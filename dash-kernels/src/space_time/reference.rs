@@ -17,6 +17,18 @@ pub fn space_time(positions: &[f64], bounds: &Bounds, time: f64) -> Vec<f64> {
     positions.chunks_exact(3).flat_map(point).collect()
 }
 
+/// Points beside those of `rows`, by `steps [M, 4]`, of `points [N, 4] -> [M, 4]`.
+pub fn beside(points: &[f64], steps: &[f64], rows: &[u32]) -> Vec<f64> {
+    let steps = steps.chunks_exact(4).zip(rows);
+    steps
+        .flat_map(|(step, &row)| {
+            let point = &points[4 * row as usize..][..4];
+            let sums = point.iter().zip(step).map(|(a, b)| (a + b).clamp(0.0, 1.0));
+            sums.collect::<Vec<_>>()
+        })
+        .collect()
+}
+
 /// `positions [N, 3]`, `v_out [N, 4] -> [N, 3]`.
 pub fn space_time_vjp(positions: &[f64], v_out: &[f64], bounds: &Bounds) -> Vec<f64> {
     let rows = positions.chunks_exact(3).zip(v_out.chunks_exact(4));

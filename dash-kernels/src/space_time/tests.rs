@@ -1,6 +1,6 @@
 use burn::tensor::Tensor;
 
-use super::{Bounds, cpu, reference, space_time};
+use super::{Beside, Bounds, cpu, reference, space_time, space_time_beside};
 use crate::testing::{
     assert_agrees, assert_close, assert_same_for_any_thread_count, central_differences, devices,
     normals, rng, tensor, to_f32, to_f64, values,
@@ -81,6 +81,43 @@ fn backends_match_the_reference() {
             assert_close(&name, &to_f64(&gradient), &expected, 0.0, 1e-6);
             assert_agrees(&name, &gradient, &expected);
         }
+    }
+}
+
+#[test]
+fn points_beside_match_the_reference_and_have_no_gradient() {
+    for device in devices() {
+        let device = device.autodiff();
+        for (n, m, clamp) in [(1, 1, true), (70, 30, false), (300, 500, true)] {
+            let name = format!("{device:?}, {n} and {m}, {clamp}");
+            let (positions, steps) = (random(13, 3 * n), random(14, 4 * m));
+            let steps: Vec<f32> = steps.iter().map(|v| 0.1 * v).collect();
+            let rows: Vec<u32> = (0..m).map(|k| (k * 7 % n) as u32).collect();
+            let tracked = tensor(&positions, [n, 3], &device).require_grad();
+            let given = Beside {
+                rows: rows.clone(),
+                steps: tensor(&steps, [m, 4], &device),
+            };
+            let out = space_time_beside(tracked.clone(), given, &bounds(clamp), 0.95);
+            let out = out.expect("fits");
+            let mut expected =
+                reference::space_time(&to_f64(&positions), &bounds(clamp), f64::from(0.95f32));
+            expected.extend(reference::beside(&expected, &to_f64(&steps), &rows));
+            let found = to_f64(&values(out.clone().inner()));
+            assert_close(&name, &found, &expected, 3e-7, 3e-7);
+            let v_out = random(15, 4 * (n + m));
+            let grads = (out * tensor(&v_out, [n + m, 4], &device)).sum().backward();
+            let gradient = values(tracked.grad(&grads).expect("tracked"));
+            let v_own = to_f64(&v_out[..4 * n]);
+            let expected = reference::space_time_vjp(&to_f64(&positions), &v_own, &bounds(clamp));
+            assert_agrees(&name, &gradient, &expected);
+        }
+        let refused = |rows: Vec<u32>, m: usize| {
+            let steps = Tensor::zeros([m, 4], &device);
+            let positions = Tensor::zeros([3, 3], &device);
+            space_time_beside(positions, Beside { rows, steps }, &bounds(true), 0.5).is_err()
+        };
+        assert!(refused(vec![3], 1) && refused(vec![0], 2) && !refused(vec![2, 2], 2));
     }
 }
 

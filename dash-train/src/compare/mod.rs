@@ -23,6 +23,7 @@ use burn::tensor::Device;
 use serde::{Deserialize, Serialize};
 
 pub use budget::Budget;
+use gauge::Gauge;
 pub use lead::{Lead, Standing};
 pub use method::Method;
 pub use tables::tables;
@@ -85,13 +86,18 @@ pub struct RunOptions<'a> {
 }
 
 /// The data and the device of a comparison's runs.
-#[derive(Clone, Copy)]
 pub struct On<'a> {
     /// The data.
     pub dataset: &'a Arc<Dataset>,
     /// The device.
     pub device: &'a Device,
+    /// How fast it is.
+    pub pace: &'a mut Pace,
 }
+
+/// The machine's speed, once a process has measured it: from its first run to the last.
+#[derive(Default)]
+pub struct Pace(Option<Gauge>);
 
 /// A run of a comparison.
 #[derive(Debug, Clone)]
@@ -261,7 +267,7 @@ impl Comparison {
             perceptual: options.perceptual,
             observer,
             stop: options.stop,
-            gauge: None,
+            pace: on.pace,
         }
     }
 }

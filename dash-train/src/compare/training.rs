@@ -10,7 +10,7 @@ use dash_model::scene_file::write_atomically;
 use serde::{Deserialize, Serialize};
 
 use super::gauge::Gauge;
-use super::{Budget, Comparison, Length, Method, Observer};
+use super::{Budget, Comparison, Length, Method, Observer, Pace};
 use crate::Error;
 use crate::dataset::Dataset;
 use crate::evaluate::Perceptual;
@@ -37,7 +37,7 @@ pub(super) struct Training<'a> {
     /// Asked before and after every step of a run of given length whether to stop there, with a checkpoint.
     pub(super) stop: &'a dyn Fn() -> bool,
     /// The machine's speed, from the first run that is trained on.
-    pub(super) gauge: Option<Gauge>,
+    pub(super) pace: &'a mut Pace,
 }
 
 impl Training<'_> {
@@ -50,8 +50,8 @@ impl Training<'_> {
         iterations: Option<usize>,
         root: &Path,
     ) -> Result<(RunFolder, Results), Error> {
-        if self.gauge.is_none() {
-            self.gauge = Some(self.measure_speed()?);
+        if self.pace.0.is_none() {
+            self.pace.0 = Some(self.measure_speed()?);
         }
         let mut config = method.of(&self.comparison.preset);
         config.seed = seed;
@@ -103,7 +103,7 @@ impl Training<'_> {
             None => observer.begin(method, config.seed, n, true),
             Some((report, secs)) => observer.step(report, secs),
         };
-        let gauge = self.gauge.as_mut().expect("measured before any run");
+        let gauge = self.pace.0.as_mut().expect("measured before any run");
         budget.iterations(config, self.dataset, self.device, gauge, &mut told)
     }
 
@@ -120,7 +120,7 @@ impl Training<'_> {
             }
             RunFolder::create(root, &config)?
         };
-        let gauge = self.gauge.as_mut().expect("measured before any run");
+        let gauge = self.pace.0.as_mut().expect("measured before any run");
         let options = TrainOptions {
             resume: resumes,
             curve: self.comparison.curve,

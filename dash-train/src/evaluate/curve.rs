@@ -148,7 +148,7 @@ impl CurveProbe {
         let scene = scene.valid();
         let views: Vec<&View> = self.views.iter().map(|&i| &self.dataset.views[i]).collect();
         let scores = evaluate_views(
-            &scene,
+            (&scene).into(),
             &self.dataset,
             (Partition::Test, &views),
             &mut self.moving,

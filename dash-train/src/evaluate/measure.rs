@@ -8,6 +8,7 @@ use dash_model::{DynamicScene, Layer};
 use super::perceptual::Perceptual;
 use super::scores::{DecompositionScores, Evaluation, MetricSettings, ViewScores};
 use crate::Error;
+use crate::SceneOverTime;
 use crate::dataset::{Dataset, Partition, View};
 use crate::metrics::{
     DecompositionCounts, corrected, decomposition_counts, masked_psnr, moving_pixels_by_bands,
@@ -21,13 +22,34 @@ const MASK_HALF: u8 = 127;
 /// Steps of an 8-bit channel.
 const LEVELS: f32 = 255.0;
 
-/// Scores `scene` against the training or test views. `downscale` is the factor at which the dataset was
+/// What is scored.
+#[derive(Clone, Copy)]
+pub struct Scored<'a> {
+    /// Draws it.
+    pub scene: &'a dyn SceneOverTime,
+    /// Its static and dynamic Gaussians.
+    pub counts: (usize, usize),
+    /// Its background.
+    pub background: [f32; 3],
+}
+
+impl<'a> From<&'a DynamicScene> for Scored<'a> {
+    fn from(scene: &'a DynamicScene) -> Self {
+        Self {
+            scene,
+            counts: scene.counts(),
+            background: scene.settings.background,
+        }
+    }
+}
+
+/// Scores a scene against the training or test views. `downscale` is the factor at which the dataset was
 /// loaded, for the record; `perceptual` holds what LPIPS needs, by default nothing.
 ///
 /// # Errors
 /// When there are no such views, or a kernel refuses its input.
-pub fn evaluate(
-    scene: &DynamicScene,
+pub fn evaluate<'a>(
+    scored: impl Into<Scored<'a>>,
     dataset: &Dataset,
     split: Partition,
     downscale: f64,
@@ -43,7 +65,7 @@ pub fn evaluate(
         ));
     }
     evaluate_views(
-        scene,
+        scored.into(),
         dataset,
         (split, &views),
         &mut BTreeMap::new(),
@@ -54,14 +76,16 @@ pub fn evaluate(
 /// [`evaluate`] over some of these views, at least one. `masks` holds which pixels move, by camera,
 /// and keeps those that are worked out here.
 pub(super) fn evaluate_views(
-    scene: &DynamicScene,
+    scored: Scored<'_>,
     dataset: &Dataset,
     (split, views): (Partition, &[&View]),
     masks: &mut BTreeMap<usize, Vec<bool>>,
     (downscale, perceptual): (f64, &Perceptual),
 ) -> Result<Evaluation, Error> {
     let first = views[0];
-    let background = scene.settings.background;
+    let Scored {
+        scene, background, ..
+    } = scored;
     // A group of pictures of a video is decoded once for all of its frames.
     dataset.announce(views.iter().copied());
     // The first rendering pays for what later ones find ready.
@@ -86,7 +110,7 @@ pub(super) fn evaluate_views(
             *counts.get_or_insert_default() += decomposition_counts(&dynamic.alpha, &truth);
         }
     }
-    let (n_static, n_dynamic) = scene.counts();
+    let (n_static, n_dynamic) = scored.counts;
     let camera = &first.camera;
     Ok(Evaluation {
         split,

@@ -10,7 +10,7 @@ mod scores;
 mod storage;
 
 pub use curve::{CurveLine, CurveProbe, MAX_CURVE_VIEWS};
-pub use measure::evaluate;
+pub use measure::{Scored, evaluate};
 pub use perceptual::{Perceptual, PerceptualFiles};
 pub use scores::{DecompositionScores, Evaluation, MetricSettings, ViewScores};
 pub(crate) use scores::{ROUNDING_RULE, resize_rule};

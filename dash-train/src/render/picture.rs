@@ -6,7 +6,7 @@ use std::time::Instant;
 use dash_kernels::Camera;
 use dash_model::{DynamicScene, Layer, Picture, Rendering};
 
-use crate::{Drawn, Error};
+use crate::{Drawn, Error, SceneOverTime};
 
 /// What a picture shows.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, clap::ValueEnum)]
@@ -65,6 +65,10 @@ pub(super) fn render_mixed(
     camera: &Camera,
     layer: Layer,
 ) -> Result<Picture, Error> {
+    Ok(Picture::of(mixed(drawn, camera, layer)?)?)
+}
+
+fn mixed(drawn: &[Drawn<'_>], camera: &Camera, layer: Layer) -> Result<Rendering, Error> {
     let mut mixed: Option<Rendering> = None;
     for Drawn { scene, time, share } in drawn {
         let own = scene.render_layer(camera, *time, layer)?;
@@ -78,18 +82,20 @@ pub(super) fn render_mixed(
             },
         });
     }
-    Ok(Picture::of(mixed.expect("a scene is drawn"))?)
+    Ok(mixed.expect("a scene is drawn"))
 }
 
-/// [`render`], and the seconds until the device had finished; copying to the host excluded.
+/// A picture of a scene over time, and the seconds until the device had finished; reading files and copying to the host
+/// excluded.
 pub(crate) fn render_timed(
-    scene: &DynamicScene,
+    scene: &dyn SceneOverTime,
     camera: &Camera,
     time: f32,
     layer: Layer,
 ) -> Result<(Picture, f64), Error> {
+    let drawn = scene.drawn_at(time)?;
     let start = Instant::now();
-    let rendering = scene.render_layer(camera, time, layer)?;
+    let rendering = mixed(&drawn, camera, layer)?;
     let device = rendering.image.device();
     device
         .sync()

@@ -17,7 +17,7 @@ const KEPT: usize = 2;
 
 /// The trained windows of a clip. Only those that a picture needs are read.
 pub struct WindowedClip {
-    out: PathBuf,
+    pub(super) out: PathBuf,
     windows: Windows,
     device: Device,
     background: Option<[f32; 3]>,
@@ -48,6 +48,11 @@ impl WindowedClip {
     /// Draws over another colour than the windows' own.
     pub fn set_background(&mut self, background: [f32; 3]) {
         self.background = Some(background);
+    }
+
+    /// What it is drawn over.
+    pub(super) fn background(&self) -> Result<[f32; 3], Error> {
+        Ok(self.scene(0)?.settings.background)
     }
 
     fn scene(&self, number: usize) -> Result<DynamicScene, Error> {

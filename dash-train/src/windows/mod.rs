@@ -6,6 +6,7 @@
 //! other.
 
 mod clip;
+mod scores;
 #[cfg(test)]
 mod tests;
 

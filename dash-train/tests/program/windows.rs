@@ -1,4 +1,4 @@
-//! `dash plan train`: a long clip in windows of time.
+//! `dash train --window` and `dash plan train`: a long clip in windows of time.
 
 use crate::common::{Scratch, TINY};
 use burn::tensor::Device;
@@ -112,9 +112,39 @@ fn windows_are_trained_by_themselves_and_shown_as_one_clip() {
         (of_frame(1), of_frame(3), of_frame(4)),
         (first, first + second, second)
     );
+    // Scores of the clip are those of what is drawn; where windows fade, neither window's.
+    let told = scratch.ok(&["eval", "all"]);
+    assert!(told.contains("all/results.json"), "{told}");
+    let results = |name: &str| -> serde_json::Value {
+        serde_json::from_slice(&scratch.read(&format!("{name}/results.json"))).expect("JSON")
+    };
+    let (clip, first) = (results("all"), results("all/window-000"));
+    let of_frame = |results: &serde_json::Value, frame: usize| {
+        let views = results["per_view"].as_array().expect("views").clone();
+        let frame = views.into_iter().filter(|view| view["frame"] == frame);
+        frame.map(|view| view["psnr"].as_f64()).collect::<Vec<_>>()
+    };
+    assert_eq!(clip["per_view"].as_array().map(Vec::len), Some(9));
+    assert_eq!(of_frame(&clip, 1), of_frame(&first, 1));
+    assert_ne!(of_frame(&clip, 3), of_frame(&first, 3));
+    let sum = |key: &str| {
+        let windows = (0..3).map(|k| results(&format!("all/window-00{k}")));
+        windows
+            .map(|of| of[key].as_u64().expect("a number"))
+            .sum::<u64>()
+    };
+    for key in ["iterations", "storage_bytes", "n_static", "n_dynamic"] {
+        assert_eq!(clip[key].as_u64(), Some(sum(key)), "{key}");
+    }
     // Done windows stay; others are not taken for them.
     scratch.ok(&planned(&[]));
     scratch.fails(&planned(&["--seed", "1"]), "windows.toml differs");
+    // One command plans, works and joins, and goes on with what there is.
+    let at_once = planned(&[]);
+    std::fs::remove_dir_all(scratch.path("all/window-001")).expect("removable");
+    let told = scratch.ok(&at_once[1..]);
+    let tally = told.contains("1 done, 2 done before");
+    assert!(tally && told.contains("window-002     4 to 8"), "{told}");
 }
 
 #[test]
@@ -129,6 +159,14 @@ fn what_needs_no_windows_is_refused() {
     assert!(with("9", "2", &[]).contains("--window"));
     assert!(with("6", "3", &[]).contains("--overlap"));
     assert!(with("5", "2", &["--frames", "0-5"]).contains("--frames"));
+    let watched = planned(&["--tensorboard", "curves"]);
+    assert!(
+        scratch
+            .is_wrong_usage(&watched[1..])
+            .contains("--tensorboard")
+    );
+    let resumed = planned(&["--resume"]);
+    assert!(scratch.is_wrong_usage(&resumed[1..]).contains("--resume"));
     let no_views = planned(&["--test-cameras", "none"]);
     scratch.fails(&no_views, "--test-cameras");
 }

@@ -43,7 +43,7 @@ pub(super) fn parameters_vjp_kernel(
         }
         #[unroll]
         for column in 0..COLUMNS {
-            let v = v[row * n_outputs + columns[column]];
+            let v = finite_or_zero(v[row * n_outputs + columns[column]]);
             #[unroll]
             for i in 0..INPUTS {
                 held[i * COLUMNS + column] += values[i] * v;

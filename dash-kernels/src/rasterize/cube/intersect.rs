@@ -55,22 +55,25 @@ struct DrawingOrder {
 }
 
 impl DrawingOrder {
-    fn new(splats: &CubeTensor, image: ImageSizeLaunch) -> Self {
+    /// Of `splats [N, C]`; `ranges` become zeros, by the way.
+    fn new(splats: &CubeTensor, image: ImageSizeLaunch, ranges: &Buffer) -> Self {
         let client = &splats.client;
         let n = splats.meta.shape()[0];
         let new = || Buffer::uninitialised(client, n);
         let (keys, ids, tile_counts) = (new(), new(), new());
-        let (count, dim) = units(client, n);
+        let (count, dim) = units(client, n.max(ranges.len()));
         find_tiles::launch(
             client,
-            count.clone(),
+            count,
             dim,
             arg(splats),
             keys.arg(),
             ids.arg(),
             tile_counts.arg(),
+            ranges.arg(),
             image,
             n as u32,
+            ranges.len() as u32,
         );
         let all = Buffer::from_words(client, &[n as u32]);
         let all = DeviceCount {
@@ -79,6 +82,7 @@ impl DrawingOrder {
         };
         let (_, order) = sort_pairs(client, keys, ids, &all, u32::BITS);
         let ordered_counts = new();
+        let (count, dim) = units(client, n);
         reorder::launch(
             client,
             count,
@@ -105,7 +109,9 @@ impl Intersections {
         let tiles = [options.width.div_ceil(TILE), options.height.div_ceil(TILE)];
         let (width, height) = (options.width as u32, options.height as u32);
         let image = || ImageSizeLaunch::new(width, height, tiles[0] as u32);
-        let drawing = DrawingOrder::new(splats, image());
+        let n_tiles = tiles[0] * tiles[1];
+        let ranges = Buffer::uninitialised(client, 2 * n_tiles + 1);
+        let drawing = DrawingOrder::new(splats, image(), &ranges);
         let (order, tile_counts, starts) = (drawing.order, drawing.tile_counts, drawing.starts);
         let capacity = capacity.unwrap_or_else(|| capacity::next(client, &starts, n, tiles));
 
@@ -129,10 +135,9 @@ impl Intersections {
             buffer: &starts,
             at: n,
         };
-        let n_tiles = tiles[0] * tiles[1];
         let key_bits = (n_tiles as u32).next_power_of_two().trailing_zeros().max(1);
         let (tile_keys, slots) = sort_pairs(client, tile_keys, slots, &total, key_bits);
-        let (rows, ranges) = (new(capacity), Buffer::zeros(client, 2 * n_tiles + 1));
+        let rows = new(capacity);
         let (count, dim) = units(client, capacity);
         finish_lists::launch(
             client,
@@ -177,10 +182,15 @@ fn find_tiles(
     keys: &mut [u32],        // [N]
     ids: &mut [u32],         // [N]
     tile_counts: &mut [u32], // [N]
+    ranges: &mut [u32],      // [n_ranges]
     image: ImageSize,
     n: u32,
+    n_ranges: u32,
 ) {
     let row = ABSOLUTE_POS;
+    if row < n_ranges as usize {
+        ranges[row] = 0u32;
+    }
     if row < n as usize {
         let splat = footprint(splats, row, &image);
         let mut found = 0u32;

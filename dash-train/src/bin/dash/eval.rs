@@ -2,10 +2,12 @@
 
 use std::path::PathBuf;
 
+use burn::tensor::Device;
 use clap::{Args, ValueEnum};
 use dash_train::dataset::Partition;
 use dash_train::results::{Process, evaluate_run};
 use dash_train::train::RunFolder;
+use dash_train::windows::{WindowedClip, Windows};
 
 use crate::Shared;
 use crate::data::dataset_of;
@@ -28,7 +30,7 @@ known.
 Weights of LPIPS are .safetensors or .pth files; of the latter only tensors are read, and nothing in
 them is executed.")]
 pub struct EvalArgs {
-    /// A run's folder
+    /// A run's folder, or that of a long clip's windows
     run: PathBuf,
     /// Which views
     #[arg(long, value_enum, default_value_t)]
@@ -50,19 +52,28 @@ enum SplitName {
     Train,
 }
 
+impl SplitName {
+    fn partition(self) -> Partition {
+        match self {
+            Self::Test => Partition::Test,
+            Self::Train => Partition::Train,
+        }
+    }
+}
+
 pub fn run(args: &EvalArgs, shared: &Shared) -> Result<String, Failure> {
-    let run = RunFolder::open(&args.run)?;
-    let config = run.config()?;
     let choice = shared.device.unwrap_or_default().resolved();
     let device = choice.device()?;
+    if Windows::are_in(&args.run) {
+        return of_windows(args, &device, &choice.to_string());
+    }
+    let run = RunFolder::open(&args.run)?;
+    let config = run.config()?;
     // A damaged scene is found before the images are read.
     run.scene(&device)?;
     let perceptual = args.lpips.files().load(&device)?;
     let dataset = dataset_of(&config.data, args.dataset.as_deref(), false)?;
-    let split = match args.split {
-        SplitName::Test => Partition::Test,
-        SplitName::Train => Partition::Train,
-    };
+    let split = args.split.partition();
     let name = choice.to_string();
     let results = evaluate_run(
         &run,
@@ -76,5 +87,19 @@ pub fn run(args: &EvalArgs, shared: &Shared) -> Result<String, Failure> {
         "{}\nwritten to {}",
         summary::results(&results),
         run.scores_path(split).display()
+    ))
+}
+
+/// Windows of time as one clip.
+fn of_windows(args: &EvalArgs, device: &Device, name: &str) -> Result<String, Failure> {
+    let clip = WindowedClip::open(&args.run, device)?;
+    let perceptual = args.lpips.files().load(device)?;
+    let dataset = dataset_of(&clip.windows().data, args.dataset.as_deref(), true)?;
+    let split = args.split.partition();
+    let results = clip.evaluate(&dataset, split, name, &perceptual)?;
+    Ok(format!(
+        "{}\nwritten to {}",
+        summary::results(&results),
+        args.run.join(RunFolder::scores_name(split)).display()
     ))
 }

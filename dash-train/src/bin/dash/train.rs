@@ -26,6 +26,7 @@ use crate::progress::{RunsProgress, TrainProgress};
 use crate::summary::{self, Table, duration};
 use crate::values;
 use crate::watch::{Door, WatchArgs};
+use crate::windows::Clip;
 
 /// Train a scene on a dataset; then score it on the test views
 #[derive(Args)]
@@ -33,6 +34,7 @@ use crate::watch::{Door, WatchArgs};
   dash train out/room --out runs/room --preset quick
   dash train flame_steak --out runs/steak --downscale 2 --test-cameras 0 --set dssim=0.1
   dash train out/room --out runs/room --resume
+  dash train recording --out runs/recording --window 60
 
 RUN/config.toml holds every value that was used; its keys are those of --set and --config, and
 `--config RUN/config.toml` trains the same again. With --resume DATASET may be the folder that the run's dataset
@@ -78,6 +80,13 @@ pub struct TrainArgs {
     /// Continue the run in RUN from its newest checkpoint, with its own configuration
     #[arg(long)]
     resume: bool,
+    /// Train a long clip in windows of N frames, each a run of its own below RUN; `render` and `view` show them as one clip.
+    /// The same command again goes on with what is not done
+    #[arg(long, value_name = "N", conflicts_with_all = ["resume", "method", "budget", "curve"])]
+    window: Option<usize>,
+    /// Frames, at least, that neighbouring windows share [default: an eighth of a window]
+    #[arg(long, value_name = "N", requires = "window")]
+    overlap: Option<usize>,
     #[command(flatten)]
     lpips: LpipsArgs,
     #[command(flatten)]
@@ -94,7 +103,6 @@ pub fn run_with(args: &TrainArgs, shared: &Shared, door: Option<Door>) -> Result
     let perceptual = args.lpips.files();
     perceptual.check()?;
     args.watch.check()?;
-    let file = ConfigFile::read(args.config.as_deref())?;
     let overrides = Overrides {
         preset: args.preset,
         file: args.config.as_deref(),
@@ -103,6 +111,10 @@ pub fn run_with(args: &TrainArgs, shared: &Shared, door: Option<Door>) -> Result
         seed: args.seed,
         keep: args.keep,
     };
+    if let Some(window) = args.window {
+        return train_windows(args, window, overrides, shared);
+    }
+    let file = ConfigFile::read(args.config.as_deref())?;
     let (run, config, dataset) = if args.resume {
         take_up(args, shared, &overrides, &file)?
     } else {
@@ -164,6 +176,30 @@ pub fn run_with(args: &TrainArgs, shared: &Shared, door: Option<Door>) -> Result
     let device = (&device, config.data.device.as_str());
     let told = finish(&run, &config, &dataset, device, secs, &perceptual)?;
     Ok(told + &waiting.unwrap_or_default())
+}
+
+/// A long clip in windows of time.
+fn train_windows(
+    args: &TrainArgs,
+    window: usize,
+    overrides: Overrides<'_>,
+    shared: &Shared,
+) -> Result<String, Failure> {
+    if args.watch.is_asked() {
+        return Err(Failure::usage(
+            "--window: a run that is watched has one window; leave out --view, --serve and --tensorboard",
+        ));
+    }
+    let clip = Clip {
+        dataset: &args.dataset,
+        out: &args.out,
+        window,
+        overlap: args.overlap,
+        overrides,
+        lpips: &args.lpips,
+        data: &args.data,
+    };
+    clip.train(shared)
 }
 
 /// How to go on with a run that was stopped.

@@ -47,6 +47,15 @@ impl WatchArgs {
         Ok(())
     }
 
+    /// Whether anyone is to look at the run while it trains.
+    pub fn is_asked(&self) -> bool {
+        #[cfg(feature = "view")]
+        if self.view || self.serve.is_asked() {
+            return true;
+        }
+        self.tensorboard.is_some()
+    }
+
     /// Begins to show a run.
     #[cfg_attr(not(feature = "view"), expect(unused_variables))]
     pub fn start(

@@ -1,4 +1,4 @@
-//! `dash plan train`: a long clip in windows of time.
+//! `dash train --window` and `dash plan train`: a long clip in windows of time.
 
 use std::path::{Path, PathBuf};
 
@@ -17,7 +17,7 @@ use crate::failure::Failure;
 use crate::lpips::LpipsArgs;
 use crate::progress::RunsProgress;
 use crate::summary;
-use crate::work::On;
+use crate::work::{self, On, WorkArgs};
 
 /// A long clip in windows of time, each of which is trained by itself
 #[derive(Args)]
@@ -68,7 +68,6 @@ impl PlanTrainArgs {
 
 /// Writes the plan.
 pub fn plan(args: &PlanTrainArgs, shared: &Shared) -> Result<Plan, Failure> {
-    let file = ConfigFile::read(args.config.as_deref())?;
     let overrides = Overrides {
         preset: args.preset,
         file: args.config.as_deref(),
@@ -77,27 +76,63 @@ pub fn plan(args: &PlanTrainArgs, shared: &Shared) -> Result<Plan, Failure> {
         seed: args.seed,
         keep: None,
     };
-    let train = overrides.resolve(&file)?;
-    let files = args.lpips.absolute_files()?;
-    files.check()?;
-    if args.data.frames.or(file.data.frames).is_some() {
-        return Err(Failure::usage(
-            "--frames: expected a whole clip to divide into windows; leave it out",
-        ));
-    }
-    let choice = shared.device.unwrap_or_default().resolved();
-    let mut whole = args.data.clone();
-    whole.frames = Some(FrameRange::All);
-    let (data, dataset) = whole.look(&args.dataset, &file.data, choice)?;
-    let overlap = args.overlap.unwrap_or((args.window / 8).max(1));
-    let windows = Windows::new(&dataset, data, train, [args.window, overlap])?;
-    windows.claim(&args.out)?;
-    let work = Work::Windows {
-        windows: windows.windows.len(),
+    let clip = Clip {
+        dataset: &args.dataset,
+        out: &args.out,
+        window: args.window,
+        overlap: args.overlap,
+        overrides,
+        lpips: &args.lpips,
+        data: &args.data,
     };
-    let plan = Plan::new(work, 1, args.data.memory, files);
-    plan.write(&args.out)?;
-    Ok(plan)
+    clip.plan(shared)
+}
+
+/// A long clip, and how it is divided and trained.
+pub struct Clip<'a> {
+    pub dataset: &'a Path,
+    pub out: &'a Path,
+    /// Frames of a window.
+    pub window: usize,
+    /// Frames, at least, that neighbours share.
+    pub overlap: Option<usize>,
+    pub overrides: Overrides<'a>,
+    pub lpips: &'a LpipsArgs,
+    pub data: &'a DataArgs,
+}
+
+impl Clip<'_> {
+    /// Plans the windows, trains one after the other, and tells their scores. What is done already is not done again.
+    pub fn train(&self, shared: &Shared) -> Result<String, Failure> {
+        self.plan(shared)?;
+        let tasks = work::run(&WorkArgs::all(self.out), shared)?;
+        Ok(format!("{tasks}\n{}", join(self.out)?))
+    }
+
+    fn plan(&self, shared: &Shared) -> Result<Plan, Failure> {
+        let file = ConfigFile::read(self.overrides.file)?;
+        let train = self.overrides.resolve(&file)?;
+        let files = self.lpips.absolute_files()?;
+        files.check()?;
+        if self.data.frames.or(file.data.frames).is_some() {
+            return Err(Failure::usage(
+                "--frames: expected a whole clip to divide into windows; leave it out",
+            ));
+        }
+        let choice = shared.device.unwrap_or_default().resolved();
+        let mut whole = self.data.clone();
+        whole.frames = Some(FrameRange::All);
+        let (data, dataset) = whole.look(self.dataset, &file.data, choice)?;
+        let overlap = self.overlap.unwrap_or((self.window / 8).max(1));
+        let windows = Windows::new(&dataset, data, train, [self.window, overlap])?;
+        windows.claim(self.out)?;
+        let work = Work::Windows {
+            windows: windows.windows.len(),
+        };
+        let plan = Plan::new(work, 1, self.data.memory, files);
+        plan.write(self.out)?;
+        Ok(plan)
+    }
 }
 
 /// Does tasks of a plan.
@@ -195,7 +230,7 @@ pub fn join(out: &Path) -> Result<String, Failure> {
     ));
     let out = out.display();
     lines.push(format!(
-        "as one clip: dash view {out}, or dash render {out} --cameras test"
+        "as one clip: dash view {out}, dash eval {out}, or dash render {out} --cameras test"
     ));
     Ok(lines.join("\n"))
 }

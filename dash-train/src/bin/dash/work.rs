@@ -1,6 +1,6 @@
 //! `dash work`: tasks of a plan.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use burn::tensor::Device;
 use clap::Args;
@@ -31,6 +31,16 @@ pub struct WorkArgs {
     /// One task, by its number [default: all that nobody works on]
     #[arg(long, value_name = "N")]
     task: Option<usize>,
+}
+
+impl WorkArgs {
+    /// All tasks of a plan.
+    pub fn all(plan: &Path) -> Self {
+        Self {
+            plan: plan.to_path_buf(),
+            task: None,
+        }
+    }
 }
 
 /// What tasks are done with.

@@ -2,6 +2,7 @@
 
 use burn::tensor::{Device, Int, Tensor, TensorData};
 use dash_kernels::limits;
+use dash_kernels::rgba8::from_bytes;
 
 use crate::Error;
 use crate::dataset::View;
@@ -27,7 +28,7 @@ pub(super) fn as_bytes(view: &View, device: &Device) -> Result<Option<Tensor<3>>
     view.with_plain_rgb(unpacked)
 }
 
-/// Bytes as numbers in [0, 1].
+/// Bytes as numbers in [0, 1], on an autodiff device.
 fn unpack(bytes: &[u8], shape: [usize; 3], device: &Device) -> Tensor<3> {
     let (whole, rest) = bytes.as_chunks::<BYTES>();
     let mut words: Vec<i32> = whole.iter().map(|&word| i32::from_le_bytes(word)).collect();
@@ -37,17 +38,10 @@ fn unpack(bytes: &[u8], shape: [usize; 3], device: &Device) -> Tensor<3> {
         words.push(i32::from_le_bytes(word));
     }
     let n_words = words.len();
-    let all = [n_words, BYTES];
-    let words = Tensor::<2, Int>::from_data(TensorData::new(words, [n_words, 1]), device);
-    let shifts = Tensor::<2, Int>::from_data([[0, 8, 16, 24]], device);
-    let values = words
-        .expand(all)
-        .bitwise_right_shift(shifts.expand(all))
-        .bitwise_and_scalar(0xff)
-        .float()
-        / 255.0;
-    let values = values.reshape([n_words * BYTES]);
-    values.narrow(0, 0, bytes.len()).reshape(shape)
+    let device = device.clone().inner();
+    let words = Tensor::<1, Int>::from_data(TensorData::new(words, [n_words]), &device);
+    let numbers = from_bytes(words, bytes.len()).expect("words of all bytes");
+    Tensor::from_inner(numbers.reshape(shape))
 }
 
 #[cfg(test)]

@@ -39,10 +39,11 @@ impl<M: Method> Extension<M> for ScaleLimit {
     }
 
     fn after_update(&mut self, run: &mut Run<M>) {
-        if !run.step.is_multiple_of(INTERVAL) {
-            return;
-        }
-        for set in Set::BOTH {
+        // The sets in turns, so that no step of a GPU has the launches of both.
+        for (set, turn) in Set::BOTH.into_iter().zip([0, INTERVAL / 2]) {
+            if run.step % INTERVAL != turn {
+                continue;
+            }
             let gaussians = run.gaussians(set).filter(|set| !set.is_empty());
             if let Some(gaussians) = gaussians.cloned() {
                 let limited = shrunk(gaussians, MAX_SCALE, run.scale());

@@ -1,7 +1,9 @@
 //! Eq. 11: the 4D field is smooth. The same lookup of the field serves whatever else is asked of it around a time.
 
-use burn::tensor::{Int, Tensor, TensorData};
+use burn::tensor::{Tensor, TensorData};
 use dash_kernels::rows::take_rows;
+use dash_kernels::smoothness::smoothness;
+use dash_kernels::space_time::Beside;
 use dash_model::{DynamicPart, ModelError, SceneSettings};
 use rand::Rng;
 
@@ -56,47 +58,41 @@ pub(crate) fn probe(
     let n = ((request.share * all as f32).ceil() as usize).min(all);
     let device = gaussians.means.val().device();
     let drawn = draw(all, n, rng);
-    let means = gaussians.means.val().detach();
-    let taken = take(means, &drawn)?;
-    let at = |time: f32| field.space().points_at(taken.clone(), time);
-    let mut points = Vec::new();
+    let mut steps = Vec::new();
     if request.is_smooth {
-        let steps: Vec<f32> = (0..4 * n)
-            .map(|i| {
-                let half_width = STEP[usize::from(i % 4 == 3)];
-                (rng.random::<f32>() * 2.0 - 1.0) * half_width
-            })
-            .collect();
-        let steps = Tensor::<2>::from_data(TensorData::new(steps, [n, 4]), &device);
-        points.push((at(time)? + steps).clamp(0.0, 1.0));
+        steps.extend((0..4 * n).map(|i| {
+            let half_width = STEP[usize::from(i % 4 == 3)];
+            (rng.random::<f32>() * 2.0 - 1.0) * half_width
+        }));
     }
-    if let Some(around) = request.around {
-        points.extend([at(around.before)?, at(around.after)?]);
+    for other in request.around.iter().flat_map(|a| [a.before, a.after]) {
+        steps.extend((0..n).flat_map(|_| [0.0, 0.0, 0.0, other - time]));
     }
-    if points.is_empty() || n == 0 {
+    if steps.is_empty() {
         return Ok(Probed {
             features: dynamic.features(time)?,
             smoothness: None,
             unsteadiness: None,
         });
     }
-    let rows: Vec<i32> = drawn.iter().map(|&row| row as i32).collect();
-    let rows = rows.repeat(points.len());
-    let rows = Tensor::<1, Int>::from_data(TensorData::new(rows, [n * points.len()]), &device);
-    let (features, others) = dynamic.features_and_at(time, rows, Tensor::cat(points, 0))?;
-    let own = take(features.clone(), &drawn)?;
-    let mut others = (0..).map(|k| others.clone().narrow(0, k * n, n));
-    let mut next = || others.next().expect("endless");
-    let smoothness = request.is_smooth.then(|| {
-        let difference = own.clone() - next();
-        difference.powi_scalar(2).sum() / n as f32
-    });
+    let n_groups = steps.len() / (4 * n);
+    let beside = Beside {
+        rows: drawn.repeat(n_groups),
+        steps: Tensor::from_data(TensorData::new(steps, [n_groups * n, 4]), &device),
+    };
+    let looked_up = dynamic.features_beside(time, beside)?;
+    let (features, smoothness, others) = if request.is_smooth {
+        let found = smoothness(looked_up, all, &drawn)?;
+        (found.own, Some(found.cost), found.others)
+    } else {
+        let others = looked_up.clone().narrow(0, all, n_groups * n);
+        (looked_up.narrow(0, 0, all), None, Some(others))
+    };
     let mut unsteadiness = None;
-    if let Some(Around { before, after }) = request.around {
+    if let (Some(Around { before, after }), Some(others)) = (request.around, others) {
         let times = [time, before, after];
-        let offsets = field
-            .decode(Tensor::cat(vec![own, next(), next()], 0))?
-            .means;
+        let own = take(features.clone(), &drawn)?;
+        let offsets = field.decode(Tensor::cat(vec![own, others], 0))?.means;
         let own = gaussians.trajectories.as_ref();
         let own = own.map(|own| take(own.val(), &drawn)).transpose()?;
         let at = |k: usize| {

@@ -172,9 +172,14 @@ impl RunFolder {
 
     /// The scores of a split's views: `results.json`, of those trained on `results_train.json`.
     pub fn scores_path(&self, split: Partition) -> PathBuf {
+        self.root.join(Self::scores_name(split))
+    }
+
+    /// The name of that file.
+    pub fn scores_name(split: Partition) -> &'static str {
         match split {
-            Partition::Test => self.results_path(),
-            Partition::Train => self.root.join("results_train.json"),
+            Partition::Test => "results.json",
+            Partition::Train => "results_train.json",
         }
     }
 

@@ -14,7 +14,7 @@ fn as_many_tiles_are_listed_as_were_counted() {
     let client = &splats.client;
     let image = || ImageSizeLaunch::new(16 * tiles, 16 * tiles, tiles);
     let new = |length| Buffer::uninitialised(client, length);
-    let (keys, ids, found) = (new(n), new(n), new(n));
+    let (keys, ids, found, ranges) = (new(n), new(n), new(n), new(9));
     let (count, dim) = units(client, n);
     find_tiles::launch(
         client,
@@ -24,9 +24,12 @@ fn as_many_tiles_are_listed_as_were_counted() {
         keys.arg(),
         ids.arg(),
         found.arg(),
+        ranges.arg(),
         image(),
         n as u32,
+        9,
     );
+    assert_eq!(words(client, &ranges), [0; 9]);
     let found = words(client, &found)[0];
     assert!((9..=23).contains(&found), "{found} of 25 tiles");
 

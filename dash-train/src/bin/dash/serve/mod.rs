@@ -52,6 +52,11 @@ pub struct Show {
 }
 
 impl ServeArgs {
+    /// Whether anyone is to look through it.
+    pub fn is_asked(&self) -> bool {
+        self.serve.is_some()
+    }
+
     /// Whether what is asked for can be had; before the run's folder is made.
     pub fn check(&self) -> Result<(), Failure> {
         let Some(address) = self.serve else {

@@ -54,3 +54,53 @@ fn damping_stills_what_hardly_matters_and_hardly_slows_the_rest() {
     assert!((damped[1] + 0.3e-4 / 0.7072).abs() < 1e-6, "{damped:?}");
     assert_eq!((plain[2], damped[2]), (0.0, 0.0));
 }
+
+#[derive(Module, Debug)]
+struct Pair {
+    first: Param<Tensor<2>>,
+    second: Param<Tensor<1>>,
+}
+
+/// Two modules, one of them with a parameter that has no gradient.
+#[test]
+fn what_is_taken_together_steps_as_each_by_itself() {
+    let device = Device::flex().autodiff();
+    let pair = |by: f32| Pair {
+        first: Param::from_data(TensorData::new(vec![by; 6], [2, 3]), &device),
+        second: Param::from_data(TensorData::new(vec![-by; 2], [2]), &device),
+    };
+    let loss = |a: &Pair, b: &Pair| {
+        let of_first = (a.first.val() * b.first.val()).sum();
+        of_first + b.second.val().powi_scalar(2).sum()
+    };
+    let values_of = |module: &Pair| {
+        let first = to_host(module.first.val());
+        [first, to_host(module.second.val())]
+    };
+    let rates = |name: &str| Rate {
+        rate: if name.ends_with("first") { 0.1 } else { 0.2 },
+        damping: if name.starts_with("b") { 0.5 } else { 0.0 },
+    };
+    let (mut a, mut b) = (pair(1.0), pair(2.0));
+    let mut optimizer = Optimizer::default();
+    let (mut c, mut d) = (a.clone(), b.clone());
+    let mut other = Optimizer::default();
+    for _ in 0..3 {
+        let mut gradients = loss(&a, &b).backward();
+        a = optimizer.take("a", a, &mut gradients, rates);
+        b = optimizer.take("b", b, &mut gradients, rates);
+        optimizer.step_taken();
+        // In any order.
+        b = optimizer.give_back(b);
+        a = optimizer.give_back(a);
+        let mut gradients = loss(&c, &d).backward();
+        c = other.step("a", c, &mut gradients, rates);
+        d = other.step("b", d, &mut gradients, rates);
+    }
+    assert_eq!(values_of(&a), values_of(&c));
+    assert_eq!(values_of(&b), values_of(&d));
+    // What has no gradient keeps its value, the others have moved.
+    assert_eq!(values_of(&a)[1], [-1.0; 2]);
+    assert!(values_of(&a)[0][0] < 1.0 && values_of(&b)[1][0] > -2.0);
+    assert_eq!(a.first.dims(), [2, 3]);
+}
