@@ -17,7 +17,7 @@ use cubecl::prelude::*;
 use cubecl::server::Handle;
 
 /// Bytes of a buffer's element: every buffer holds `f32` or `u32`.
-const WORD_BYTES: usize = 4;
+pub(crate) const WORD_BYTES: usize = 4;
 
 /// The tensor's values in row-major order.
 ///

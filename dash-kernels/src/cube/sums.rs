@@ -1,5 +1,6 @@
-//! Sums over many values: up to [`MAX_CUBES`] cubes of [`UNITS`] units. A unit owns every so manieth value, each cube adds up its
-//! units' sums in shared memory, and who needs the total adds up those of the cubes. No atomics; deterministic.
+//! Sums over many values: up to [`MAX_CUBES`] cubes of [`UNITS`] units. The values of a unit are as far apart as there are
+//! units; each cube adds up its units' sums in shared memory, and who needs the total adds up those of the cubes. No atomics;
+//! deterministic.
 
 use burn_cubecl::tensor::CubeTensor;
 use cubecl::prelude::*;

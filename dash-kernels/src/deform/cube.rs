@@ -5,7 +5,7 @@ use burn_cubecl::tensor::CubeTensor;
 use cubecl::prelude::*;
 
 use super::{Columns, Deform, DeformVjp, Form, MEAN, QUAT, SCALE};
-use crate::cube::{arg, contiguous, uninitialised, units};
+use crate::cube::{WORD_BYTES, arg, contiguous, uninitialised, units};
 use crate::displacement::cube::{displaced, values};
 use crate::host::dims;
 
@@ -23,14 +23,20 @@ impl Deform for CubeBackend {
         let [n, width] = dims::<2>(&offsets);
         let Form { columns, basis } = form;
         let has_path = !basis.is_empty();
-        let moved = uninitialised(&means, [n, MEAN]);
-        // Bound even where they are not written to.
-        let output = |first: Option<usize>, size: usize| match first {
-            Some(_) => uninitialised(&means, [n, size]),
-            None => uninitialised(&means, [1, 1]),
+        // The outputs share memory, so that the kernel has no more buffers than browsers bind.
+        let alignment = means.client.properties().memory.alignment as usize;
+        let parts = Parts::of(n, columns, alignment.div_ceil(WORD_BYTES));
+        let memory = uninitialised(&means, [parts.end]);
+        let part = |first: usize, end: usize, like: &CubeTensor| {
+            let bytes = |values: usize| (values * WORD_BYTES) as u64;
+            let handle = memory.handle.clone();
+            CubeTensor {
+                handle: handle
+                    .offset_start(bytes(first))
+                    .offset_end(bytes(parts.end - end)),
+                ..like.clone()
+            }
         };
-        let turned = output(columns.quats, QUAT);
-        let scaled = output(columns.scales, SCALE);
         // No device binds an empty buffer.
         let values = match has_path {
             true => values(&means.client, &basis),
@@ -45,15 +51,27 @@ impl Deform for CubeBackend {
             arg(&coefficients),
             values.arg(),
             arg(&offsets),
-            EllipsoidsLaunch::new(arg(&moved), arg(&turned), arg(&scaled)),
+            arg(&memory),
             columns.mean_factor,
             n as u32,
             basis.len() as u32,
+            parts.quats as u32,
+            parts.scales as u32,
             width,
             Places::of(columns),
             has_path,
         );
-        (moved, turned, scaled)
+        (
+            part(0, parts.quats, &means),
+            match columns.quats {
+                Some(_) => part(parts.quats, parts.scales, &quats),
+                None => quats,
+            },
+            match columns.scales {
+                Some(_) => part(parts.scales, parts.end, &scales),
+                None => scales,
+            },
+        )
     }
 }
 
@@ -84,6 +102,30 @@ impl DeformVjp for CubeBackend {
     }
 }
 
+/// Where the outputs begin in the memory that they share, in values, and its length.
+struct Parts {
+    quats: usize,
+    scales: usize,
+    end: usize,
+}
+
+impl Parts {
+    /// Means, then what has offsets, each from a multiple of `alignment` on.
+    fn of(n: usize, columns: Columns, alignment: usize) -> Self {
+        let size = |first: Option<usize>, size: usize| match first {
+            Some(_) => (n * size).next_multiple_of(alignment),
+            None => 0,
+        };
+        let quats = (n * MEAN).next_multiple_of(alignment);
+        let scales = quats + size(columns.quats, QUAT);
+        Self {
+            quats,
+            scales,
+            end: scales + size(columns.scales, SCALE),
+        }
+    }
+}
+
 /// The first columns of quaternions and scales.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 struct Places {
@@ -107,12 +149,13 @@ struct Ellipsoids {
     scales: Box<[f32]>, // [N, 3]
 }
 
-/// `out = values + offsets`, `size` values of Gaussian `i` and the columns from `first` on.
+/// `out = values + offsets`, `size` values of Gaussian `i` and the columns from `first` on; outputs begin at `start`.
 #[cube]
 fn add_row(
     values: &[f32],  // [N, size]
     offsets: &[f32], // [N, width]
-    out: &mut [f32], // [N, size]
+    out: &mut [f32], // [start + N * size]
+    start: usize,
     i: usize,
     #[comptime] size: usize,
     #[comptime] width: usize,
@@ -120,7 +163,7 @@ fn add_row(
 ) {
     #[unroll]
     for k in 0..size {
-        out[i * size + k] = values[i * size + k] + offsets[i * width + first + k];
+        out[start + i * size + k] = values[i * size + k] + offsets[i * width + first + k];
     }
 }
 
@@ -130,10 +173,12 @@ fn deform_kernel(
     coefficients: &[f32], // [N, B * 3]
     basis: &[f32],        // [B]
     offsets: &[f32],      // [N, width]
-    mut deformed: Ellipsoids,
+    deformed: &mut [f32], // means [N, 3], then quaternions and scales
     mean_factor: f32,
     n: u32,
     n_functions: u32,
+    from_quats: u32,
+    from_scales: u32,
     #[comptime] width: usize,
     #[comptime] places: Places,
     #[comptime] has_path: bool,
@@ -149,13 +194,14 @@ fn deform_kernel(
         if comptime!(has_path) {
             mean += displaced(coefficients, basis, i, k, n_functions as usize);
         }
-        deformed.means[at] = mean + mean_factor * offsets[i * width + k];
+        deformed[at] = mean + mean_factor * offsets[i * width + k];
     }
     if comptime!(places.quats.is_some()) {
         add_row(
             &canonical.quats,
             offsets,
-            &mut deformed.quats,
+            deformed,
+            from_quats as usize,
             i,
             QUAT,
             width,
@@ -166,7 +212,8 @@ fn deform_kernel(
         add_row(
             &canonical.scales,
             offsets,
-            &mut deformed.scales,
+            deformed,
+            from_scales as usize,
             i,
             SCALE,
             width,
