@@ -48,8 +48,9 @@ def main(args):
     log = Path(args[args.index("--out") + 1]) / "log.jsonl"
     process = subprocess.Popen(args, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
     print("| step | static | dynamic | MiB |\n| --- | --- | --- | --- |")
-    due, most = every, 0.0
-    while process.poll() is None:
+    due, most, runs = every, 0.0, True
+    while runs:
+        runs = process.poll() is None
         most = max(most, resident_mib(process.pid) or 0.0)
         line = newest(log)
         if line and line["step"] >= due:
