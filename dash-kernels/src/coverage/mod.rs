@@ -122,8 +122,8 @@ pub struct FloaterWeights {
 /// part of it that lies inside: such are backgrounds. Zero where nothing is drawn.
 ///
 /// A floater between the camera and the scene, as dark as the background, changes no training picture, but darkens
-/// novel views between them. What moves is followed and must stay visible: it pays the less for being near the more its
-/// `motion`.
+/// novel views between them. A Gaussian that is followed must stay visible: the more `motion` it has, the less it pays for
+/// being near.
 ///
 /// # Shapes
 /// `opacity_logits [N]`, `splats [N, C]` as [`project`](crate::project::project) packs them, `motion [N]` in world units

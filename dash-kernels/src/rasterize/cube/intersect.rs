@@ -55,7 +55,7 @@ struct DrawingOrder {
 }
 
 impl DrawingOrder {
-    /// Of `splats [N, C]`; `ranges` become zeros, by the way.
+    /// The order of `splats [N, C]`. Fills `ranges` with zeros.
     fn new(splats: &CubeTensor, image: ImageSizeLaunch, ranges: &Buffer) -> Self {
         let client = &splats.client;
         let n = splats.meta.shape()[0];

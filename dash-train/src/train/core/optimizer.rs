@@ -1,16 +1,18 @@
 //! Adam whose moments follow the Gaussians.
 
+mod exchange;
 #[cfg(test)]
 mod tests;
 
 use std::collections::{BTreeMap, HashMap};
 
-use burn::module::{Module, ModuleMapper, Param, ParamId};
+use burn::module::{Module, ParamId};
 use burn::tensor::{Device, Gradients, Tensor, TensorData};
 use dash_kernels::adam::{AdamStep, Parameter, Stop, adam_steps, typical_gradient};
 use dash_kernels::counts::note_read;
 use dash_model::gather_rows;
 use dash_model::parameters::{HostTensor, Path, named_parameters};
+use exchange::{Giver, Taker};
 
 const BETA1: f64 = 0.9;
 const BETA2: f64 = 0.999;
@@ -351,62 +353,4 @@ pub(crate) fn to_host<const R: usize>(tensor: Tensor<R>) -> Vec<f32> {
         .into_data()
         .try_into_vec::<f32>()
         .unwrap_or_else(|error| panic!("training tensors are f32: {error:?}"))
-}
-
-struct Taker<'a, F> {
-    path: Path,
-    optimizer: &'a mut Optimizer,
-    gradients: &'a mut Gradients,
-    rate_of: F,
-}
-
-impl<F: Fn(&str) -> Rate> ModuleMapper for Taker<'_, F> {
-    fn enter_module(&mut self, name: &str, container_type: &str) {
-        self.path.enter(name, container_type);
-    }
-
-    fn exit_module(&mut self, _name: &str, container_type: &str) {
-        self.path.exit(container_type);
-    }
-
-    fn map_float<const D: usize>(&mut self, param: Param<Tensor<D>>) -> Param<Tensor<D>> {
-        let (id, tensor, mapper) = param.consume();
-        let Some(gradient) = tensor.grad_remove(self.gradients) else {
-            return Param::from_mapped_value(id, tensor, mapper);
-        };
-        let name = self.path.name();
-        let rate = (self.rate_of)(&name);
-        let shape = tensor.dims();
-        let n: usize = shape.iter().product();
-        let value = tensor.inner().reshape([n]);
-        let moments = self.optimizer.moments.remove(&name);
-        let moments = moments.unwrap_or_else(|| Moments::of(&value));
-        // What stands in its place has its shape no more: it must not hold its memory.
-        let hollow = Tensor::empty([1; D], &value.device());
-        self.optimizer.taken.push(Taken {
-            id,
-            shape: shape.to_vec(),
-            name,
-            parameter: moments.parameter(value, gradient.reshape([n]), rate),
-        });
-        Param::from_mapped_value(id, Tensor::from_inner(hollow), mapper)
-    }
-}
-
-struct Giver<'a> {
-    stepped: &'a mut HashMap<ParamId, (Tensor<1>, Vec<usize>)>,
-}
-
-impl ModuleMapper for Giver<'_> {
-    fn map_float<const D: usize>(&mut self, param: Param<Tensor<D>>) -> Param<Tensor<D>> {
-        let (id, tensor, mapper) = param.consume();
-        let tensor = match self.stepped.remove(&id) {
-            Some((value, shape)) => {
-                let shape: [usize; D] = std::array::from_fn(|k| shape[k]);
-                Tensor::from_inner(value.reshape(shape)).require_grad()
-            }
-            None => tensor,
-        };
-        Param::from_mapped_value(id, tensor, mapper)
-    }
 }

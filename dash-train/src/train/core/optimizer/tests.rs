@@ -1,3 +1,5 @@
+use burn::module::Param;
+
 use super::*;
 
 #[derive(Module, Debug)]
