@@ -187,6 +187,15 @@ def check(holds, what):
         sys.exit(f"{what}: does not hold")
 
 
+def drawn_from(tab, camera, at):
+    """The colours that the page draws from a camera of it, at a time."""
+    text = tab.value(
+        f"(async () => {{ const p = window.dash.player; p.seek({at}); const rgba = await p.draw_camera({camera});"
+        " let text = ''; for (let i = 0; i < rgba.length; i += 4096) text += String.fromCharCode(...rgba.subarray(i, i + 4096));"
+        " return btoa(text); })()")
+    return bytes(v for i, v in enumerate(base64.b64decode(text)) if i % 4 < 3)
+
+
 def program(*args):
     done = subprocess.run([dash, *map(str, args)], capture_output=True, text=True)
     if done.returncode != 0:
@@ -199,6 +208,9 @@ out.mkdir(parents=True)
 print(program("export", run, "--web", out / "page", "--player", player).strip())
 print(program("export", run, "--web", out / "page.html", "--single-file", "--player", player).strip())
 about = json.loads(gzip.decompress((out / "page/about.json.gz").read_bytes()))
+# The same clip in windows of time.
+program("train", data, "--window", "5", "--overlap", "2", "--preset", "quick", "--iterations", "60", "--device", "flex", "--out", out / "windows")
+print(program("export", out / "windows", "--web", out / "page/windows", "--player", player).strip())
 
 profile = tempfile.mkdtemp(prefix="browser-")
 browser = subprocess.Popen(
@@ -251,13 +263,7 @@ try:
     check(len(expected) == len(entries), f"dash render drew {len(entries)} pictures")
     for entry, path in zip(entries, expected):
         index, at = chosen[entry["id"] // len(TIMES)], entry["time"]
-        text = tab.value(
-            f"(async () => {{ const p = window.dash.player; p.seek({at}); const rgba = await p.draw_camera({index});"
-            " let text = ''; for (let i = 0; i < rgba.length; i += 4096) text += String.fromCharCode(...rgba.subarray(i, i + 4096));"
-            " return btoa(text); })()")
-        rgba = base64.b64decode(text)
-        rgb = bytes(v for i, v in enumerate(rgba) if i % 4 < 3)
-        found = db(rgb, png(path))
+        found = db(drawn_from(tab, index, at), png(path))
         check(found >= LEAST_DB, f"camera {index} at {at}: {found:.1f} dB from dash render")
 
     # Keys, mouse, controls.
@@ -331,6 +337,27 @@ try:
     single.wait("window.dash?.complete === true && window.dash.firstMs > 0", "the page in one file, from disk")
     check(single.value("[...window.dash.player.counts()]") == counts, "one file, from disk, has the same scene")
     check(not single.errors, f"no error on the console {single.errors[:2]}")
+
+    # Windows of time: only those that a picture needs come.
+    windows = Tab(port)
+    windows.open(url + "windows/?autoplay=0&time=0")
+    windows.wait("window.dash?.complete === true && window.dash.firstMs > 0", "a page of windows")
+    brought = lambda: windows.value("performance.getEntriesByType('resource').map((r) => r.name.split('/').pop())")
+    files = brought()
+    n_windows = len(json.loads(gzip.decompress((out / "page/windows/about.json.gz").read_bytes()))["parts"])
+    check(not any(name.startswith(f"window{n_windows - 1}_") for name in files), f"the last of {n_windows} windows does not come yet")
+    program("render", out / "windows", "--cameras", out / "cameras.json", "--out", out / "expected_windows")
+    expected = sorted((out / "expected_windows/full").glob("*.png"))
+    for entry, path in zip(entries, expected):
+        index, at = chosen[entry["id"] // len(TIMES)], entry["time"]
+        windows.value(f"window.dash.player.seek({at})")
+        windows.wait(f"window.dash.player.ready() && window.dash.complete", f"the windows of {at}", 60)
+        found = db(drawn_from(windows, index, at), png(path))
+        check(found >= LEAST_DB, f"windows: camera {index} at {at}: {found:.1f} dB from dash render")
+    for layer in LAYERS:
+        windows.value(f"window.dash.player.layer = '{layer}'")
+        drawn_from(windows, 0, 0.4)
+    check(not windows.errors, f"no error on the console {windows.errors[:2]}")
 
     # A run while it trains.
     live_url = "http://127.0.0.1:8731/"

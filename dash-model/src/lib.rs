@@ -93,6 +93,7 @@ mod space_box;
 mod splat_file;
 mod splat_ply;
 mod time_gaps;
+mod time_windows;
 mod trajectory;
 pub mod unfinished;
 
@@ -110,6 +111,7 @@ pub use space_box::SpaceBox;
 pub use splat_file::{SplatFormat, read_splats, write_splats};
 pub use splat_ply::{LeftOut, SplatFile, is_splat_ply, read_splat_ply, write_splat_ply};
 pub use time_gaps::{GapExtrapolation, GapInterpolation, Gaps};
+pub use time_windows::TimeWindows;
 pub use trajectory::TrajectoryBasis;
 
 #[cfg(doctest)]

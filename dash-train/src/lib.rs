@@ -43,6 +43,7 @@ pub mod evaluate;
 mod files;
 #[doc(hidden)]
 pub mod fuzzing;
+mod hash;
 pub mod jobs;
 pub mod metrics;
 mod numbers;
@@ -68,7 +69,7 @@ pub mod windows;
 pub use error::Error;
 #[cfg(feature = "fourdgs")]
 pub use splat_scene::four_dgs;
-pub use splat_scene::{Drawn, SceneOverTime, SplatClip, splat_files, splat_scene};
+pub use splat_scene::{Drawn, SceneOverTime, SplatClip, rows_at, splat_files, splat_scene};
 
 #[cfg(doctest)]
 #[doc = include_str!("../README.md")]

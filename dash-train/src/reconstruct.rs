@@ -88,6 +88,7 @@ pub fn reconstruct(
         frames: None,
         invert_masks: false,
         skip_broken: false,
+        backdrop: None,
         device: name.clone(),
     };
     let dataset = Arc::new(dataset::load(&data.dataset, &data.load_options())?);

@@ -7,7 +7,7 @@ use std::sync::Arc;
 #[cfg(not(target_family = "wasm"))]
 use burn::tensor::Device;
 use dash_kernels::Camera;
-use dash_model::DynamicScene;
+use dash_model::{DynamicScene, TimeWindows};
 
 #[cfg(not(target_family = "wasm"))]
 use crate::Live;
@@ -54,6 +54,8 @@ pub enum Source {
     Scene(Box<DynamicScene>),
     /// A static scene for each frame.
     Frames(Box<dyn FrameSource>),
+    /// A long clip in windows of time, each a scene of its own.
+    Windows(Box<dyn WindowSource>),
     /// A scene over all times that trains meanwhile; its copies are drawn on this device.
     #[cfg(not(target_family = "wasm"))]
     Live(Arc<Live>, Device),
@@ -66,6 +68,18 @@ pub trait FrameSource: Send {
     /// # Errors
     /// When it can't be read; the message is shown in the window.
     fn scene(&mut self, frame: usize) -> Result<DynamicScene, ViewError>;
+}
+
+/// A long clip in windows of time. Only those that a picture needs are asked for.
+pub trait WindowSource: Send {
+    /// When each window begins and ends.
+    fn times(&self) -> &TimeWindows;
+
+    /// The scene of a window.
+    ///
+    /// # Errors
+    /// When it can't be read; the message is shown in the window on the screen.
+    fn scene(&self, window: usize) -> Result<DynamicScene, ViewError>;
 }
 
 /// A camera to look through.

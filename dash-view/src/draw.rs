@@ -113,6 +113,19 @@ pub struct Shown {
     image: Tensor<3>,
 }
 
+/// A scene that has a share in a picture: one window of time of a clip.
+#[derive(Debug, Clone)]
+pub struct Part {
+    /// The scene.
+    pub scene: DynamicScene,
+    /// Its time, in [0, 1] over it.
+    pub time: f32,
+    /// How long it is, as a share of the clip.
+    pub duration: f32,
+    /// Its share; those of all parts add up to 1.
+    pub share: f32,
+}
+
 /// Draws one layer of the scene from `camera` at `time` in [0, 1]; does not wait for the device.
 ///
 /// # Errors
@@ -124,19 +137,61 @@ pub fn show(
     layer: ViewLayer,
     colors: &SpeedColors,
 ) -> Result<Shown, ModelError> {
-    let rendering = match layer {
-        ViewLayer::Full | ViewLayer::Depth | ViewLayer::Alpha => scene.render(camera, time)?,
-        ViewLayer::Static => scene.render_layer(camera, time, Layer::Static)?,
-        ViewLayer::Dynamic => scene.render_layer(camera, time, Layer::Dynamic)?,
-        ViewLayer::Speed => render_speed(scene, camera, time, colors)?,
-        ViewLayer::Ellipsoids => render_ellipsoids(scene, camera, time)?,
+    Ok(shown(render(scene, camera, time, layer, colors)?, layer))
+}
+
+/// The same of scenes that fade into each other; there is at least one.
+///
+/// # Errors
+/// When a kernel refuses its input.
+pub fn show_faded(
+    parts: &[Part],
+    camera: &Camera,
+    layer: ViewLayer,
+    colors: &SpeedColors,
+) -> Result<Shown, ModelError> {
+    let [first, others @ ..] = parts else {
+        unreachable!("a picture shows at least one scene");
     };
+    let image = |part: &Part| {
+        let colors = colors.within(part.duration);
+        let rendering = render(&part.scene, camera, part.time, layer, &colors)?;
+        Ok::<_, ModelError>(rendering.image)
+    };
+    let mut sum = image(first)?;
+    if !others.is_empty() {
+        sum = sum * first.share;
+    }
+    for part in others {
+        sum = sum + image(part)? * part.share;
+    }
+    Ok(shown(Rendering { image: sum }, layer))
+}
+
+fn render(
+    scene: &DynamicScene,
+    camera: &Camera,
+    time: f32,
+    layer: ViewLayer,
+    colors: &SpeedColors,
+) -> Result<Rendering, ModelError> {
+    match layer {
+        ViewLayer::Full | ViewLayer::Depth | ViewLayer::Alpha => scene.render(camera, time),
+        ViewLayer::Static => scene.render_layer(camera, time, Layer::Static),
+        ViewLayer::Dynamic => scene.render_layer(camera, time, Layer::Dynamic),
+        ViewLayer::Speed => render_speed(scene, camera, time, colors),
+        ViewLayer::Ellipsoids => render_ellipsoids(scene, camera, time),
+    }
+}
+
+/// What a layer shows of a rendering.
+fn shown(rendering: Rendering, layer: ViewLayer) -> Shown {
     let image = match layer {
         ViewLayer::Depth => nearness(&rendering),
         ViewLayer::Alpha => rendering.alpha(),
         _ => rendering.image,
     };
-    Ok(Shown { image })
+    Shown { image }
 }
 
 /// `[H, W, 1]`: as [`Picture::nearness`](dash_model::Picture::nearness), on the device.

@@ -1,7 +1,7 @@
 //! A window to look at dynamic Gaussian scenes.
 //!
-//! [`open_window`] shows a [`Content`]: a [`DynamicScene`](dash_model::DynamicScene), or one set of Gaussians for each frame,
-//! and the cameras that captured it. The scene is drawn on its own device by the kernels that trained it: a picture in the
+//! [`open_window`] shows a [`Content`]: a [`DynamicScene`](dash_model::DynamicScene), one for each window of time of a long clip, or one set of
+//! Gaussians for each frame, and the cameras that captured it. The scene is drawn on its own device by the kernels that trained it: a picture in the
 //! window is the picture of [`DynamicScene::render_layer`](dash_model::DynamicScene::render_layer), rounded to 8 bits.
 //! What the window asks of the world around it (captured pictures, files to write or to open) goes through a [`Host`].
 //!
@@ -64,7 +64,9 @@ mod window;
 #[cfg(not(target_family = "wasm"))]
 pub mod worker;
 
-pub use content::{Content, FRAME_RATE, FrameSource, Host, NamedCamera, NoHost, Source};
+pub use content::{
+    Content, FRAME_RATE, FrameSource, Host, NamedCamera, NoHost, Source, WindowSource,
+};
 pub use error::ViewError;
 #[cfg(not(target_family = "wasm"))]
 pub use live::Live;

@@ -2,7 +2,8 @@
 //!
 //! A page is a folder for any static host, or one HTML file with everything in it. Its scene comes in parts, so that the
 //! first picture is there early: the static Gaussians that show most, the other static ones, then the dynamic ones with
-//! their field. Every part is a scene of its own, as [`DynamicScene::to_bytes`](dash_model::DynamicScene::to_bytes) writes it.
+//! their field. A long clip has such parts for each window of time, and the player asks for those that it needs. Every part
+//! is a scene of its own, as [`DynamicScene::to_bytes`](dash_model::DynamicScene::to_bytes) writes it.
 
 mod parts;
 
@@ -12,8 +13,8 @@ use std::io::Write;
 use base64::Engine;
 use base64::engine::general_purpose::STANDARD;
 use dash_kernels::Camera;
-use dash_model::DynamicScene;
 use dash_model::scene_file::TablePrecision;
+use dash_model::{DynamicScene, TimeWindows};
 use flate2::Compression;
 use flate2::write::GzEncoder;
 use serde::{Deserialize, Serialize};
@@ -46,8 +47,10 @@ pub struct About {
     pub fastest: f32,
     /// Cameras to look through.
     pub cameras: Vec<PageCamera>,
-    /// Number of parts; 0 where a run that trains says which parts there are.
-    pub parts: usize,
+    /// When each window of time begins and ends; one of the whole clip where there are none.
+    pub times: TimeWindows,
+    /// Number of parts of each window; none where a run that trains says which parts there are.
+    pub parts: Vec<usize>,
 }
 
 /// A camera in a page, OpenCV axes.
@@ -93,7 +96,8 @@ impl About {
             },
             fastest: 0.0,
             cameras: cameras.iter().map(PageCamera::of).collect(),
-            parts: 0,
+            times: TimeWindows::whole(),
+            parts: Vec::new(),
         }
     }
 
@@ -156,28 +160,49 @@ impl Page {
     /// The page of a content; `poster` is the PNG that stands where there is no player.
     ///
     /// # Errors
-    /// When the content is a file for each frame, or the device fails.
+    /// When the content is a file for each frame, a window can't be read, or the device fails.
     pub fn new(content: &Content, player: PlayerCode, poster: &[u8]) -> Result<Self, ViewError> {
-        let Source::Scene(scene) = &content.source else {
-            return Err(ViewError::Host(
-                "a page shows one scene, not a file for each frame".into(),
-            ));
+        let best = Compression::best();
+        let (mut files, mut parts_of) = (BTreeMap::new(), Vec::new());
+        let mut add = |scene: &DynamicScene| -> Result<(), ViewError> {
+            let parts = parts(scene);
+            let prefix = prefix(parts_of.len());
+            parts_of.push(parts.len());
+            let of_scene = files_of(&parts, best)?.into_iter();
+            files.extend(of_scene.map(|(name, bytes)| (format!("{prefix}{name}"), bytes)));
+            Ok(())
         };
-        let parts = parts(scene);
-        let (focus, radius) = middle_of(scene)?;
-        let tracks = Tracks::of(scene, content.n_frames)?;
+        let (first, times) = match &content.source {
+            Source::Scene(scene) => {
+                add(scene)?;
+                ((**scene).clone(), TimeWindows::whole())
+            }
+            Source::Windows(windows) => {
+                for window in 0..windows.times().len() {
+                    add(&windows.scene(window)?)?;
+                }
+                (windows.scene(0)?, windows.times().clone())
+            }
+            _ => {
+                return Err(ViewError::Host(
+                    "a page shows one scene, or windows of time, not a file for each frame".into(),
+                ));
+            }
+        };
+        let (focus, radius) = middle_of(&first)?;
+        let duration = times.duration(0);
+        let tracks = Tracks::of(&first, (duration * content.n_frames as f32).ceil() as usize)?;
         let about = About {
             name: content.name.clone(),
             n_frames: content.n_frames,
             frame_rate: content.frame_rate,
             focus: content.focus.unwrap_or(focus),
             radius,
-            fastest: tracks.map_or(0.0, |tracks| tracks.fastest),
+            fastest: tracks.map_or(0.0, |tracks| tracks.fastest / duration),
             cameras: content.cameras.iter().map(PageCamera::of).collect(),
-            parts: parts.len(),
+            times,
+            parts: parts_of,
         };
-        let best = Compression::best();
-        let mut files = files_of(&parts, best)?;
         files.insert("about.json.gz".into(), about.packed());
         files.insert("player.wasm.gz".into(), packed(player.module, best));
         files.insert("poster.png".into(), poster.to_vec());
@@ -248,6 +273,14 @@ pub fn scene_files(scene: &DynamicScene) -> Result<BTreeMap<String, Vec<u8>>, Vi
     files_of(&parts(scene), Compression::fast())
 }
 
+/// What the names of a window's files begin with.
+fn prefix(window: usize) -> String {
+    match window {
+        0 => String::new(),
+        _ => format!("window{window}_"),
+    }
+}
+
 fn files_of(
     parts: &[DynamicScene],
     compression: Compression,
@@ -279,8 +312,12 @@ fn packed(bytes: &[u8], compression: Compression) -> Vec<u8> {
 
 #[cfg(test)]
 mod tests {
+    use std::sync::LazyLock;
+
     use burn::tensor::Device;
     use dash_model::{GaussianRows, Gaussians, SceneSettings};
+
+    use crate::WindowSource;
 
     use super::*;
 
@@ -289,14 +326,19 @@ mod tests {
         module: b"\0asm",
     };
 
-    fn page(name: &str) -> Page {
-        let rows =
-            GaussianRows::from_points(&[[0.0; 3], [0.3, 0.0, 0.2]], &[[0.9, 0.2, 0.1]; 2], 0, 0.1);
-        let scene = DynamicScene {
+    /// So many Gaussians at rest.
+    fn still(n: usize) -> DynamicScene {
+        let points: Vec<[f32; 3]> = (0..n).map(|k| [0.3 * k as f32, 0.0, 0.2]).collect();
+        let rows = GaussianRows::from_points(&points, &vec![[0.9, 0.2, 0.1]; n], 0, 0.1);
+        DynamicScene {
             static_set: Gaussians::from_rows(&rows, &Device::flex()),
             dynamic: None,
             settings: SceneSettings::default(),
-        };
+        }
+    }
+
+    fn page(name: &str) -> Page {
+        let scene = still(2);
         let mut content = Content::new(name, Source::Scene(Box::new(scene)), 1);
         content.cameras.push(NamedCamera {
             name: "left".into(),
@@ -323,7 +365,7 @@ mod tests {
         let files = page("room").folder();
         let about = unpacked(&files["about.json.gz"]);
         let about = About::read(std::str::from_utf8(&about).expect("text")).expect("JSON");
-        assert_eq!((about.parts, about.n_frames), (1, 1));
+        assert_eq!((about.parts, about.n_frames), (vec![1], 1));
         let camera = about.cameras[0].camera();
         assert_eq!((camera.fy, camera.cx, camera.height), (41.0, 15.0, 24));
         assert!((camera.position()[2] + 3.0).abs() < 1e-12);
@@ -338,6 +380,40 @@ mod tests {
             "poster.png",
         ] {
             assert!(!files[name].is_empty(), "{name}");
+        }
+    }
+
+    struct Two;
+
+    impl WindowSource for Two {
+        fn times(&self) -> &TimeWindows {
+            static TIMES: LazyLock<TimeWindows> =
+                LazyLock::new(|| TimeWindows::new(vec![[0.0, 0.6], [0.4, 1.0]]));
+            &TIMES
+        }
+
+        fn scene(&self, window: usize) -> Result<DynamicScene, ViewError> {
+            Ok(still(2 + window))
+        }
+    }
+
+    #[test]
+    fn windows_of_time_have_files_of_their_own() {
+        let content = Content::new("long", Source::Windows(Box::new(Two)), 9);
+        let files = Page::new(&content, PLAYER, b"poster")
+            .expect("sound")
+            .folder();
+        let about = unpacked(&files["about.json.gz"]);
+        let about = About::read(std::str::from_utf8(&about).expect("text")).expect("JSON");
+        assert_eq!(
+            (about.parts, about.times),
+            (vec![1, 1], Two.times().clone())
+        );
+        for (prefix, n) in [("", 2), ("window1_", 3)] {
+            let part =
+                ["json", "bin"].map(|kind| unpacked(&files[&format!("{prefix}part0.{kind}.gz")]));
+            let scene = DynamicScene::from_bytes(&part[0], &part[1], &Device::flex());
+            assert_eq!(scene.expect("a scene").counts(), (n, 0));
         }
     }
 

@@ -38,6 +38,14 @@ impl SpeedColors {
         }
     }
 
+    /// The same within a part of the clip that has times of its own, in [0, 1] over it; `duration` is its share of the clip.
+    pub fn within(self, duration: f32) -> Self {
+        Self {
+            fastest: (self.fastest * duration).max(f32::MIN_POSITIVE),
+            half_interval: self.half_interval / duration,
+        }
+    }
+
     /// The colours of speeds `[N, 1]` as `[N, 3]`, sRGB in [0, 1].
     pub fn colors(&self, speeds: Tensor<2>) -> Tensor<2> {
         let device = speeds.device();
@@ -112,6 +120,9 @@ mod tests {
             assert!(brightness(pair[0]) < brightness(pair[1]), "{pair:?}");
         }
         assert_eq!(color(&colors, 9.0), color(&colors, 2.0));
+        // Within a quarter of the clip, speeds are a quarter, and frames four times as far apart.
+        let quarter = colors.within(0.25);
+        assert_eq!((quarter.fastest, quarter.half_interval), (0.5, 0.2));
         // A scene in which nothing moves has no fastest.
         let still = SpeedColors::new(0.0, 1);
         assert_eq!(color(&still, 0.0), color(&colors, 0.0));

@@ -169,7 +169,7 @@ impl Worker {
         let (sender, replies) = channel();
         let live = match &content.source {
             Source::Live(live, _) => Some(live.clone()),
-            Source::Scene(_) | Source::Frames(_) => None,
+            Source::Scene(_) | Source::Frames(_) | Source::Windows(_) => None,
         };
         let studio = Studio {
             source: content.source,
@@ -177,6 +177,7 @@ impl Worker {
             shown: None,
             content: None,
             tracks: None,
+            fastest: None,
             host,
             screen,
             replies: sender,

@@ -87,11 +87,12 @@ function tick(now) {
   const secs = Math.min((now - last) / 1000, 0.25);
   last = now;
   fly(secs);
-  if (player.playing) {
+  // The clip waits for a window that is still to come.
+  if (player.playing && player.ready()) {
     player.advance(secs);
     changed = true;
   }
-  if (changed && !drawing) draw(now);
+  if (changed && !drawing && player.ready()) draw(now);
   show();
   requestAnimationFrame(tick);
 }
@@ -248,13 +249,33 @@ async function start() {
   const { parts } = JSON.parse(text);
   const coming = await wasm_bindgen.Player.start(text);
   // A run that trains has its parts from time to time.
-  if (parts === 0) return follow(coming);
-  for (let part = 0; part < parts; part += 1) {
-    coming.add(await file(`part${part}.json.gz`), await file(`part${part}.bin.gz`));
-    if (part === 0) begin(coming);
-    changed = true;
+  if (parts.length === 0) return follow(coming);
+  // The windows of that time come first.
+  if (asked.has("time")) coming.seek(Number(asked.get("time")));
+  feed(coming, parts);
+}
+
+/** Brings the windows of time that the player needs, one part after the other. */
+async function feed(coming, parts) {
+  try {
+    for (;;) {
+      const [number] = coming.wanted();
+      if (number === undefined) {
+        window.dash.complete = true;
+        await new Promise((done) => setTimeout(done, 50));
+        continue;
+      }
+      window.dash.complete = false;
+      const prefix = number === 0 ? "" : `window${number}_`;
+      const part = coming.parts_here(number);
+      const files = await Promise.all(["json", "bin"].map((kind) => file(`${prefix}part${part}.${kind}.gz`)));
+      coming.add(number, ...files);
+      if (!player && coming.ready()) begin(coming);
+      changed = true;
+    }
+  } catch (error) {
+    refuse(`The scene can't be shown: ${error.message ?? error}`);
   }
-  window.dash.complete = true;
 }
 
 /** The first part is here. */

@@ -43,6 +43,7 @@ impl Prepared {
             frames: None,
             invert_masks: false,
             skip_broken: false,
+            backdrop: None,
             device: benchmark.device.clone(),
         };
         let mut dataset = look(&data)?;

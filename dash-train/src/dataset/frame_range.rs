@@ -1,12 +1,13 @@
 //! Which frames of a capture to load.
 
 use std::fmt;
+use std::num::NonZeroU64;
 use std::str::FromStr;
 
 use serde::{Deserialize, Serialize};
 
 /// A choice of frames, by the numbers in their files' names; where frames have no files or names no
-/// numbers, counted from 0. As text `all` or `FIRST-LAST`, such as `151-200`; by their places `#FIRST-LAST`.
+/// numbers, counted from 0. As text `all` or `FIRST-LAST`, such as `151-200`; by their places `#FIRST-LAST`; every tenth `all/10`.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(try_from = "String", into = "String")]
 pub enum FrameRange {
@@ -26,6 +27,8 @@ pub enum FrameRange {
         /// The last; not before the first.
         last: u64,
     },
+    /// Every so many, from the first on.
+    Every(NonZeroU64),
 }
 
 impl FrameRange {
@@ -35,6 +38,7 @@ impl FrameRange {
             Self::All => true,
             Self::Between { first, last } => (first..=last).contains(&number),
             Self::Places { first, last } => (first..=last).contains(&(place as u64)),
+            Self::Every(step) => (place as u64).is_multiple_of(step.get()),
         }
     }
 }
@@ -45,6 +49,7 @@ impl fmt::Display for FrameRange {
             Self::All => f.write_str("all"),
             Self::Between { first, last } => write!(f, "{first}-{last}"),
             Self::Places { first, last } => write!(f, "#{first}-{last}"),
+            Self::Every(step) => write!(f, "all/{step}"),
         }
     }
 }
@@ -57,8 +62,15 @@ impl FromStr for FrameRange {
             return Ok(Self::All);
         }
         let wrong = || {
-            format!("expected frame numbers FIRST-LAST, such as 151-200, or all, found `{text}`")
+            format!(
+                "expected frame numbers FIRST-LAST, such as 151-200, or all, or all/10, found `{text}`"
+            )
         };
+        if let Some(step) = text.strip_prefix("all/") {
+            let is_number = step.bytes().all(|b| b.is_ascii_digit());
+            let step = step.parse().ok().filter(|_| is_number);
+            return step.map(Self::Every).ok_or_else(wrong);
+        }
         let (by_place, range) = match text.strip_prefix('#') {
             Some(range) => (true, range),
             None => (false, text),
@@ -99,12 +111,13 @@ mod tests {
 
     #[test]
     fn ranges_are_read_as_they_are_written() {
-        for text in ["all", "0-0", "151-200", "#0-59"] {
+        for text in ["all", "0-0", "151-200", "#0-59", "all/1", "all/10"] {
             let range: FrameRange = text.parse().expect("a range");
             assert_eq!(range.to_string(), text);
         }
         for bad in [
             "", "7", "-", "#", "#5", "##1-2", "5-", "-5", "9-3", "+1-2", "1-2-3", "All", "1- 2",
+            "all/0", "all/", "all/+2",
         ] {
             assert!(bad.parse::<FrameRange>().is_err(), "{bad}");
         }

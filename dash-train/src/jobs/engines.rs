@@ -16,35 +16,47 @@ pub enum Engine {
     Kubernetes,
 }
 
-/// What has `engine` do the `n` tasks of the plan in `out` with `program`, which nodes of a Slurm cluster find there, too.
-/// Both paths are absolute.
-pub fn script(engine: Engine, program: &Path, out: &Path, n: usize) -> String {
+/// What has `engine` do the `n` tasks of the plan in `out` with `program`, which nodes of a Slurm cluster find there, too; where
+/// the others need the first one, after that. Both paths are absolute.
+pub fn script(engine: Engine, program: &Path, out: &Path, n: usize, needs_first: bool) -> String {
     let out = out.display().to_string();
     match engine {
-        Engine::Slurm => slurm(&quoted(&program.display().to_string()), &out, n),
+        Engine::Slurm => {
+            let program = quoted(&program.display().to_string());
+            slurm(&program, &out, n, needs_first)
+        }
         Engine::Kubernetes => kubernetes(&out, n),
     }
 }
 
 /// A shell script. Options of `sbatch` are its arguments.
-fn slurm(program: &str, out: &str, n: usize) -> String {
+fn slurm(program: &str, out: &str, n: usize, needs_first: bool) -> String {
     let last = n.saturating_sub(1);
     let [folder, log, join_log] =
         ["", "/task-%a.log", "/join.log"].map(|file| quoted(&format!("{out}{file}")));
+    let queued = match needs_first && last > 0 {
+        false => format!(r#"tasks=$(queue --array=0-{last} "$@")"#),
+        true => format!(
+            r#"# All others need the first.
+first=$(queue --array=0 "$@")
+tasks=$(queue --array=1-{last} --dependency="afterok:${{first%%;*}}" --kill-on-invalid-dep=yes "$@")"#
+        ),
+    };
     format!(
         r#"#!/bin/sh
 # Has Slurm do the {n} tasks of a plan, then join them. Arguments go to sbatch, such as --partition=gpu --gres=gpu:1.
 # A task that is stopped or killed is queued again, up to {RETRIES} times, and goes on from its newest checkpoint.
 set -eu
-tasks=$(sbatch --parsable --job-name=dash --array=0-{last} --requeue --signal=TERM@{NOTICE_SECS} --open-mode=append \
-    --output={log} "$@" <<'JOB'
+queue() {{
+    sbatch --parsable --job-name=dash --requeue --signal=TERM@{NOTICE_SECS} --open-mode=append --output={log} "$@" <<'JOB'
 #!/bin/sh
 srun {program} work {folder} --task "$SLURM_ARRAY_TASK_ID"
 code=$?
 [ "$code" -lt 128 ] || [ "${{SLURM_RESTART_COUNT:-0}}" -ge {RETRIES} ] || exec scontrol requeue "$SLURM_JOB_ID"
 exit "$code"
 JOB
-)
+}}
+{queued}
 sbatch --job-name=dash-join --dependency="afterany:${{tasks%%;*}}" --output={join_log} "$@" <<'JOB'
 #!/bin/sh
 exec {program} join {folder}

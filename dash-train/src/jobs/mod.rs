@@ -27,7 +27,7 @@ use crate::Error;
 use crate::compare::Method;
 use crate::evaluate::PerceptualFiles;
 use crate::results::scored;
-use crate::windows::Windows;
+use crate::windows::Part;
 
 /// The only version of `plan.json`.
 const FORMAT_VERSION: u32 = 1;
@@ -56,6 +56,9 @@ pub enum Work {
     Windows {
         /// How many windows it has.
         windows: usize,
+        /// Whether they share a room, which is trained first.
+        #[serde(default)]
+        room: bool,
     },
 }
 
@@ -80,7 +83,7 @@ pub struct Plan {
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Task {
-    /// Its folder, below the plan's: `METHOD/seed-S`, `SCENE/seed-S` or `window-NNN`.
+    /// Its folder, below the plan's: `METHOD/seed-S`, `SCENE/seed-S`, `room` or `window-NNN`.
     pub run: String,
 }
 
@@ -238,6 +241,9 @@ impl Plan {
         };
         let mut tally = Tally::default();
         for number in numbers {
+            if let Some(first) = self.needed().filter(|&first| first != number) {
+                self.ensure(out, first, stop, train)?;
+            }
             if self.is_done(out, number)? {
                 tally.before += 1;
                 continue;
@@ -271,22 +277,52 @@ impl Plan {
     }
 }
 
+impl Plan {
+    /// The task that all others need.
+    pub fn needed(&self) -> Option<usize> {
+        matches!(self.work, Work::Windows { room: true, .. }).then_some(0)
+    }
+
+    /// Sees to it that a task is done: waits for whoever works on it, or does it.
+    fn ensure(
+        &self,
+        out: &Path,
+        number: usize,
+        stop: &dyn Fn() -> bool,
+        train: &mut dyn FnMut(usize) -> Result<(), Error>,
+    ) -> Result<(), Error> {
+        if self.is_done(out, number)? {
+            return Ok(());
+        }
+        let run = &self.tasks[number].run;
+        let hold = Hold::wait(&self.held_path(out, number), stop, || {
+            tracing::info!("waiting for another process, which works on {run}");
+        })?;
+        match hold {
+            Some(_) if self.is_done(out, number)? => Ok(()),
+            Some(_) => train(number),
+            None => Err(Error::Stopped {
+                run: self.run_path(out, number),
+                step: 0,
+            }),
+        }
+    }
+}
+
 /// How many runs there are.
 fn n_tasks(work: &Work, seeds: u64) -> u128 {
     match work {
         Work::Compare { methods, .. } => methods.len() as u128 * u128::from(seeds),
         Work::Benchmark { scenes } => scenes.len() as u128 * u128::from(seeds),
-        Work::Windows { windows } => *windows as u128,
+        Work::Windows { windows, room } => *windows as u128 + u128::from(*room),
     }
 }
 
 /// The runs.
 fn tasks(work: &Work, seeds: u64) -> Vec<Task> {
-    if let Work::Windows { windows } = work {
-        let run = |number| Task {
-            run: Windows::run_name(number),
-        };
-        return (0..*windows).map(run).collect();
+    if let Work::Windows { windows, room } = work {
+        let runs = Part::all(*windows, *room).map(Part::run_name);
+        return runs.map(|run| Task { run }).collect();
     }
     let folders: Vec<String> = match work {
         Work::Compare { methods, .. } => methods.iter().map(|method| method.folder()).collect(),

@@ -27,6 +27,34 @@ fn a_plan_has_a_task_for_each_seed_of_each_method() {
 }
 
 #[test]
+fn windows_wait_for_their_room() {
+    let folder = tempfile::tempdir().expect("a scratch folder");
+    let plan = |room| {
+        let work = Work::Windows { windows: 2, room };
+        Plan::new(work, 1, None, PerceptualFiles::default())
+    };
+    let runs =
+        |plan: &Plan| -> Vec<String> { plan.tasks().iter().map(|task| task.run.clone()).collect() };
+    assert_eq!(runs(&plan(false)), ["window-000", "window-001"]);
+    let plan = plan(true);
+    assert_eq!(runs(&plan), ["room", "window-000", "window-001"]);
+    // A task that fails does not keep the others from being done, but that of the room does.
+    let mut order = Vec::new();
+    let failure = |number: usize| Err(Error::Config(format!("task {number}")));
+    let failed = plan.work(folder.path(), Which::One(2), &|| false, &mut |number| {
+        order.push(number);
+        failure(number)
+    });
+    assert!(failed.is_err_and(|error| error.to_string().contains("task 0")));
+    assert_eq!(order, [0]);
+    // Whoever is told to stop while another process works on the room does so.
+    let hold = Hold::take(&plan.held_path(folder.path(), 0)).expect("locks");
+    let stopped = plan.work(folder.path(), Which::One(2), &|| true, &mut failure.clone());
+    assert!(matches!(stopped, Err(Error::Stopped { .. })));
+    drop(hold);
+}
+
+#[test]
 fn plans_survive_their_file_and_damaged_ones_are_refused() {
     let folder = tempfile::tempdir().expect("a scratch folder");
     let none = Plan::read(folder.path()).expect_err("there is none");
@@ -91,16 +119,30 @@ fn what_one_holds_no_other_can_until_it_lets_go() {
 fn schedulers_are_given_each_task_and_paths_that_shells_and_yaml_read() {
     let out = Path::new("/data/it's here");
     let program = Path::new("/opt/dash");
-    let text = script(Engine::Slurm, program, out, 12);
+    let text = script(Engine::Slurm, program, out, 12, false);
     for line in [
-        "--array=0-11 --requeue --signal=TERM@120",
+        "--requeue --signal=TERM@120",
+        r#"tasks=$(queue --array=0-11 "$@")"#,
         r#"srun /opt/dash work '/data/it'\''s here' --task "$SLURM_ARRAY_TASK_ID""#,
         r"exec /opt/dash join '/data/it'\''s here'",
         r#"--dependency="afterany:${tasks%%;*}""#,
     ] {
         assert!(text.contains(line), "{line}:\n{text}");
     }
-    let text = script(Engine::Kubernetes, program, Path::new("/data/runs/all"), 12);
+    let text = script(Engine::Slurm, program, out, 12, true);
+    for line in [
+        r#"first=$(queue --array=0 "$@")"#,
+        r#"tasks=$(queue --array=1-11 --dependency="afterok:${first%%;*}""#,
+    ] {
+        assert!(text.contains(line), "{line}:\n{text}");
+    }
+    let text = script(
+        Engine::Kubernetes,
+        program,
+        Path::new("/data/runs/all"),
+        12,
+        true,
+    );
     for line in [
         "completions: 12\n",
         r#"command: [sh, -c, "exec dash work /data/runs/all --task \"$JOB_COMPLETION_INDEX\""]"#,

@@ -12,5 +12,5 @@ pub use dash_model::{NO_SURFACE_ALPHA, Picture};
 pub use output::{PictureFormat, RenderJob, write_pictures, write_video};
 pub use overview::write_overview;
 pub(crate) use picture::render_timed;
-pub use picture::{PictureLayer, render};
+pub use picture::{PictureLayer, render, render_over_time};
 pub use shots::{Shot, at_times, file_shots, spiral_shots, test_shots};

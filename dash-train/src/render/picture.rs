@@ -59,6 +59,19 @@ pub fn render(
     Ok(Picture::of(scene.render_layer(camera, time, layer)?)?)
 }
 
+/// [`render`] of whatever can be drawn at any time.
+///
+/// # Errors
+/// When a file can't be read, or a kernel refuses its input.
+pub fn render_over_time(
+    scene: &dyn SceneOverTime,
+    camera: &Camera,
+    time: f32,
+    layer: Layer,
+) -> Result<Picture, Error> {
+    render_mixed(&scene.drawn_at(time)?, camera, layer)
+}
+
 /// [`render`] of scenes whose pictures are mixed by their shares; there is one at least.
 pub(super) fn render_mixed(
     drawn: &[Drawn<'_>],

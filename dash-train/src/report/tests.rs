@@ -21,6 +21,7 @@ fn config(seed: u64, iterations: usize) -> RunConfig {
             frames: None,
             invert_masks: false,
             skip_broken: false,
+            backdrop: None,
             device: "flex".into(),
         },
         train,

@@ -6,6 +6,7 @@
 mod clip;
 #[cfg(feature = "fourdgs")]
 pub mod four_dgs;
+mod instant;
 
 use std::path::{Path, PathBuf};
 
@@ -16,6 +17,7 @@ use dash_model::{
 };
 
 pub use clip::{Drawn, SceneOverTime, SplatClip};
+pub use instant::rows_at;
 
 use crate::Error;
 use crate::files::{Order, list, order};

@@ -8,12 +8,15 @@ use dash_model::{DynamicScene, GaussianRows, Gaussians};
 
 use super::config::TrainConfig;
 use super::core::{
-    self, Adaptive, Densify, Extension, Finished, Hooks, Run, SkippedStep, StepReport, ViewSums,
-    checkpoint, hold_out,
+    self, Adaptive, Backdrop, Densify, Extension, Finished, Hooks, Run, SkippedStep, StepReport,
+    ViewSums, checkpoint, hold_out,
 };
 use super::paper::Dash;
 use crate::Error;
 use crate::dataset::{Dataset, Partition, View};
+
+/// Share of a run after which its warm-up ends at the latest, if it has a backdrop.
+const WARMUP_WITH_BACKDROP: f32 = 0.02;
 
 /// A training run in memory.
 pub struct Trainer {
@@ -30,6 +33,8 @@ pub struct Additions {
     pub extensions: Vec<Box<dyn Extension<Dash>>>,
     /// The policy of density control; `None`: that of 3DGS.
     pub densify: Option<Box<dyn Densify>>,
+    /// A scene whose static Gaussians are kept as they are where they fit; see [`Run::put_before`].
+    pub backdrop: Option<DynamicScene>,
 }
 
 impl Trainer {
@@ -58,6 +63,14 @@ impl Trainer {
         })?;
         run.scene.settings.trajectory_basis = run.method.basis;
         run.scene.settings.offsets = config.method.offsets();
+        if let Some(room) = &additions.backdrop {
+            run.put_before(room)?;
+            // What is at rest is known: less time for it, as much for what moves.
+            let [warmup, decomposition] = &mut run.method.config.stages;
+            let earlier = *warmup - warmup.min(WARMUP_WITH_BACKDROP);
+            *warmup -= earlier;
+            *decomposition -= earlier;
+        }
         let mut extensions = config.extensions.build();
         extensions.extend(additions.extensions);
         let densify = additions.densify.unwrap_or_else(|| {
@@ -69,9 +82,14 @@ impl Trainer {
         Ok(Self { config, run, hooks })
     }
 
-    /// The scene as trained so far.
+    /// The scene as trained so far, without a backdrop.
     pub fn scene(&self) -> &DynamicScene {
         &self.run.scene
+    }
+
+    /// The scene as trained so far, with the backdrop if there is one.
+    pub fn whole_scene(&self) -> DynamicScene {
+        self.run.whole(&self.run.scene)
     }
 
     /// The configuration that the run was begun with.
@@ -120,7 +138,7 @@ impl Trainer {
     /// When rendering fails.
     pub fn validation_psnr(&self) -> Result<Option<f64>, Error> {
         let run = &self.run;
-        hold_out::psnr(&run.scene, &run.dataset, &run.validation_views)
+        hold_out::psnr(&self.whole_scene(), &run.dataset, &run.validation_views)
     }
 
     /// Mean PSNR of the training views, dB.
@@ -129,7 +147,7 @@ impl Trainer {
     /// When rendering fails.
     pub fn training_psnr(&self) -> Result<f64, Error> {
         let run = &self.run;
-        let psnr = hold_out::psnr(&run.scene, &run.dataset, &run.train_views)?;
+        let psnr = hold_out::psnr(&self.whole_scene(), &run.dataset, &run.train_views)?;
         Ok(psnr.unwrap_or(f64::NAN))
     }
 
@@ -205,12 +223,24 @@ pub fn load_checkpoint_with(
             ));
         }
         let config = state.config.clone();
+        let room = additions.backdrop.clone();
         let mut trainer = Trainer::with(config, dataset.clone(), device, additions)?;
         let seconds = std::mem::take(&mut state.train_seconds);
+        if let (Some(room), Some(kept)) = (room, state.kept.take()) {
+            let backdrop = Backdrop::new(&room, kept, device);
+            trainer.run.backdrop = Some(backdrop.map_err(|found| other_backdrop(path, &found))?);
+        }
         checkpoint::restore(&mut trainer.run, &mut trainer.hooks, state, path)?;
         Ok((trainer, seconds))
     };
     load().map_err(|error| checkpoint::with_remedy(path, error))
+}
+
+/// What is wrong where a backdrop is not the one that a run was begun with.
+pub(super) fn other_backdrop(path: &Path, found: &str) -> Error {
+    let told = "expected the Gaussians of the backdrop that the run was begun with, found";
+    let remedy = "bring that run back, or train this one anew";
+    Error::run(path, format!("{told} {found}; {remedy}"))
 }
 
 /// Checks that a dataset in another folder is the one that a checkpoint was trained on.

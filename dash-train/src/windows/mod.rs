@@ -11,10 +11,12 @@ mod scores;
 mod tests;
 
 use std::collections::BTreeMap;
+use std::num::NonZeroU64;
 use std::path::Path;
 use std::sync::Arc;
 
 use burn::tensor::Device;
+use dash_model::TimeWindows;
 use serde::{Deserialize, Serialize};
 
 pub use clip::WindowedClip;
@@ -30,6 +32,10 @@ use crate::train::{DataConfig, RunConfig, StepReport, TrainConfig, TrainOptions,
 const FILE: &str = "windows.toml";
 /// Fewest frames of a window.
 pub const MIN_LENGTH: usize = 4;
+/// Steps of the room for each of a window. What windows share is as good as it will be.
+const ROOM_STEPS: usize = 3;
+/// Windows from which on they share a room, if nothing else is said: its steps are then a third of theirs, or less.
+const MIN_SHARING: usize = 9;
 
 /// A long clip and its windows: `OUT/windows.toml`.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -41,10 +47,39 @@ pub struct Windows {
     pub n_frames: usize,
     /// The windows, in the order of time.
     pub windows: Vec<Window>,
+    /// Frames between those of which the room is trained, whose static Gaussians all windows share; `None`: each window
+    /// trains its own.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub room: Option<NonZeroU64>,
     /// The data of the whole clip.
     pub data: DataConfig,
     /// How every window is trained.
     pub train: TrainConfig,
+}
+
+/// What one of the runs is about.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Part {
+    /// What is the same all the time; the other runs need it.
+    Room,
+    /// A window, by its number.
+    Window(usize),
+}
+
+impl Part {
+    /// The runs of so many windows, in the order in which they are trained.
+    pub fn all(windows: usize, has_room: bool) -> impl Iterator<Item = Self> {
+        let room = has_room.then_some(Self::Room);
+        room.into_iter().chain((0..windows).map(Self::Window))
+    }
+
+    /// The name of its run.
+    pub fn run_name(self) -> String {
+        match self {
+            Self::Room => "room".into(),
+            Self::Window(number) => format!("window-{number:03}"),
+        }
+    }
 }
 
 /// A part of a clip.
@@ -66,11 +101,6 @@ impl Window {
     pub fn n_frames(&self) -> usize {
         self.last + 1 - self.first
     }
-
-    /// A time of the clip as one of the window, in [0, 1].
-    pub fn local(&self, time: f32) -> f32 {
-        ((time - self.from) / (self.to - self.from)).clamp(0.0, 1.0)
-    }
 }
 
 /// What a window's run is made with.
@@ -85,16 +115,17 @@ pub struct RunOptions<'a> {
     pub stop: &'a dyn Fn() -> bool,
 }
 
-/// Told how a window's run goes on.
+/// Told how a run goes on.
 pub trait Observer {
     /// It begins or goes on, of so many steps.
-    fn begin(&mut self, window: usize, iterations: usize);
+    fn begin(&mut self, part: Part, iterations: usize);
     /// A step of it is done.
     fn step(&mut self, report: &StepReport, seconds: f64);
 }
 
 impl Windows {
-    /// Divides a clip into windows of `length` frames, or one less, of which neighbours share `overlap` or more.
+    /// Divides a clip into windows of `length` frames, or one less, of which neighbours share `overlap` or more. `room` is whether they share a room that is trained before them;
+    /// `None`: if there are many.
     ///
     /// # Errors
     /// When the clip is no longer than a window, a window is shorter than [`MIN_LENGTH`] or no longer than two overlaps, or
@@ -104,6 +135,7 @@ impl Windows {
         data: DataConfig,
         train: TrainConfig,
         [length, overlap]: [usize; 2],
+        room: Option<bool>,
     ) -> Result<Self, Error> {
         check_dataset(dataset)?;
         if dataset.views_of(Partition::Test).next().is_none() {
@@ -144,10 +176,14 @@ impl Windows {
                 from: times.get(&first).copied().unwrap_or_default(),
                 to: times.get(&last).copied().unwrap_or(1.0),
             });
+        let windows: Vec<Window> = windows.collect();
+        let has_room = room.unwrap_or(windows.len() >= MIN_SHARING);
         Ok(Self {
             name: dataset.name.clone(),
             n_frames: n,
-            windows: windows.collect(),
+            // Of as many frames as a window has, so that it takes no more memory.
+            room: NonZeroU64::new(n.div_ceil(length) as u64).filter(|_| has_room),
+            windows,
             data,
             train,
         })
@@ -182,37 +218,48 @@ impl Windows {
         Ok(windows)
     }
 
-    /// The name of a window's run.
-    pub fn run_name(number: usize) -> String {
-        format!("window-{number:03}")
+    /// When each window begins and ends.
+    pub fn times(&self) -> TimeWindows {
+        let spans = self.windows.iter().map(|window| [window.from, window.to]);
+        TimeWindows::new(spans.collect())
     }
 
-    /// Trains and scores a window, which nobody else works on, in its folder below `out`; from its newest checkpoint where
-    /// that was interrupted. Only its own frames are loaded.
+    /// The runs, in the order of their tasks.
+    pub fn parts(&self) -> impl Iterator<Item = Part> {
+        Part::all(self.windows.len(), self.room.is_some())
+    }
+
+    /// Trains and scores a run, which nobody else works on, in its folder below `out`; from its newest checkpoint where
+    /// that was interrupted. Only its own frames are loaded. That of the room comes first.
     ///
     /// # Errors
     /// When its frames can't be loaded, or training fails or is stopped.
     pub fn run_one(
         &self,
-        number: usize,
+        part: Part,
         out: &Path,
         options: &RunOptions<'_>,
         observer: &mut dyn Observer,
     ) -> Result<(), Error> {
-        let data = self.data_of(number, options.device.1);
+        let data = self.data_of(part, options.device.1);
         let load_options = LoadOptions {
             memory: options.memory,
             ..data.load_options()
         };
         let dataset = Arc::new(load(&data.dataset, &load_options)?);
         check_dataset(&dataset)?;
+        let steps = self.train.steps_for(&dataset);
         let train = TrainConfig {
-            iterations: self.train.steps_for(&dataset),
+            iterations: match part {
+                Part::Room => ROOM_STEPS * steps,
+                Part::Window(_) => steps,
+            },
+            visits: self.train.visits.filter(|_| part != Part::Room),
             ..self.train.clone()
         };
-        observer.begin(number, train.iterations);
+        observer.begin(part, train.iterations);
         let config = RunConfig::new(data, train);
-        let run = take_up(&out.join(Self::run_name(number)), &config, "window")?;
+        let run = take_up(&out.join(part.run_name()), &config, "clip")?;
         let train_options = TrainOptions {
             resume: true,
             curve: 0,
@@ -228,46 +275,25 @@ impl Windows {
         Ok(())
     }
 
-    /// The data of a window's run.
-    fn data_of(&self, number: usize, device: &str) -> DataConfig {
-        let Window { first, last, .. } = self.windows[number];
+    /// The data of a run.
+    fn data_of(&self, part: Part, device: &str) -> DataConfig {
+        let (frames, backdrop) = match part {
+            Part::Room => (self.room.map(FrameRange::Every), None),
+            Part::Window(number) => {
+                let Window { first, last, .. } = self.windows[number];
+                let [first, last] = [first, last].map(|frame| frame as u64);
+                let room = self
+                    .room
+                    .map(|_| Path::new("..").join(Part::Room.run_name()));
+                (Some(FrameRange::Places { first, last }), room)
+            }
+        };
         DataConfig {
-            frames: Some(FrameRange::Places {
-                first: first as u64,
-                last: last as u64,
-            }),
+            frames,
+            backdrop,
             device: device.into(),
             ..self.data.clone()
         }
-    }
-
-    /// The windows that show a time of the clip, and the share of each in the picture; the shares add up to 1.
-    pub fn shares(&self, time: f32) -> Vec<(usize, f32)> {
-        for k in 0..self.windows.len() - 1 {
-            let [from, to] = self.fade(k);
-            if time <= from {
-                return vec![(k, 1.0)];
-            }
-            if time < to {
-                let share = (time - from) / (to - from);
-                return vec![(k, 1.0 - share), (k + 1, share)];
-            }
-        }
-        vec![(self.windows.len() - 1, 1.0)]
-    }
-
-    /// From when to when a window fades into the next: in the middle of what both show, before the next fade begins.
-    fn fade(&self, k: usize) -> [f32; 2] {
-        let middle = |k: usize| 0.5 * (self.windows[k].to + self.windows[k + 1].from);
-        let mut width = self.windows[k].to - self.windows[k + 1].from;
-        if k > 0 {
-            width = width.min(middle(k) - middle(k - 1));
-        }
-        if k + 2 < self.windows.len() {
-            width = width.min(middle(k + 1) - middle(k));
-        }
-        let half = 0.5 * width.max(0.0);
-        [middle(k) - half, middle(k) + half]
     }
 }
 

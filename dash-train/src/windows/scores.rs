@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use super::{WindowedClip, Windows};
+use super::WindowedClip;
 use crate::Error;
 use crate::dataset::{Dataset, Partition};
 use crate::evaluate::{Perceptual, Scored, evaluate};
@@ -24,10 +24,10 @@ impl WindowedClip {
     ) -> Result<Results, Error> {
         let windows = self.windows();
         let (mut counts, mut sums) = ((0, 0), Sums::default());
-        for number in 0..windows.windows.len() {
-            let of_window = sums.add(&self.out.join(Windows::run_name(number)))?;
-            counts.0 += of_window.0;
-            counts.1 += of_window.1;
+        for part in windows.parts() {
+            let of_run = sums.add(&self.out.join(part.run_name()))?;
+            counts.0 += of_run.0;
+            counts.1 += of_run.1;
         }
         let clip = Scored {
             scene: self,

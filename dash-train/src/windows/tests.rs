@@ -1,4 +1,3 @@
-use super::clip::thinned;
 use super::*;
 
 #[test]
@@ -34,6 +33,7 @@ fn windows() -> Windows {
         name: "made".into(),
         n_frames: 9,
         windows: vec![window(0, 4), window(2, 6), window(5, 8)],
+        room: None,
         data: DataConfig {
             dataset: "made".into(),
             layout: None,
@@ -43,48 +43,11 @@ fn windows() -> Windows {
             frames: Some(FrameRange::All),
             invert_masks: false,
             skip_broken: false,
+            backdrop: None,
             device: "flex".into(),
         },
         train: TrainConfig::preset(crate::train::Preset::Quick),
     }
-}
-
-#[test]
-fn one_window_fades_into_the_next() {
-    let windows = windows();
-    let at = |frame: f32| windows.shares(frame / 8.0);
-    assert_eq!(at(0.0), [(0, 1.0)]);
-    assert_eq!(at(1.5), [(0, 1.0)]);
-    assert_eq!(at(3.0), [(0, 0.5), (1, 0.5)]);
-    assert_eq!(at(4.0), [(1, 1.0)]);
-    assert_eq!(at(5.25), [(1, 0.75), (2, 0.25)]);
-    assert_eq!(at(8.0), [(2, 1.0)]);
-    let mut before = 0.0;
-    for step in 0..=800 {
-        let shares = at(step as f32 / 100.0);
-        let sum: f32 = shares.iter().map(|(_, share)| share).sum();
-        assert!((sum - 1.0).abs() < 1e-6, "{shares:?}");
-        let middle: f32 = shares.iter().map(|(k, share)| *k as f32 * share).sum();
-        assert!((0.0..0.02).contains(&(middle - before)), "a jump at {step}");
-        before = middle;
-    }
-    assert_eq!(windows.windows[1].local(0.25), 0.0);
-    assert_eq!(windows.windows[1].local(0.5), 0.5);
-}
-
-#[test]
-fn two_thin_layers_let_through_what_one_does() {
-    let through = |logit: f32| 1.0 / (1.0 + f64::from(logit).exp());
-    for logit in [-6.0, -1.0, 0.0, 2.5, 9.0] {
-        for share in [0.1, 0.5, 0.83] {
-            let both = through(thinned(logit, share)) * through(thinned(logit, 1.0 - share));
-            assert!(
-                (both / through(logit) - 1.0).abs() < 1e-3,
-                "{logit} {share}: {both}"
-            );
-        }
-    }
-    assert!(thinned(40.0, 0.5).is_finite());
 }
 
 #[test]
@@ -109,11 +72,23 @@ fn clips_that_need_no_windows_have_none() {
     let dataset = crate::synth::loaded(3, 9, [16, 16]);
     let of = |length: usize, overlap: usize| {
         let Windows { data, train, .. } = windows();
-        Windows::new(&dataset, data, train, [length, overlap])
+        Windows::new(&dataset, data, train, [length, overlap], Some(true))
     };
     let found = of(5, 2).expect("sound");
     assert_eq!((found.n_frames, found.windows.len()), (9, 3));
     assert_eq!((found.windows[2].from, found.windows[2].to), (0.5, 1.0));
+    let names: Vec<String> = found.parts().map(Part::run_name).collect();
+    assert_eq!(names, ["room", "window-000", "window-001", "window-002"]);
+    let frames = |part| {
+        found
+            .data_of(part, "flex")
+            .frames
+            .expect("some")
+            .to_string()
+    };
+    // No more frames than a window has.
+    assert_eq!(frames(Part::Room), "all/2");
+    assert_eq!(frames(Part::Window(2)), "#4-8");
     for (length, overlap, option) in [
         (9, 2, "--window"),
         (3, 1, "--window"),

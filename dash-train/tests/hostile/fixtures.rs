@@ -420,6 +420,7 @@ fn config_toml() -> Vec<u8> {
             invert_masks: false,
             frames: None,
             skip_broken: false,
+            backdrop: None,
             device: "flex".into(),
         },
         TrainConfig::preset(Preset::Quick),

@@ -2,7 +2,10 @@
 
 use crate::common::{Scratch, TINY};
 use burn::tensor::Device;
+use dash_model::DynamicScene;
+use dash_train::splat_scene;
 use dash_train::train::RunFolder;
+
 use dash_train::windows::WindowedClip;
 
 /// A clip of nine frames in three windows.
@@ -12,6 +15,58 @@ fn planned<'a>(more: &[&'a str]) -> Vec<&'a str> {
     args.extend(TINY);
     args.extend(more);
     args
+}
+
+#[test]
+fn windows_share_a_room_that_is_trained_first() {
+    let scratch = clip();
+    let told = scratch.ok(&planned(&["--room", "yes"]));
+    assert!(
+        told.contains("4 tasks") && told.contains("0  room"),
+        "{told}"
+    );
+    // A window alone needs the room.
+    scratch.ok(&["work", "all", "--task", "2"]);
+    scratch.fails(&["join", "all"], "window-000, window-002");
+    scratch.ok(&["work", "all"]);
+    let told = scratch.ok(&["join", "all"]);
+    assert!(told.contains("room        0, 2, .."), "{told}");
+    let folder = scratch.path("all");
+    let device = Device::flex();
+    let clip = WindowedClip::open(&folder, &device).expect("planned");
+    let of_run = |name: &str| {
+        let run = RunFolder::open(&folder.join(name)).expect("a run");
+        let own = DynamicScene::load(&run.scene_path(), &device).expect("trained");
+        (own.counts(), run.scene(&device).expect("trained").counts())
+    };
+    let ((room, _), _) = of_run("room");
+    for (number, name) in ["window-000", "window-001"].into_iter().enumerate() {
+        let (own, whole) = of_run(name);
+        assert!(
+            whole.0 > own.0 && whole.0 <= own.0 + room,
+            "{own:?} {whole:?}"
+        );
+        assert_eq!(clip.scene(number).expect("trained").counts(), whole);
+        let results: serde_json::Value =
+            serde_json::from_slice(&scratch.read(&format!("all/{name}/results.json")))
+                .expect("JSON");
+        assert_eq!(results["n_static"].as_u64(), Some(whole.0 as u64));
+    }
+    // What is kept of a room that is another one now is not known.
+    let rooms = folder.join("room").join("scene");
+    std::fs::remove_dir_all(&rooms).expect("removable");
+    std::fs::rename(folder.join("window-002").join("scene"), &rooms).expect("movable");
+    scratch.fails(
+        &[
+            "render",
+            "all/window-000",
+            "--cameras",
+            "test",
+            "--out",
+            "no",
+        ],
+        "backdrop",
+    );
 }
 
 fn clip() -> Scratch {
@@ -33,11 +88,7 @@ fn windows_are_trained_by_themselves_and_shown_as_one_clip() {
     scratch.fails(&["render", "all", "--cameras", "test"], "window-000");
     scratch.ok(&["work", "all"]);
     let told = scratch.ok(&["join", "all"]);
-    for line in [
-        "window-000     0 to 4",
-        "window-002     4 to 8",
-        "mean over",
-    ] {
+    for line in ["window-000  0 to 4 ", "window-002  4 to 8 ", "mean over"] {
         assert!(told.contains(line), "{line}:\n{told}");
     }
     // Each window is a run of five frames, the clip has nine.
@@ -98,20 +149,25 @@ fn windows_are_trained_by_themselves_and_shown_as_one_clip() {
     ]
     .map(picture);
     assert_eq!(alone[0], alone[1]);
-    // A window's frame at rest has its Gaussians, one of an overlap those of both.
-    let folder = scratch.path("all");
-    let clip = WindowedClip::open(&folder, &Device::flex()).expect("planned");
-    let of_frame = |frame: usize| clip.frame(frame).expect("trained").counts().0;
+    // An instant of a window has its Gaussians, one of an overlap those of both.
+    let of_frame = |frame: usize| {
+        let time = format!("{}", frame as f32 / 8.0);
+        scratch.ok(&["export", "all", "--time", &time, "--out", "instant.ply"]);
+        let scene = splat_scene(&scratch.path("instant.ply"), &Device::flex());
+        scene.expect("a file of Gaussians").counts().0
+    };
     let of_window = |name: &str| {
-        let run = RunFolder::open(&folder.join(name)).expect("a run");
+        let run = RunFolder::open(&scratch.path("all").join(name)).expect("a run");
         let (n_static, n_dynamic) = run.scene(&Device::flex()).expect("trained").counts();
         n_static + n_dynamic
     };
     let [first, second] = ["window-000", "window-001"].map(of_window);
     assert_eq!(
-        (of_frame(1), of_frame(3), of_frame(4)),
-        (first, first + second, second)
+        [of_frame(1), of_frame(3), of_frame(4)],
+        [first, first + second, second]
     );
+    let refused = scratch.is_wrong_usage(&["export", "all", "--out", "all.4dgs"]);
+    assert!(refused.contains("window-000"), "{refused}");
     // Scores of the clip are those of what is drawn; where windows fade, neither window's.
     let told = scratch.ok(&["eval", "all"]);
     assert!(told.contains("all/results.json"), "{told}");
@@ -144,7 +200,7 @@ fn windows_are_trained_by_themselves_and_shown_as_one_clip() {
     std::fs::remove_dir_all(scratch.path("all/window-001")).expect("removable");
     let told = scratch.ok(&at_once[1..]);
     let tally = told.contains("1 done, 2 done before");
-    assert!(tally && told.contains("window-002     4 to 8"), "{told}");
+    assert!(tally && told.contains("window-002  4 to 8 "), "{told}");
 }
 
 #[test]

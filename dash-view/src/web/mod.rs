@@ -1,7 +1,10 @@
 //! The player of a web page: what JavaScript calls.
 //!
-//! A page's parts (see [`crate::page`]) come one after the other; each adds Gaussians. Nothing here waits for the device: a
+//! A page's parts (see [`crate::page`]) come one after the other; each adds Gaussians. Those of a window of time are asked for
+//! when the clip comes near it. Nothing here waits for the device: a
 //! picture is asked for, and its bytes arrive later.
+
+use std::collections::BTreeMap;
 
 use burn::tensor::Device;
 use dash_kernels::Camera;
@@ -11,19 +14,23 @@ use js_sys::{Promise, Uint8ClampedArray};
 use wasm_bindgen::prelude::*;
 use wasm_bindgen_futures::future_to_promise;
 
-use crate::draw::{ViewLayer, show};
+use crate::draw::{Part, ViewLayer, show_faded};
 use crate::navigator::Navigator;
 use crate::pace::Pace;
 use crate::page::{About, joined};
 use crate::playback::Playback;
 use crate::speed::SpeedColors;
 
+/// Windows of time that stay here at most, unless a picture needs more.
+const MOST_WINDOWS: usize = 4;
+
 /// A scene, an eye and a clip.
 #[wasm_bindgen]
 pub struct Player {
     device: Device,
     about: About,
-    scene: Option<DynamicScene>,
+    /// The windows that are here: their scenes, and how many parts of them.
+    windows: BTreeMap<usize, (DynamicScene, usize)>,
     /// Parts of the scene that is to come.
     next: Option<DynamicScene>,
     eye: Navigator,
@@ -57,7 +64,7 @@ impl Player {
         eye.set_home();
         Ok(Self {
             device,
-            scene: None,
+            windows: BTreeMap::new(),
             next: None,
             eye,
             clip: Playback::new(about.n_frames, about.frame_rate),
@@ -68,13 +75,62 @@ impl Player {
         })
     }
 
-    /// Adds a part to the scene: its description (JSON) and its tensors.
+    /// Adds the next part of a window: its description (JSON) and its tensors.
     ///
     /// # Errors
     /// When the part is damaged, or does not fit the device.
-    pub fn add(&mut self, description: &[u8], tensors: &[u8]) -> Result<(), JsError> {
-        self.scene = Some(self.with_part(self.scene.clone(), description, tensors)?);
+    pub fn add(
+        &mut self,
+        window: usize,
+        description: &[u8],
+        tensors: &[u8],
+    ) -> Result<(), JsError> {
+        let known = self.windows.remove(&window);
+        let (scene, n) = known.map_or((None, 0), |(scene, n)| (Some(scene), n));
+        let scene = self.with_part(scene, description, tensors)?;
+        self.windows.insert(window, (scene, n + 1));
         Ok(())
+    }
+
+    /// The windows that the present picture needs, and the one that comes next, as far as they are not here as a whole; those
+    /// that are farthest are dropped where there are many.
+    pub fn wanted(&mut self) -> Vec<usize> {
+        let present = self.present();
+        let last = present.last().map_or(0, |(window, _)| *window);
+        let first = present.first().map_or(0, |(window, _)| *window);
+        let next = (last + 1) % self.about.times.len();
+        let needed: Vec<usize> = present.iter().map(|(window, _)| *window).collect();
+        while self.windows.len() > MOST_WINDOWS {
+            let distance = |window: &usize| window.abs_diff(first);
+            let others = self
+                .windows
+                .keys()
+                .filter(|w| !needed.contains(w) && **w != next);
+            let Some(farthest) = others.max_by_key(|w| distance(w)).copied() else {
+                break;
+            };
+            self.windows.remove(&farthest);
+        }
+        let is_missing = |window: &usize| {
+            let parts = self.about.parts.get(*window).copied().unwrap_or(0);
+            self.windows.get(window).is_none_or(|(_, n)| *n < parts)
+        };
+        let mut wanted: Vec<usize> = needed.into_iter().filter(is_missing).collect();
+        if wanted.is_empty() && is_missing(&next) {
+            wanted.push(next);
+        }
+        wanted
+    }
+
+    /// How many parts of a window are here.
+    pub fn parts_here(&self, window: usize) -> usize {
+        self.windows.get(&window).map_or(0, |(_, n)| *n)
+    }
+
+    /// Whether something of all windows that the present picture needs is here.
+    pub fn ready(&self) -> bool {
+        let mut present = self.present().into_iter();
+        present.all(|(window, _)| self.windows.contains_key(&window))
     }
 
     /// Adds a part to the scene that [`Player::change`] shows.
@@ -88,7 +144,14 @@ impl Player {
 
     /// Shows the next scene.
     pub fn change(&mut self) {
-        self.scene = self.next.take().or(self.scene.take());
+        if let Some(next) = self.next.take() {
+            self.windows.insert(0, (next, 1));
+        }
+    }
+
+    /// The windows of the present picture, and their shares.
+    fn present(&self) -> Vec<(usize, f32)> {
+        self.about.times.shares(self.clip.time())
     }
 
     fn with_part(
@@ -124,14 +187,23 @@ impl Player {
     }
 
     fn draw_from(&mut self, camera: &Camera) -> Result<Promise, JsError> {
-        let scene = self.scene.as_mut();
-        let scene = scene.ok_or_else(|| JsError::new("nothing of the scene is here yet"))?;
+        let (times, time) = (&self.about.times, self.clip.time());
+        let part = |(window, share): (usize, f32)| {
+            let (scene, _) = self.windows.get(&window)?;
+            let mut scene = scene.clone();
+            let own = scene.settings.background;
+            scene.settings.background = self.background.unwrap_or(own);
+            Some(Part {
+                scene,
+                time: times.local(window, time),
+                duration: times.duration(window),
+                share,
+            })
+        };
+        let parts: Option<Vec<Part>> = self.present().into_iter().map(part).collect();
+        let parts = parts.ok_or_else(|| JsError::new("nothing of the scene is here yet"))?;
         let colors = SpeedColors::new(self.about.fastest, self.about.n_frames);
-        let own = scene.settings.background;
-        scene.settings.background = self.background.unwrap_or(own);
-        let shown = show(scene, camera, self.clip.time(), self.layer, &colors);
-        scene.settings.background = own;
-        let shown = shown.map_err(told)?;
+        let shown = show_faded(&parts, camera, self.layer, &colors).map_err(told)?;
         Ok(future_to_promise(async move {
             let rgba = shown.rgba().await.map_err(|e: ModelError| told(e))?;
             Ok(Uint8ClampedArray::from(rgba.as_slice()).into())
@@ -304,9 +376,12 @@ impl Player {
         self.background = Some([red, green, blue]);
     }
 
-    /// Static and dynamic Gaussians that are here.
+    /// Static and dynamic Gaussians of the present picture that are here.
     pub fn counts(&self) -> Vec<usize> {
-        let (n_static, n_dynamic) = self.scene.as_ref().map_or((0, 0), DynamicScene::counts);
+        let present = self.present().into_iter();
+        let here = present.filter_map(|(window, _)| self.windows.get(&window));
+        let counts = here.map(|(scene, _)| scene.counts());
+        let (n_static, n_dynamic) = counts.fold((0, 0), |sum, n| (sum.0 + n.0, sum.1 + n.1));
         vec![n_static, n_dynamic]
     }
 }

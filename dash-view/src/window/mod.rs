@@ -41,7 +41,7 @@ pub fn open_window(
     check_display()?;
     let live = match &content.source {
         Source::Live(live, _) => Some(live.clone()),
-        Source::Scene(_) | Source::Frames(_) => None,
+        Source::Scene(_) | Source::Frames(_) | Source::Windows(_) => None,
     };
     let closed = live.clone();
     let title = title(&content.name);

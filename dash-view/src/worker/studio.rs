@@ -7,15 +7,15 @@ use std::sync::{Arc, PoisonError};
 use std::time::Instant;
 
 use burn::module::Module;
-use dash_model::DynamicScene;
+use dash_model::{DynamicScene, TimeWindows};
 
 use super::{Beside, Drawn, DrawnPicture, Opened, Reply, Request, Shared, Task};
 use crate::content::{Host, NamedCamera, Source};
-use crate::draw::{Shown, ViewLayer, show};
+use crate::draw::{Part, Shown, ViewLayer, show, show_faded};
 use crate::middle::middle_of;
 use crate::speed::SpeedColors;
 use crate::tracks::Tracks;
-use crate::{FrameSource, Screen, ViewError};
+use crate::{FrameSource, Screen, ViewError, WindowSource};
 
 /// A content without its source.
 pub(super) struct Described {
@@ -29,11 +29,13 @@ pub(super) struct Described {
 pub(super) struct Studio {
     pub source: Source,
     pub n_frames: usize,
-    /// The scene of the last frame of a source of frames; the last copy of a scene that trains.
+    /// The scene of the last frame of a source of frames, or of the last window; the last copy of a scene that trains.
     pub shown: Option<(usize, DynamicScene)>,
     /// What is to be described once there is a scene.
     pub content: Option<Described>,
     pub tracks: Option<Option<Arc<Tracks>>>,
+    /// The fastest speed of windows, once it is asked for.
+    pub fastest: Option<f32>,
     pub host: Box<dyn Host>,
     /// The GPU that shows what is drawn, where that is one that Burn shares.
     pub screen: Option<Screen>,
@@ -45,7 +47,9 @@ impl Studio {
     pub fn run(mut self, content: Described, shared: &Shared) {
         match self.source {
             Source::Live(..) => self.content = Some(content),
-            Source::Scene(_) | Source::Frames(_) => self.attempt(|studio| studio.describe(content)),
+            Source::Scene(_) | Source::Frames(_) | Source::Windows(_) => {
+                self.attempt(|studio| studio.describe(content));
+            }
         }
         loop {
             let mut wanted = shared.wanted();
@@ -102,7 +106,7 @@ impl Studio {
             Task::Open(path) => {
                 let content = self.host.open(&path)?;
                 (self.source, self.n_frames) = (content.source, content.n_frames);
-                (self.shown, self.tracks) = (None, None);
+                (self.shown, self.tracks, self.fastest) = (None, None, None);
                 self.describe(Described {
                     name: content.name,
                     frame_rate: content.frame_rate,
@@ -127,8 +131,10 @@ impl Studio {
                     let (_, scene) = self.shown.as_ref().ok_or_else(nothing_yet)?;
                     Ok(Reply::Saved(self.host.render_path(scene, &path)?))
                 }
-                Source::Frames(_) => Err(ViewError::Host(
-                    "a path is rendered of one scene, not of a file for each frame".into(),
+                Source::Frames(_) | Source::Windows(_) => Err(ViewError::Host(
+                    "a path is rendered of one scene, not of windows of time nor of a file for each frame; save it, and \
+                     give the file to `dash render`"
+                        .into(),
                 )),
             },
         }
@@ -174,12 +180,13 @@ impl Studio {
         // Of a scene that trains, tracks are of the newest copy.
         self.scene(request.frame)?;
         let colors = match request.layer {
-            ViewLayer::Speed => {
-                let fastest = self.tracks()?.map_or(0.0, |tracks| tracks.fastest);
-                SpeedColors::new(fastest, self.n_frames)
-            }
+            ViewLayer::Speed => SpeedColors::new(self.fastest()?, self.n_frames),
             _ => SpeedColors::new(0.0, 1),
         };
+        if let Source::Windows(windows) = &self.source {
+            let parts = parts(&**windows, request)?;
+            return Ok(show_faded(&parts, &request.camera, request.layer, &colors)?);
+        }
         let scene = self.scene(request.frame)?;
         let own = scene.settings.background;
         scene.settings.background = request.background.unwrap_or(own);
@@ -193,6 +200,16 @@ impl Studio {
         let frames: &mut Box<dyn FrameSource> = match &mut self.source {
             Source::Scene(scene) => return Ok(scene),
             Source::Frames(frames) => frames,
+            Source::Windows(windows) => {
+                let last = self.n_frames.saturating_sub(1).max(1);
+                let window = main_window(windows.times(), frame as f32 / last as f32);
+                let known = self.shown.take().filter(|(known, _)| *known == window);
+                let shown = match known {
+                    Some(shown) => shown,
+                    None => (window, windows.scene(window)?),
+                };
+                return Ok(&mut self.shown.insert(shown).1);
+            }
             Source::Live(live, device) => {
                 if let Some([json, tensors]) = live.take() {
                     let scene = DynamicScene::from_bytes(&json, &tensors, device)?;
@@ -210,6 +227,23 @@ impl Studio {
         Ok(&mut self.shown.insert(shown).1)
     }
 
+    /// The speed that is shown as the fastest, world units over the clip; that of windows is one of the first shown.
+    fn fastest(&mut self) -> Result<f32, ViewError> {
+        let Source::Windows(windows) = &self.source else {
+            return Ok(self.tracks()?.map_or(0.0, |tracks| tracks.fastest));
+        };
+        if let Some(fastest) = self.fastest {
+            return Ok(fastest);
+        }
+        let Some((window, scene)) = &self.shown else {
+            return Ok(0.0);
+        };
+        let duration = windows.times().duration(*window);
+        let tracks = Tracks::of(scene, (duration * self.n_frames as f32) as usize)?;
+        let fastest = tracks.map_or(0.0, |tracks| tracks.fastest / duration);
+        Ok(*self.fastest.insert(fastest))
+    }
+
     fn tracks(&mut self) -> Result<Option<Arc<Tracks>>, ViewError> {
         if let Some(tracks) = &self.tracks {
             return Ok(tracks.clone());
@@ -217,7 +251,7 @@ impl Studio {
         let scene = match &self.source {
             Source::Scene(scene) => Some(&**scene),
             Source::Live(..) => self.shown.as_ref().map(|(_, scene)| scene),
-            Source::Frames(_) => None,
+            Source::Frames(_) | Source::Windows(_) => None,
         };
         let tracks = match scene {
             Some(scene) => Tracks::of(scene, self.n_frames)?.map(Arc::new),
@@ -225,6 +259,32 @@ impl Studio {
         };
         Ok(self.tracks.insert(tracks).clone())
     }
+}
+
+/// The scenes that a picture of windows shows.
+fn parts(windows: &dyn WindowSource, request: &Request) -> Result<Vec<Part>, ViewError> {
+    let shares = windows.times().shares(request.time).into_iter();
+    shares
+        .map(|(window, share)| {
+            let mut scene = windows.scene(window)?;
+            let own = scene.settings.background;
+            scene.settings.background = request.background.unwrap_or(own);
+            let times = windows.times();
+            Ok(Part {
+                scene,
+                time: times.local(window, request.time),
+                duration: times.duration(window),
+                share,
+            })
+        })
+        .collect()
+}
+
+/// The window that has the largest share at a time.
+fn main_window(times: &TimeWindows, time: f32) -> usize {
+    let shares = times.shares(time).into_iter();
+    let largest = shares.max_by(|a, b| a.1.total_cmp(&b.1));
+    largest.map_or(0, |(window, _)| window)
 }
 
 fn nothing_yet() -> ViewError {

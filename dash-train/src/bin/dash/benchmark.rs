@@ -13,10 +13,10 @@ use dash_train::jobs::{Plan, Tally, Which, Work};
 use dash_train::process::stop;
 use dash_train::published::{Figures, ProtocolName, Scene};
 use dash_train::report::{Beside, published_figures};
-use dash_train::train::{Preset, StepReport};
+use dash_train::train::StepReport;
 
 use crate::Shared;
-use crate::configuration::{ConfigFile, Overrides};
+use crate::configuration::{ConfigFile, Overrides, ValueArgs};
 use crate::failure::{Failure, unless_stopped};
 use crate::lpips::LpipsArgs;
 use crate::progress::RunsProgress;
@@ -51,15 +51,8 @@ pub struct BenchmarkArgs {
     /// Runs of each scene, from seeds 0, 1, ..
     #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u64).range(1..))]
     seeds: u64,
-    /// How scenes are trained [default: default]
-    #[arg(long, value_enum)]
-    preset: Option<Preset>,
-    /// Values that replace the preset's
-    #[arg(long, value_name = "F.toml")]
-    config: Option<PathBuf>,
-    /// One value that replaces the preset's and the file's; may be repeated
-    #[arg(long, value_name = "KEY=VALUE")]
-    set: Vec<String>,
+    #[command(flatten)]
+    values: ValueArgs,
     /// Optimisation steps of each run
     #[arg(long, value_name = "N")]
     iterations: Option<usize>,
@@ -83,14 +76,10 @@ impl BenchmarkArgs {
     }
 
     fn benchmark(&self, choice: DeviceChoice) -> Result<Benchmark, Failure> {
-        let file = ConfigFile::read(self.config.as_deref())?;
+        let file = ConfigFile::read(self.values.config.as_deref())?;
         let overrides = Overrides {
-            preset: self.preset,
-            file: self.config.as_deref(),
-            assignments: &self.set,
             iterations: self.iterations,
-            seed: None,
-            keep: None,
+            ..self.values.overrides()
         };
         Ok(Benchmark {
             train: overrides.resolve(&file)?,

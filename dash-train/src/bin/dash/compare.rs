@@ -17,7 +17,7 @@ use dash_train::report::{Block, RunGroup, compared, read_run};
 use dash_train::train::{Preset, StepReport};
 
 use crate::Shared;
-use crate::configuration::{ConfigFile, Overrides};
+use crate::configuration::{ConfigFile, Overrides, ValueArgs};
 use crate::data::DataArgs;
 use crate::failure::{Failure, unless_stopped};
 use crate::lpips::LpipsArgs;
@@ -39,6 +39,7 @@ planes), grid4d, and both with +dec; embedding (E-D3DGS); static (3DGS). All use
 density control; sizes, learning rates and schedules of other methods are their authors'. Each run is a run's
 folder, OUT/METHOD/seed-S; OUT/report.html is a page of all; the same command again trains what is missing.
 Below the table stands where dash is ahead, level or behind, by its seeds.")]
+#[command(mut_arg("preset", |arg| arg.help("What every method changes [default: quick]")))]
 pub struct CompareArgs {
     /// The dataset's folder, in any of the layouts of `dash train`
     dataset: PathBuf,
@@ -60,15 +61,8 @@ pub struct CompareArgs {
     /// Measurements along each run
     #[arg(long, value_name = "N", default_value_t = 12)]
     curve: usize,
-    /// What every method changes
-    #[arg(long, value_enum, default_value = "quick")]
-    preset: Preset,
-    /// Values that replace the preset's
-    #[arg(long, value_name = "F.toml")]
-    config: Option<PathBuf>,
-    /// One value that replaces the preset's and the file's; may be repeated
-    #[arg(long, value_name = "KEY=VALUE")]
-    set: Vec<String>,
+    #[command(flatten)]
+    values: ValueArgs,
     #[command(flatten)]
     lpips: LpipsArgs,
     #[command(flatten)]
@@ -96,14 +90,11 @@ impl CompareArgs {
         choice: DeviceChoice,
         to_look: bool,
     ) -> Result<(Comparison, Dataset), Failure> {
-        let file = ConfigFile::read(self.config.as_deref())?;
+        let file = ConfigFile::read(self.values.config.as_deref())?;
         let overrides = Overrides {
-            preset: Some(self.preset),
-            file: self.config.as_deref(),
-            assignments: &self.set,
+            preset: self.values.preset.or(Some(Preset::Quick)),
             iterations: self.iterations.map(|steps| steps as usize),
-            seed: None,
-            keep: None,
+            ..self.values.overrides()
         };
         let preset = overrides.resolve(&file)?;
         let (data, dataset) = match to_look {

@@ -3,13 +3,41 @@
 use std::fs;
 use std::path::{Path, PathBuf};
 
-use clap::ValueEnum;
+use clap::{Args, ValueEnum};
 use dash_train::dataset::{FrameRange, Layout};
 use dash_train::train::{Keep, Preset, RunConfig, TrainConfig};
 use serde::Deserialize;
 use toml::{Table, Value};
 
 use crate::failure::Failure;
+
+/// The options of training commands that name values.
+#[derive(Args)]
+pub struct ValueArgs {
+    /// Where values start from [default: default]
+    #[arg(long, value_enum)]
+    pub preset: Option<Preset>,
+    /// Values that replace the preset's
+    #[arg(long, value_name = "F.toml")]
+    pub config: Option<PathBuf>,
+    /// One value that replaces the preset's and the file's, such as dssim=0.1; may be repeated
+    #[arg(long, value_name = "KEY=VALUE")]
+    pub set: Vec<String>,
+}
+
+impl ValueArgs {
+    /// Them, and nothing else.
+    pub fn overrides(&self) -> Overrides<'_> {
+        Overrides {
+            preset: self.preset,
+            file: self.config.as_deref(),
+            assignments: &self.set,
+            iterations: None,
+            seed: None,
+            keep: None,
+        }
+    }
+}
 
 /// What the command line says about the training itself.
 pub struct Overrides<'a> {
@@ -59,6 +87,9 @@ pub struct DataSection {
     pub invert_masks: Option<bool>,
     /// Whether views whose image cannot be read are left out.
     pub skip_broken: Option<bool>,
+    /// Named on the command line instead.
+    #[serde(rename = "backdrop")]
+    _backdrop: Option<PathBuf>,
     /// Chosen with `--device` instead.
     #[serde(rename = "device")]
     _device: Option<String>,

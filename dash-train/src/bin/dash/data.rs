@@ -22,9 +22,9 @@ pub struct DataArgs {
     /// Names of cameras to leave out, of training and of testing, such as cam13
     #[arg(long, value_name = "LIST", value_delimiter = ',')]
     pub drop_cameras: Vec<String>,
-    /// Frames to use, such as 151-200, or all; times are over them. Numbers are those of the files, or
+    /// Frames to use, such as 151-200, all, or every tenth with all/10; times are over them. Numbers are those of the files, or
     /// count from 0 [default: all, of published Technicolor scenes the published ones]
-    #[arg(long, value_name = "FIRST-LAST")]
+    #[arg(long, value_name = "FIRST-LAST|all[/N]")]
     pub frames: Option<FrameRange>,
     /// Make images smaller by this factor [default: 1]
     #[arg(long, value_name = "K", value_parser = values::downscale)]
@@ -90,6 +90,7 @@ impl DataArgs {
             frames: self.frames.or(file.frames),
             invert_masks: self.invert_masks || file.invert_masks.unwrap_or(false),
             skip_broken: self.skip_broken || file.skip_broken.unwrap_or(false),
+            backdrop: None,
             device: device.to_string(),
         };
         let loaded = load_dataset(&data, self.memory, on_demand)?;

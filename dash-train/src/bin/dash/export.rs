@@ -3,14 +3,16 @@
 use std::fs;
 use std::path::{Path, PathBuf};
 
+use burn::tensor::Device;
 use clap::Args;
 use dash_kernels::Camera;
 use dash_model::unfinished::Unfinished;
-use dash_model::{DynamicScene, ModelError, SplatFormat, write_splats};
-use dash_train::SplatClip;
+use dash_model::{Layer, ModelError, SplatFormat, write_splats};
 use dash_train::metrics::psnr;
-use dash_train::render::{Picture, test_shots};
-use dash_train::train::RunFolder;
+use dash_train::render::{Picture, render_over_time, test_shots};
+use dash_train::train::{DataConfig, RunFolder};
+use dash_train::windows::{Part, WindowedClip, Windows};
+use dash_train::{SceneOverTime, SplatClip, rows_at};
 
 use crate::Shared;
 use crate::data::dataset_of;
@@ -55,7 +57,7 @@ A run has a near plane: Gaussians nearer to a camera than anything that was seen
 a comment, which dash render FILE.ply heeds. Other viewers may show floaters before the training cameras. There are as many f_rest_* columns as the scene's degree of colours
 needs (0, 9, 24 or 45); the viewers of the 3DGS authors read 45 only: --sh-degree 3.")]
 pub struct ExportArgs {
-    /// A run's folder
+    /// A run's folder, or that of a long clip's windows
     run: PathBuf,
     /// The instant, from 0 (the clip's start) to 1 (its end)
     #[arg(long, value_name = "T", value_parser = values::time)]
@@ -139,18 +141,20 @@ pub fn run(args: &ExportArgs, shared: &Shared) -> Result<String, Failure> {
         )));
     }
     let device = shared.device.unwrap_or_default().device()?;
-    let run = RunFolder::open(&args.run)?;
-    let scene = run.scene(&device)?;
+    let (scene, data) = over_time(&args.run, &device)?;
+    let scene = &*scene;
     let export = Export {
         run: &args.run,
-        scene: &scene,
+        scene,
         sh_degree: args.sh_degree.map(usize::from),
     };
     let (first, time, size, what) = match args.frames {
         None => {
             let time = args.time.unwrap_or(0.0);
             let n = export.write(time, out)?;
-            let (n_static, n_dynamic) = scene.counts();
+            let drawn = scene.drawn_at(time)?;
+            let counts = drawn.iter().map(|part| part.scene.counts());
+            let (n_static, n_dynamic) = counts.fold((0, 0), |sum, n| (sum.0 + n.0, sum.1 + n.1));
             let what =
                 format!("{n} Gaussians ({n_static} static, {n_dynamic} dynamic) at time {time}");
             (out.clone(), time, size_of(out)?, what)
@@ -169,7 +173,7 @@ pub fn run(args: &ExportArgs, shared: &Shared) -> Result<String, Failure> {
         }
     };
     let file = SplatClip::open(&first, &device)?;
-    let near = fidelity(&scene, &file, &[time], &held_out(&run)?)?;
+    let near = fidelity(scene, &file, &[time], &held_out(&data)?)?;
     Ok(format!("{}: {what}, {}{near}", out.display(), bytes(size)))
 }
 
@@ -184,14 +188,14 @@ fn size_of(path: &Path) -> Result<u64, Failure> {
 
 struct Export<'a> {
     run: &'a Path,
-    scene: &'a DynamicScene,
+    scene: &'a dyn SceneOverTime,
     sh_degree: Option<usize>,
 }
 
 impl Export<'_> {
     /// Writes one instant; its number of Gaussians.
     fn write(&self, time: f32, path: &Path) -> Result<usize, Failure> {
-        let mut rows = self.scene.at(time)?;
+        let (mut rows, near_plane) = rows_at(self.scene, time)?;
         if let Some(degree) = self.sh_degree {
             let least = rows.sh_degree();
             if degree < least {
@@ -202,7 +206,7 @@ impl Export<'_> {
             }
             rows = rows.with_sh_degree(degree);
         }
-        write_splats(path, &rows, self.scene.settings.near_plane)?;
+        write_splats(path, &rows, near_plane)?;
         Ok(rows.len())
     }
 
@@ -228,14 +232,27 @@ impl Export<'_> {
     }
 }
 
-/// A few of the run's held-out cameras; none where its dataset is gone.
-fn held_out(run: &RunFolder) -> Result<Vec<Camera>, Failure> {
-    let data = run.config()?.data;
+/// What a folder shows over time, a run or the windows of a long clip, and the data that it was trained on.
+fn over_time(
+    folder: &Path,
+    device: &Device,
+) -> Result<(Box<dyn SceneOverTime>, DataConfig), Failure> {
+    if Windows::are_in(folder) {
+        let clip = WindowedClip::open(folder, device)?;
+        let data = clip.windows().data.clone();
+        return Ok((Box::new(clip), data));
+    }
+    let run = RunFolder::open(folder)?;
+    Ok((Box::new(run.scene(device)?), run.config()?.data))
+}
+
+/// A few of the held-out cameras; none where the dataset is gone.
+fn held_out(data: &DataConfig) -> Result<Vec<Camera>, Failure> {
     if !data.dataset.is_dir() {
         return Ok(Vec::new());
     }
     let mut cameras: Vec<Camera> = Vec::new();
-    for shot in test_shots(&dataset_of(&data, None, true)?) {
+    for shot in test_shots(&dataset_of(data, None, true)?) {
         if !cameras.contains(&shot.camera) {
             cameras.push(shot.camera);
         }
@@ -246,7 +263,7 @@ fn held_out(run: &RunFolder) -> Result<Vec<Camera>, Failure> {
 
 /// How far pictures of a file are from those of the scene, in all pixels together, in words; nothing without cameras.
 fn fidelity(
-    scene: &DynamicScene,
+    scene: &dyn SceneOverTime,
     file: &SplatClip,
     times: &[f32],
     cameras: &[Camera],
@@ -257,10 +274,13 @@ fn fidelity(
     let (mut own, mut files) = (Vec::new(), Vec::new());
     for &time in times {
         let mut shown = file.scene_at(time)?;
-        shown.settings.background = scene.settings.background;
-        shown.settings.near_plane = scene.settings.near_plane;
+        if let Some(part) = scene.drawn_at(time)?.first() {
+            let settings = &part.scene.settings;
+            shown.settings.background = settings.background;
+            shown.settings.near_plane = settings.near_plane;
+        }
         for camera in cameras {
-            own.extend(Picture::of(scene.render(camera, time)?)?.rgb);
+            own.extend(render_over_time(scene, camera, time, Layer::Full)?.rgb);
             files.extend(Picture::of(shown.render(camera, time)?)?.rgb);
         }
     }
@@ -295,6 +315,14 @@ fn clip(args: &ExportArgs, out: &Path, shared: &Shared) -> Result<String, Failur
         )));
     }
     let device = shared.device.unwrap_or_default().device()?;
+    if Windows::are_in(&args.run) {
+        return Err(Failure::usage(format!(
+            "--out {}: expected one run, found windows of time; name one of them, such as {}/{}, or write --frames N",
+            out.display(),
+            args.run.display(),
+            Part::Window(0).run_name()
+        )));
+    }
     let run = RunFolder::open(&args.run)?;
     let scene = run.scene(&device)?;
     let options = ClipOptions {
@@ -313,7 +341,7 @@ fn clip(args: &ExportArgs, out: &Path, shared: &Shared) -> Result<String, Failur
     let times: Vec<f32> = frames
         .map(|frame| frame as f32 / last.max(1) as f32)
         .collect();
-    let near = fidelity(&scene, &file, &times, &held_out(&run)?)?;
+    let near = fidelity(&scene, &file, &times, &held_out(&run.config()?.data)?)?;
     Ok(format!(
         "{}: {} frames, {} static Gaussians, {} windows of {} dynamic ones, {}{near}",
         out.display(),

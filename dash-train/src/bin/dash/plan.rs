@@ -60,7 +60,9 @@ pub fn run(args: &PlanArgs, shared: &Shared) -> Result<String, Failure> {
     let program = std::env::current_exe();
     let program = program.map_err(|e| Failure::new(format!("this program's own path: {e}")))?;
     let out = values::absolute(out)?;
-    Ok(script(engine, &program, &out, plan.tasks().len()))
+    let needs_first = plan.needed().is_some();
+    let n = plan.tasks().len();
+    Ok(script(engine, &program, &out, n, needs_first))
 }
 
 fn told(plan: &Plan, out: &Path) -> String {

@@ -13,12 +13,12 @@ use dash_train::evaluate::{CurveProbe, PerceptualFiles};
 use dash_train::process::stop;
 use dash_train::results::{Process, evaluate_run};
 use dash_train::train::{
-    Keep, Preset, RunConfig, RunFolder, StepReport, TrainConfig, TrainOptions, Trainer,
-    check_dataset, steps_within, train,
+    Keep, RunConfig, RunFolder, StepReport, TrainConfig, TrainOptions, Trainer, check_dataset,
+    steps_within, train,
 };
 
 use crate::Shared;
-use crate::configuration::{ConfigFile, Overrides, name};
+use crate::configuration::{ConfigFile, Overrides, ValueArgs, name};
 use crate::data::{DataArgs, load_dataset, other_data};
 use crate::failure::Failure;
 use crate::lpips::LpipsArgs;
@@ -45,18 +45,11 @@ pub struct TrainArgs {
     /// The run's folder to make; must not exist, or be empty
     #[arg(long, value_name = "RUN")]
     out: PathBuf,
-    /// Where values start from [default: default]
-    #[arg(long, value_enum)]
-    preset: Option<Preset>,
     /// Another method in place of the preset's, as `dash compare` trains it
     #[arg(long, value_enum, conflicts_with = "resume")]
     method: Option<Method>,
-    /// Values that replace the preset's
-    #[arg(long, value_name = "F.toml")]
-    config: Option<PathBuf>,
-    /// One value that replaces the preset's and the file's, such as dssim=0.1; may be repeated
-    #[arg(long, value_name = "KEY=VALUE")]
-    set: Vec<String>,
+    #[command(flatten)]
+    values: ValueArgs,
     /// Optimisation steps
     #[arg(long, value_name = "N")]
     iterations: Option<usize>,
@@ -66,6 +59,10 @@ pub struct TrainArgs {
     budget: Option<f64>,
     #[command(flatten)]
     data: DataArgs,
+    /// A run of the same place, such as of the empty room: its static Gaussians are kept where the pictures agree, and only
+    /// what differs is trained
+    #[arg(long, value_name = "RUN", conflicts_with_all = ["window", "resume"])]
+    backdrop: Option<PathBuf>,
     /// Whether parts that the scene does not need are left out; RUN/config.toml says which were, and why
     /// [default: the preset's]
     #[arg(long, value_enum)]
@@ -87,6 +84,9 @@ pub struct TrainArgs {
     /// Frames, at least, that neighbouring windows share [default: an eighth of a window]
     #[arg(long, value_name = "N", requires = "window")]
     overlap: Option<usize>,
+    /// Whether windows share a room that is trained before them [default: if there are nine or more]
+    #[arg(long, value_name = "YES|NO", value_parser = values::yes_or_no, requires = "window")]
+    room: Option<bool>,
     #[command(flatten)]
     lpips: LpipsArgs,
     #[command(flatten)]
@@ -104,17 +104,15 @@ pub fn run_with(args: &TrainArgs, shared: &Shared, door: Option<Door>) -> Result
     perceptual.check()?;
     args.watch.check()?;
     let overrides = Overrides {
-        preset: args.preset,
-        file: args.config.as_deref(),
-        assignments: &args.set,
         iterations: args.iterations,
         seed: args.seed,
         keep: args.keep,
+        ..args.values.overrides()
     };
     if let Some(window) = args.window {
         return train_windows(args, window, overrides, shared);
     }
-    let file = ConfigFile::read(args.config.as_deref())?;
+    let file = ConfigFile::read(args.values.config.as_deref())?;
     let (run, config, dataset) = if args.resume {
         take_up(args, shared, &overrides, &file)?
     } else {
@@ -195,6 +193,7 @@ fn train_windows(
         out: &args.out,
         window,
         overlap: args.overlap,
+        room: args.room,
         overrides,
         lpips: &args.lpips,
         data: &args.data,
@@ -230,7 +229,11 @@ fn start(
         .map_or(train.clone(), |method| method.of(&train));
     let choice = shared.device.unwrap_or_default().resolved();
     let device = choice.device()?;
-    let (data, dataset) = args.data.load(&args.dataset, &file.data, choice)?;
+    let (mut data, dataset) = args.data.load(&args.dataset, &file.data, choice)?;
+    if let Some(backdrop) = &args.backdrop {
+        RunFolder::open(backdrop)?.scene(&device)?;
+        data.backdrop = Some(values::absolute(backdrop)?);
+    }
     if args.curve > 0 {
         CurveProbe::check(&dataset)?;
     }
@@ -326,6 +329,7 @@ fn check_same(
         )))
     };
     if args
+        .values
         .preset
         .is_some_and(|preset| preset != config.train.preset)
     {

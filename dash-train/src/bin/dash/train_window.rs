@@ -110,7 +110,7 @@ impl TrainWindow {
         if !(self.live.is_wanted() && self.ration.is_due()) {
             return;
         }
-        let shown = self.ration.spend(|| self.live.show(trainer.scene()));
+        let shown = self.ration.spend(|| self.live.show(&trainer.whole_scene()));
         if let Err(error) = shown {
             tracing::warn!("the window keeps its last scene: {error}");
         }

@@ -180,6 +180,15 @@ pub fn bytes(text: &str) -> Result<u64, String> {
     Ok((number * unit as f64) as u64)
 }
 
+/// `yes` or `no`.
+pub fn yes_or_no(text: &str) -> Result<bool, String> {
+    match text {
+        "yes" => Ok(true),
+        "no" => Ok(false),
+        _ => Err(format!("expected yes or no, found `{text}`")),
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

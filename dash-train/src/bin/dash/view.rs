@@ -6,7 +6,7 @@ use std::sync::Arc;
 use burn::tensor::Device;
 use clap::Args;
 use dash_kernels::Camera;
-use dash_model::{DynamicScene, rgb8};
+use dash_model::{DynamicScene, TimeWindows, rgb8};
 use dash_train::cameras::{CameraEntry, focus_point, write_cameras};
 use dash_train::dataset::{Dataset, Partition, View};
 use dash_train::device::DeviceChoice;
@@ -18,7 +18,8 @@ use dash_train::{SplatClip, splat_scene};
 use dash_view::camera_path::PathCamera;
 use dash_view::draw::Frame;
 use dash_view::{
-    Content, FRAME_RATE, FrameSource, Host, NamedCamera, Screen, Source, ViewError, open_window,
+    Content, FRAME_RATE, FrameSource, Host, NamedCamera, Screen, Source, ViewError, WindowSource,
+    open_window,
 };
 
 use crate::Shared;
@@ -146,7 +147,7 @@ impl Desk {
     fn windows(&mut self, path: &Path, elsewhere: Option<&Path>) -> Result<Content, Failure> {
         let clip = WindowedClip::open(path, &self.device)?;
         let (n_frames, data) = (clip.windows().n_frames, clip.windows().data.clone());
-        let source = Source::Frames(Box::new(WindowFrames(clip)));
+        let source = Source::Windows(Box::new(ClipWindows(clip)));
         let content = Content::new(&name_of(path), source, n_frames);
         self.with_cameras(content, path, (&data, elsewhere))
     }
@@ -284,12 +285,16 @@ impl FrameSource for Frames {
     }
 }
 
-/// The windows of a long clip, frame by frame.
-struct WindowFrames(WindowedClip);
+/// The windows of a long clip.
+struct ClipWindows(WindowedClip);
 
-impl FrameSource for WindowFrames {
-    fn scene(&mut self, frame: usize) -> Result<DynamicScene, ViewError> {
-        self.0.frame(frame).map_err(told)
+impl WindowSource for ClipWindows {
+    fn times(&self) -> &TimeWindows {
+        self.0.times()
+    }
+
+    fn scene(&self, window: usize) -> Result<DynamicScene, ViewError> {
+        self.0.scene(window).map_err(told)
     }
 }
 

@@ -122,8 +122,13 @@ fn refuse_taken(out: &Path) -> Result<(), Failure> {
 
 /// A picture of the clip's start from the first camera, as PNG; of one grey pixel where there is no camera.
 fn poster(content: &Content, path: &Path) -> Result<Vec<u8>, Failure> {
-    let (width, height, rgb) = match (&content.source, content.cameras.first()) {
-        (Source::Scene(scene), Some(named)) => {
+    let first = match &content.source {
+        Source::Scene(scene) => Some((**scene).clone()),
+        Source::Windows(windows) => Some(windows.scene(0).map_err(told)?),
+        _ => None,
+    };
+    let (width, height, rgb) = match (first, content.cameras.first()) {
+        (Some(scene), Some(named)) => {
             let picture = Picture::of(scene.render(&named.camera, named.time.unwrap_or(0.0))?)?;
             (picture.width, picture.height, rgb8(&picture.rgb))
         }

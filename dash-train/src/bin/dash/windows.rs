@@ -7,16 +7,17 @@ use dash_train::Error;
 use dash_train::dataset::FrameRange;
 use dash_train::jobs::{Plan, Tally, Which, Work};
 use dash_train::results::scored;
-use dash_train::train::{Preset, StepReport};
-use dash_train::windows::{Observer, RunOptions, Windows};
+use dash_train::train::StepReport;
+use dash_train::windows::{Observer, Part, RunOptions, Windows};
 
 use crate::Shared;
-use crate::configuration::{ConfigFile, Overrides};
+use crate::configuration::{ConfigFile, Overrides, ValueArgs};
 use crate::data::DataArgs;
 use crate::failure::Failure;
 use crate::lpips::LpipsArgs;
 use crate::progress::RunsProgress;
 use crate::summary;
+use crate::values;
 use crate::work::{self, On, WorkArgs};
 
 /// A long clip in windows of time, each of which is trained by itself
@@ -38,15 +39,11 @@ pub struct PlanTrainArgs {
     /// Frames, at least, that neighbours share [default: an eighth of a window]
     #[arg(long, value_name = "N")]
     overlap: Option<usize>,
-    /// How windows are trained [default: default]
-    #[arg(long, value_enum)]
-    preset: Option<Preset>,
-    /// Values that replace the preset's
-    #[arg(long, value_name = "F.toml")]
-    config: Option<PathBuf>,
-    /// One value that replaces the preset's and the file's; may be repeated
-    #[arg(long, value_name = "KEY=VALUE")]
-    set: Vec<String>,
+    /// Whether windows share a room that is trained before them [default: if there are nine or more]
+    #[arg(long, value_name = "YES|NO", value_parser = values::yes_or_no)]
+    room: Option<bool>,
+    #[command(flatten)]
+    values: ValueArgs,
     /// Optimisation steps of each window
     #[arg(long, value_name = "N")]
     iterations: Option<usize>,
@@ -69,18 +66,16 @@ impl PlanTrainArgs {
 /// Writes the plan.
 pub fn plan(args: &PlanTrainArgs, shared: &Shared) -> Result<Plan, Failure> {
     let overrides = Overrides {
-        preset: args.preset,
-        file: args.config.as_deref(),
-        assignments: &args.set,
         iterations: args.iterations,
         seed: args.seed,
-        keep: None,
+        ..args.values.overrides()
     };
     let clip = Clip {
         dataset: &args.dataset,
         out: &args.out,
         window: args.window,
         overlap: args.overlap,
+        room: args.room,
         overrides,
         lpips: &args.lpips,
         data: &args.data,
@@ -96,6 +91,8 @@ pub struct Clip<'a> {
     pub window: usize,
     /// Frames, at least, that neighbours share.
     pub overlap: Option<usize>,
+    /// Whether windows share a room that is trained before them; `None`: if there are many.
+    pub room: Option<bool>,
     pub overrides: Overrides<'a>,
     pub lpips: &'a LpipsArgs,
     pub data: &'a DataArgs,
@@ -124,10 +121,12 @@ impl Clip<'_> {
         whole.frames = Some(FrameRange::All);
         let (data, dataset) = whole.look(self.dataset, &file.data, choice)?;
         let overlap = self.overlap.unwrap_or((self.window / 8).max(1));
-        let windows = Windows::new(&dataset, data, train, [self.window, overlap])?;
+        let sizes = [self.window, overlap];
+        let windows = Windows::new(&dataset, data, train, sizes, self.room)?;
         windows.claim(self.out)?;
         let work = Work::Windows {
             windows: windows.windows.len(),
+            room: windows.room.is_some(),
         };
         let plan = Plan::new(work, 1, self.data.memory, files);
         plan.write(self.out)?;
@@ -155,8 +154,9 @@ pub fn work(
         windows: &windows,
         progress: RunsProgress::new(shared),
     };
+    let parts: Vec<Part> = windows.parts().collect();
     let tally = plan.work(out, which, on.stop, &mut |number| {
-        windows.run_one(number, out, &options, &mut told)
+        windows.run_one(parts[number], out, &options, &mut told)
     });
     told.progress.end();
     tally
@@ -169,14 +169,12 @@ struct Told<'a> {
 }
 
 impl Observer for Told<'_> {
-    fn begin(&mut self, window: usize, iterations: usize) {
+    fn begin(&mut self, part: Part, iterations: usize) {
         self.progress.end();
-        let found = &self.windows.windows[window];
+        let frames = frames(self.windows, part);
         tracing::info!(
-            "training {}, frames {} to {} of {}, {iterations} steps",
-            Windows::run_name(window),
-            found.first,
-            found.last,
+            "training {}, frames {frames} of {}, {iterations} steps",
+            part.run_name(),
             self.windows.n_frames
         );
         self.progress.begin(iterations);
@@ -187,16 +185,28 @@ impl Observer for Told<'_> {
     }
 }
 
+/// The frames of a run, as people say it.
+fn frames(windows: &Windows, part: Part) -> String {
+    match (part, windows.room) {
+        (Part::Window(number), _) => {
+            let window = &windows.windows[number];
+            format!("{} to {}", window.first, window.last)
+        }
+        (Part::Room, Some(step)) => format!("0, {step}, .."),
+        (Part::Room, None) => String::new(),
+    }
+}
+
 /// The scores of the windows, all of which are trained.
 pub fn join(out: &Path) -> Result<String, Failure> {
     let windows = Windows::read(out)?;
-    let mut lines = vec![
-        "window       frames      steps    secs   PSNR  moving   SSIM  static + dynamic       size"
-            .to_string(),
-    ];
+    let mut lines = vec![format!(
+        "{:<11} {:<12} {:>6} {:>7} {:>6} {:>7} {:>6} {:>8} + {:<7} {:>9}",
+        "window", "frames", "steps", "secs", "PSNR", "moving", "SSIM", "static", "dynamic", "size"
+    )];
     let mut sums = Sums::default();
-    for (number, window) in windows.windows.iter().enumerate() {
-        let name = Windows::run_name(number);
+    for part in windows.parts() {
+        let name = part.run_name();
         let Some((_, results)) = scored(&out.join(&name))? else {
             return Err(Failure::new(format!(
                 "{}: is not scored",
@@ -208,9 +218,8 @@ pub fn join(out: &Path) -> Result<String, Failure> {
             value.map_or("-".to_string(), |value| format!("{value:.digits$}"))
         };
         lines.push(format!(
-            "{name}  {:>4} to {:<4} {:>6} {:>7} {:>6} {:>7} {:>6} {:>8} + {:<7} {:>9}",
-            window.first,
-            window.last,
+            "{name:<11} {:<12} {:>6} {:>7} {:>6} {:>7} {:>6} {:>8} + {:<7} {:>9}",
+            frames(&windows, part),
             results.iterations,
             shown(results.train_seconds, 1),
             shown(scores.psnr, 2),
@@ -220,7 +229,10 @@ pub fn join(out: &Path) -> Result<String, Failure> {
             scores.n_dynamic,
             summary::bytes(results.storage_bytes),
         ));
-        sums.add(window.n_frames(), scores.psnr, scores.psnr_dynamic);
+        if let Part::Window(number) = part {
+            let n_frames = windows.windows[number].n_frames();
+            sums.add(n_frames, scores.psnr, scores.psnr_dynamic);
+        }
         sums.bytes += results.storage_bytes;
     }
     let [psnr, moving] = sums.means();

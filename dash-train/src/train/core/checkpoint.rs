@@ -15,6 +15,7 @@ use rand_pcg::Pcg64;
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 
+use super::backdrop::Kept;
 use super::hooks::Hooks;
 use super::method::Method;
 use super::optimizer::Optimizer;
@@ -48,6 +49,9 @@ pub(crate) struct State<C> {
     /// By name, in the order of their hooks.
     extensions: Vec<(String, serde_json::Value)>,
     dataset: Fingerprint,
+    /// What is kept of a backdrop.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub(crate) kept: Option<Kept>,
     pub(crate) config: C,
 }
 
@@ -94,6 +98,10 @@ pub(crate) fn save<M: Method, C: Serialize>(
         method: method.values,
         extensions,
         dataset: Fingerprint::of(&run.dataset.views),
+        kept: run
+            .backdrop
+            .as_ref()
+            .map(|backdrop| backdrop.kept().clone()),
         config,
     };
     let json = serde_json::to_vec(&state).map_err(|e| Error::Config(e.to_string()))?;

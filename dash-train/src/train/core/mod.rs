@@ -4,6 +4,7 @@
 //! A [`Method`] says how the scene changes over time; an [`Extension`] adds one idea to it; a [`Densify`] decides
 //! which Gaussians are cloned, split, pruned or relocated. Each is one trait, and one file to write.
 
+mod backdrop;
 pub(crate) mod capture;
 pub mod checkpoint;
 mod config;
@@ -38,6 +39,7 @@ mod times;
 mod view_sums;
 pub(crate) mod visibility;
 
+pub use backdrop::{Backdrop, Kept};
 pub use capture::TimeSpan;
 pub use config::{DensifyConfig, DensifySets, OptimizerConfig, ScheduleConfig};
 pub use densify::{Adaptive, Densify, DensityStatistics, Edit, Round, SceneScale};

@@ -40,6 +40,9 @@ pub(super) fn forward<M: Method>(
     }
     let leaf = Tensor::<2>::empty([1, 1], &run.device).require_grad();
     splats = tap(splats, leaf.clone());
+    if let Some(backdrop) = &run.backdrop {
+        splats = join_rows(splats, Tensor::from_inner(backdrop.splats(camera)?))?;
+    }
     for extension in &mut hooks.extensions {
         splats = extension.splats(run, splats);
     }

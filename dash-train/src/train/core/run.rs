@@ -11,6 +11,7 @@ use dash_model::{
 use rand::SeedableRng;
 use rand_pcg::Pcg64;
 
+use super::backdrop::Backdrop;
 use super::capture::{self, TimeSpan};
 use super::config::{DensifyConfig, ScheduleConfig};
 use super::densify::SceneScale;
@@ -66,6 +67,8 @@ pub struct Run<M> {
     pub times: Times,
     /// What is trained.
     pub scene: DynamicScene,
+    /// What is drawn with it, and stays as it is.
+    pub backdrop: Option<Backdrop>,
     /// Its optimizer.
     pub optimizer: Optimizer,
     /// The source of everything random.
@@ -152,6 +155,7 @@ impl<M> Run<M> {
                     gaps: Gaps::default(),
                 },
             },
+            backdrop: None,
             times: Times::of(views().map(|view| view.time)),
             method: method(&facts),
             static_state: SetState {

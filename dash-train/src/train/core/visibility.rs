@@ -51,7 +51,7 @@ pub(crate) fn largest_shares<'a, M>(
 }
 
 /// The gradient of a number that is made of a view's picture `[H, W, 5]`, to the packed splats, static ones
-/// first; nothing where it does not depend on them.
+/// first, those of a backdrop last; nothing where it does not depend on them.
 pub(crate) fn splat_gradient<M>(
     run: &Run<M>,
     view: &View,
@@ -62,6 +62,9 @@ pub(crate) fn splat_gradient<M>(
     let mut splats = scene.static_splats(&view.camera)?;
     if let Some(moving) = scene.dynamic_splats(&view.camera, view.time)? {
         splats = join_rows(splats, moving)?;
+    }
+    if let Some(backdrop) = &run.backdrop {
+        splats = join_rows(splats, backdrop.splats(&view.camera)?)?;
     }
     let leaf = Tensor::from_inner(splats).require_grad();
     let image = scene.rasterize(leaf.clone(), &view.camera)?.image;

@@ -80,6 +80,9 @@ pub struct DataConfig {
     /// Whether views whose image cannot be read are left out.
     #[serde(default)]
     pub skip_broken: bool,
+    /// The run whose static Gaussians are kept where they fit; a relative path is one from this run's folder.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub backdrop: Option<PathBuf>,
     /// The device it ran on, as named on the command line.
     pub device: String,
 }

@@ -134,11 +134,31 @@ impl RunFolder {
         read_config(&self.config_path())
     }
 
-    /// The trained scene.
+    /// The trained scene, with its backdrop if it has one.
     ///
     /// # Errors
     /// When the run has not got that far, or its files are damaged.
     pub fn scene(&self, device: &Device) -> Result<DynamicScene, Error> {
+        match self.room(device)? {
+            None => self.own_scene(device),
+            Some(room) => self.scene_before(&room, device),
+        }
+    }
+
+    /// The same with the scene of its backdrop, which has been read already.
+    ///
+    /// # Errors
+    /// As [`scene`](Self::scene), and when it is another one.
+    pub(crate) fn scene_before(
+        &self,
+        room: &DynamicScene,
+        device: &Device,
+    ) -> Result<DynamicScene, Error> {
+        self.with_backdrop(self.own_scene(device)?, room, device)
+    }
+
+    /// The trained scene without a backdrop.
+    fn own_scene(&self, device: &Device) -> Result<DynamicScene, Error> {
         let folder = self.scene_path();
         if !folder.join("scene.json").is_file() {
             return Err(Error::run(

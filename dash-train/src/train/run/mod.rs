@@ -1,5 +1,6 @@
 //! A run on disk: `config.toml`, `log.jsonl`, `curve.jsonl`, `checkpoints/`, `scene/`.
 
+mod backdrop;
 mod config;
 mod folder;
 mod lines;
@@ -63,7 +64,11 @@ pub fn train(
     mut options: TrainOptions<'_>,
 ) -> Result<(Trainer, f64), Error> {
     let checkpoints = run.checkpoints_path();
-    let additions = std::mem::take(&mut options.additions);
+    let mut additions = std::mem::take(&mut options.additions);
+    additions.backdrop = match additions.backdrop.take() {
+        None => run.room(device)?,
+        given => given,
+    };
     let found = match options.resume {
         true => latest_checkpoint(&checkpoints)?,
         false => None,
@@ -104,7 +109,8 @@ pub fn train(
         let step = report.step;
         let due = |(probe, _): &&mut (CurveProbe, File)| probe.is_due(step) && !last;
         if let Some((probe, file)) = curve.as_mut().filter(due) {
-            let scene = (trainer.scene(), TablePrecision::Single);
+            let scene = trainer.whole_scene();
+            let scene = (&scene, TablePrecision::Single);
             let line = probe.measure(scene, step, seconds, run.root())?;
             append(file, &line, &run.curve_path())?;
         }
@@ -128,12 +134,16 @@ pub fn train(
         None => trainer.finished()?,
     };
     let (scene, precision) = (&finished.scene, finished.precision);
+    if let Some(backdrop) = &trainer.run.backdrop {
+        run.write_kept(backdrop)?;
+    }
     scene.save_with(&run.scene_path(), precision)?;
     run.record(&trainer, finished.decisions)?;
     // The last line is about what is left of the scene.
     if let Some((probe, file)) = &mut curve {
         let step = trainer.steps_done();
-        let line = probe.measure((scene, precision), step, seconds, run.root())?;
+        let scene = trainer.run.whole(scene);
+        let line = probe.measure((&scene, precision), step, seconds, run.root())?;
         append(file, &line, &run.curve_path())?;
     }
     Ok((trainer, seconds))

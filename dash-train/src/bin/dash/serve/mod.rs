@@ -117,7 +117,7 @@ impl Show {
     /// asked for.
     pub fn look(&mut self, trainer: &Trainer, stop: &dyn Fn() -> bool) {
         if self.board.is_watched(LOOKS) && self.ration.is_due() {
-            match self.ration.spend(|| scene_files(trainer.scene())) {
+            match self.ration.spend(|| scene_files(&trainer.whole_scene())) {
                 Ok(files) => self.board.show(files),
                 Err(error) => told(&error),
             }

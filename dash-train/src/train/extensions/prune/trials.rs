@@ -168,10 +168,11 @@ impl<'a> Trials<'a> {
 
     /// Scores a scene against what is left so far, on fewer views if it is clearly worse.
     pub(super) fn score(&self, scene: &DynamicScene) -> Result<Scores, Error> {
+        let whole = self.run.whole(scene);
         let mut scores = Scores::default();
         for Trial { view, moving } in &self.views {
             let start = Instant::now();
-            let image = to_host(scene.render(&view.camera, view.time)?.rgb().detach());
+            let image = to_host(whole.render(&view.camera, view.time)?.rgb().detach());
             scores.millis.push(1e3 * start.elapsed().as_secs_f64());
             let (truth, counted) = view.rgb_and_counted(scene.settings.background)?;
             let counts = |pixel: usize| counted.as_ref().is_none_or(|counted| counted[pixel] > 0.0);
