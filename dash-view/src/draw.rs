@@ -297,3 +297,53 @@ fn render_ellipsoids(
     );
     scene.rasterize(splats * factors, camera)
 }
+
+#[cfg(test)]
+mod tests {
+    use burn::tensor::Device;
+    use dash_model::{GaussianRows, Gaussians, SceneSettings};
+
+    use super::*;
+
+    #[test]
+    fn windows_fade_into_each_other_in_every_layer() {
+        let camera = Camera::new(30.0, 30.0, 12.0, 9.0, 24, 18);
+        let scene = |x: f32, color: [f32; 3]| {
+            let rows = GaussianRows::from_points(&[[x, 0.0, 3.0]], &[color], 0, 0.4);
+            DynamicScene {
+                static_set: Gaussians::from_rows(&rows, &Device::flex()),
+                dynamic: None,
+                settings: SceneSettings::default(),
+            }
+        };
+        let part = |scene: &DynamicScene, share: f32| Part {
+            scene: scene.clone(),
+            time: 0.5,
+            duration: 0.25,
+            share,
+        };
+        let (left, right) = (scene(-0.5, [1.0, 0.0, 0.0]), scene(0.5, [0.0, 0.0, 1.0]));
+        let colors = SpeedColors::new(1.0, 9);
+        for layer in ViewLayer::ALL {
+            let faded = |parts: &[Part]| {
+                let shown = show_faded(parts, &camera, layer, &colors).expect("sound");
+                shown.frame().expect("drawn").rgba
+            };
+            let alone = |scene| {
+                draw(scene, &camera, 0.5, layer, &colors)
+                    .expect("drawn")
+                    .rgba
+            };
+            assert_eq!(faded(&[part(&left, 1.0)]), alone(&left), "{layer}");
+            let mixed = faded(&[part(&left, 0.25), part(&right, 0.75)]);
+            if layer == ViewLayer::Depth {
+                continue;
+            }
+            let both = alone(&left).into_iter().zip(alone(&right));
+            let expected = both.map(|(a, b)| 0.25 * f32::from(a) + 0.75 * f32::from(b));
+            for (found, expected) in mixed.into_iter().zip(expected) {
+                assert!((f32::from(found) - expected).abs() <= 1.5, "{layer}");
+            }
+        }
+    }
+}

@@ -5,7 +5,6 @@ use burn::tensor::Device;
 use dash_model::DynamicScene;
 use dash_train::splat_scene;
 use dash_train::train::RunFolder;
-
 use dash_train::windows::WindowedClip;
 
 /// A clip of nine frames in three windows.
