@@ -8,10 +8,10 @@ use serde::{Deserialize, Serialize};
 /// ```
 /// use dash_model::TimeWindows;
 ///
-/// let windows = TimeWindows::new(vec![[0.0, 0.6], [0.4, 1.0]]);
+/// let windows = TimeWindows::new(vec![[0.0, 0.625], [0.375, 1.0]]);
 /// assert_eq!(windows.shares(0.2), [(0, 1.0)]);
 /// // Each window has times of its own.
-/// assert_eq!(windows.local(1, 0.7), 0.5);
+/// assert_eq!(windows.local(1, 0.6875), 0.5);
 /// ```
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct TimeWindows(Vec<[f32; 2]>);

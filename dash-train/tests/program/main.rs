@@ -3,6 +3,7 @@
 //!
 //! One test binary: each would link Burn once more.
 
+mod backdrop;
 mod bad_input;
 mod benchmark;
 mod command_line;

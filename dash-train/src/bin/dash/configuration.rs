@@ -87,9 +87,8 @@ pub struct DataSection {
     pub invert_masks: Option<bool>,
     /// Whether views whose image cannot be read are left out.
     pub skip_broken: Option<bool>,
-    /// Named on the command line instead.
-    #[serde(rename = "backdrop")]
-    _backdrop: Option<PathBuf>,
+    /// The run that is drawn behind; a relative path is one from the file's folder.
+    pub backdrop: Option<PathBuf>,
     /// Chosen with `--device` instead.
     #[serde(rename = "device")]
     _device: Option<String>,

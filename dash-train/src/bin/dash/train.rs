@@ -1,7 +1,7 @@
 //! `dash train`: a dataset into a run's folder.
 
 use std::collections::BTreeMap;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use clap::Args;
@@ -230,9 +230,12 @@ fn start(
     let choice = shared.device.unwrap_or_default().resolved();
     let device = choice.device()?;
     let (mut data, dataset) = args.data.load(&args.dataset, &file.data, choice)?;
-    if let Some(backdrop) = &args.backdrop {
-        RunFolder::open(backdrop)?.scene(&device)?;
-        data.backdrop = Some(values::absolute(backdrop)?);
+    let folder = args.values.config.as_deref().and_then(Path::parent);
+    let in_file = file.data.backdrop.as_deref();
+    let in_file = in_file.map(|backdrop| folder.unwrap_or(Path::new("")).join(backdrop));
+    if let Some(backdrop) = args.backdrop.clone().or(in_file) {
+        RunFolder::open(&backdrop)?.scene(&device)?;
+        data.backdrop = Some(values::absolute(&backdrop)?);
     }
     if args.curve > 0 {
         CurveProbe::check(&dataset)?;

@@ -6,6 +6,8 @@
 
 mod misfit;
 
+use std::sync::{Mutex, PoisonError};
+
 use burn::module::Module as _;
 use burn::tensor::{Device, Tensor};
 use dash_kernels::Camera;
@@ -19,6 +21,8 @@ use super::view_sums::ViewSums;
 use crate::Error;
 use crate::hash::Fnv1a;
 
+/// Most cameras whose splats are kept.
+const MOST_CAMERAS: usize = 64;
 /// Fewest points that a run with a backdrop begins with, if there are as many.
 const MIN_POINTS: usize = 100;
 
@@ -49,11 +53,13 @@ impl Kept {
 }
 
 /// The Gaussians of another run that a run keeps as they are.
-#[derive(Debug, Clone)]
+#[derive(Debug)]
 pub struct Backdrop {
     /// Those Gaussians, and how they are drawn.
     scene: DynamicScene,
     kept: Kept,
+    /// Their packed splats for the cameras that were first asked for: a rig has the same ones in every step.
+    projected: Mutex<Vec<(Camera, Tensor<2>)>>,
 }
 
 impl Backdrop {
@@ -79,7 +85,11 @@ impl Backdrop {
         }
         let stay: Vec<usize> = (0..rows.len()).filter(|&row| stays[row]).collect();
         let scene = still(&rows.gather(&stay), &room.settings, &device.clone().inner());
-        Ok(Self { scene, kept })
+        Ok(Self {
+            scene,
+            kept,
+            projected: Mutex::default(),
+        })
     }
 
     /// Which Gaussians are kept.
@@ -102,7 +112,18 @@ impl Backdrop {
     /// # Errors
     /// When a shape does not fit.
     pub(super) fn splats(&self, camera: &Camera) -> Result<Tensor<2>, Error> {
-        Ok(self.scene.static_splats(camera)?)
+        let mut known = self
+            .projected
+            .lock()
+            .unwrap_or_else(PoisonError::into_inner);
+        if let Some((_, splats)) = known.iter().find(|(known, _)| known == camera) {
+            return Ok(splats.clone());
+        }
+        let splats = self.scene.static_splats(camera)?;
+        if known.len() < MOST_CAMERAS {
+            known.push((camera.clone(), splats.clone()));
+        }
+        Ok(splats)
     }
 
     /// A scene together with them: they follow its own static Gaussians.

@@ -23,7 +23,14 @@ impl RunFolder {
             return Ok(None);
         };
         // A relative path is one from this folder.
-        Self::open(&self.root().join(room))?.scene(device).map(Some)
+        let room = self.root().join(room);
+        if room.canonicalize().ok() == self.root().canonicalize().ok() {
+            return Err(Error::run(
+                self.root(),
+                "expected another run as data.backdrop in config.toml, found this one",
+            ));
+        }
+        Self::open(&room)?.scene(device).map(Some)
     }
 
     /// Writes down what is kept of the backdrop.
