@@ -363,7 +363,7 @@ try:
         check(found >= LEAST_DB, f"windows: camera {index} at {at:.3f}: {found:.1f} dB from dash render")
     for layer in LAYERS:
         windows.value(f"window.dash.player.layer = '{layer}'")
-        drawn_from(windows, 0, 0.4)
+        drawn_from(windows, 0, times[-1])
     check(not windows.errors, f"no error on the console {windows.errors[:2]}")
 
     # A run while it trains.
