@@ -75,6 +75,27 @@ pub struct Rendering {
 }
 
 impl Rendering {
+    /// Pictures of one size that fade into each other, each with its share; the shares add up to 1. `None` of none.
+    ///
+    /// # Errors
+    /// The first of a picture that is made on the way.
+    pub fn faded<E>(
+        pictures: impl IntoIterator<Item = Result<(Self, f32), E>>,
+    ) -> Result<Option<Self>, E> {
+        let mut sum: Option<Self> = None;
+        for picture in pictures {
+            let (Self { image }, share) = picture?;
+            let image = if share == 1.0 { image } else { image * share };
+            sum = Some(Self {
+                image: match sum {
+                    None => image,
+                    Some(before) => before.image + image,
+                },
+            });
+        }
+        Ok(sum)
+    }
+
     /// `[H, W, 3]`, sRGB.
     pub fn rgb(&self) -> Tensor<3> {
         self.image.clone().narrow(2, 0, 3)

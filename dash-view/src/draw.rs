@@ -115,7 +115,7 @@ pub struct Shown {
 
 /// A scene that has a share in a picture: one window of time of a clip.
 #[derive(Debug, Clone)]
-pub struct Part {
+pub struct Faded {
     /// The scene.
     pub scene: DynamicScene,
     /// Its time, in [0, 1] over it.
@@ -145,27 +145,18 @@ pub fn show(
 /// # Errors
 /// When a kernel refuses its input.
 pub fn show_faded(
-    parts: &[Part],
+    parts: &[Faded],
     camera: &Camera,
     layer: ViewLayer,
     colors: &SpeedColors,
 ) -> Result<Shown, ModelError> {
-    let [first, others @ ..] = parts else {
-        unreachable!("a picture shows at least one scene");
-    };
-    let image = |part: &Part| {
+    let pictures = parts.iter().map(|part| {
         let colors = colors.within(part.duration);
-        let rendering = render(&part.scene, camera, part.time, layer, &colors)?;
-        Ok::<_, ModelError>(rendering.image)
-    };
-    let mut sum = image(first)?;
-    if !others.is_empty() {
-        sum = sum * first.share;
-    }
-    for part in others {
-        sum = sum + image(part)? * part.share;
-    }
-    Ok(shown(Rendering { image: sum }, layer))
+        let picture = render(&part.scene, camera, part.time, layer, &colors)?;
+        Ok::<_, ModelError>((picture, part.share))
+    });
+    let picture = Rendering::faded(pictures)?;
+    Ok(shown(picture.expect("a scene is drawn"), layer))
 }
 
 fn render(
@@ -316,7 +307,7 @@ mod tests {
                 settings: SceneSettings::default(),
             }
         };
-        let part = |scene: &DynamicScene, share: f32| Part {
+        let part = |scene: &DynamicScene, share: f32| Faded {
             scene: scene.clone(),
             time: 0.5,
             duration: 0.25,
@@ -325,7 +316,7 @@ mod tests {
         let (left, right) = (scene(-0.5, [1.0, 0.0, 0.0]), scene(0.5, [0.0, 0.0, 1.0]));
         let colors = SpeedColors::new(1.0, 9);
         for layer in ViewLayer::ALL {
-            let faded = |parts: &[Part]| {
+            let faded = |parts: &[Faded]| {
                 let shown = show_faded(parts, &camera, layer, &colors).expect("sound");
                 shown.frame().expect("drawn").rgba
             };

@@ -241,39 +241,58 @@ impl Plan {
         };
         let mut tally = Tally::default();
         for number in numbers {
-            if let Some(first) = self.needed().filter(|&first| first != number) {
-                self.ensure(out, first, stop, train)?;
+            let run = &self.tasks[number].run;
+            if let Some(first) = self.needed().filter(|&first| first != number)
+                && self.one(out, first, true, stop, train)? == Became::Held
+            {
+                return Err(Error::Stopped {
+                    run: self.run_path(out, first),
+                    step: 0,
+                });
             }
-            if self.is_done(out, number)? {
-                tally.before += 1;
-                continue;
-            }
-            let (run, path) = (&self.tasks[number].run, self.held_path(out, number));
-            let hold = match which {
-                Which::All => Hold::take(&path)?,
-                Which::One(_) => Hold::wait(&path, stop, || {
-                    tracing::info!("waiting for another process, which works on {run}");
-                })?,
-            };
-            if hold.is_none() {
-                tally.held += 1;
-                continue;
-            }
-            // It may have been done since.
-            if self.is_done(out, number)? {
-                tally.before += 1;
-                continue;
-            }
-            match train(number) {
-                Ok(()) => tally.done += 1,
-                Err(stopped @ Error::Stopped { .. }) => return Err(stopped),
-                Err(error) => {
+            match self.one(out, number, which != Which::All, stop, train) {
+                Ok(Became::DoneBefore) => tally.before += 1,
+                Ok(Became::Held) => tally.held += 1,
+                Ok(Became::Done) => tally.done += 1,
+                Err(Failed::Run(error)) if !matches!(error, Error::Stopped { .. }) => {
                     tracing::warn!("{run}: {error}");
                     tally.failed.push((run.clone(), error));
                 }
+                Err(failed) => return Err(failed.into()),
             }
         }
         Ok(tally)
+    }
+}
+
+/// What became of one task.
+#[derive(PartialEq, Eq)]
+enum Became {
+    Done,
+    DoneBefore,
+    /// Another process holds it.
+    Held,
+}
+
+/// Why a task is not done.
+enum Failed {
+    /// Its run failed, or was stopped.
+    Run(Error),
+    /// It could not be looked at, or held.
+    Task(Error),
+}
+
+impl From<Error> for Failed {
+    fn from(error: Error) -> Self {
+        Self::Task(error)
+    }
+}
+
+impl From<Failed> for Error {
+    fn from(failed: Failed) -> Self {
+        match failed {
+            Failed::Run(error) | Failed::Task(error) => error,
+        }
     }
 }
 
@@ -283,29 +302,35 @@ impl Plan {
         matches!(self.work, Work::Windows { room: true, .. }).then_some(0)
     }
 
-    /// Sees to it that a task is done: waits for whoever works on it, or does it.
-    fn ensure(
+    /// Does a task that is not done, while this process holds it. `waits` is whether it waits for another process that does;
+    /// told to stop meanwhile, it finds the task held.
+    fn one(
         &self,
         out: &Path,
         number: usize,
+        waits: bool,
         stop: &dyn Fn() -> bool,
         train: &mut dyn FnMut(usize) -> Result<(), Error>,
-    ) -> Result<(), Error> {
+    ) -> Result<Became, Failed> {
         if self.is_done(out, number)? {
-            return Ok(());
+            return Ok(Became::DoneBefore);
         }
-        let run = &self.tasks[number].run;
-        let hold = Hold::wait(&self.held_path(out, number), stop, || {
-            tracing::info!("waiting for another process, which works on {run}");
-        })?;
-        match hold {
-            Some(_) if self.is_done(out, number)? => Ok(()),
-            Some(_) => train(number),
-            None => Err(Error::Stopped {
-                run: self.run_path(out, number),
-                step: 0,
-            }),
+        let (run, path) = (&self.tasks[number].run, self.held_path(out, number));
+        let hold = match waits {
+            false => Hold::take(&path)?,
+            true => Hold::wait(&path, stop, || {
+                tracing::info!("waiting for another process, which works on {run}");
+            })?,
+        };
+        if hold.is_none() {
+            return Ok(Became::Held);
         }
+        // It may have been done since.
+        if self.is_done(out, number)? {
+            return Ok(Became::DoneBefore);
+        }
+        train(number).map_err(Failed::Run)?;
+        Ok(Became::Done)
     }
 }
 

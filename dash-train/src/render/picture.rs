@@ -82,20 +82,11 @@ pub(super) fn render_mixed(
 }
 
 fn mixed(drawn: &[Drawn<'_>], camera: &Camera, layer: Layer) -> Result<Rendering, Error> {
-    let mut mixed: Option<Rendering> = None;
-    for Drawn { scene, time, share } in drawn {
-        let own = scene.render_layer(camera, *time, layer)?;
-        mixed = Some(match mixed {
-            None if *share == 1.0 => own,
-            None => Rendering {
-                image: own.image * *share,
-            },
-            Some(sum) => Rendering {
-                image: sum.image + own.image * *share,
-            },
-        });
-    }
-    Ok(mixed.expect("a scene is drawn"))
+    let pictures = drawn.iter().map(|Drawn { scene, time, share }| {
+        let picture = scene.render_layer(camera, *time, layer)?;
+        Ok::<_, Error>((picture, *share))
+    });
+    Ok(Rendering::faded(pictures)?.expect("a scene is drawn"))
 }
 
 /// A picture of a scene over time, and the seconds until the device had finished; reading files and copying to the host

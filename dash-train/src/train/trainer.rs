@@ -33,7 +33,7 @@ pub struct Additions {
     pub extensions: Vec<Box<dyn Extension<Dash>>>,
     /// The policy of density control; `None`: that of 3DGS.
     pub densify: Option<Box<dyn Densify>>,
-    /// A scene whose static Gaussians are kept as they are where they fit; see [`Run::put_before`].
+    /// A scene whose static Gaussians are kept where they fit; see [`Run::put_before`].
     pub backdrop: Option<DynamicScene>,
 }
 
@@ -65,7 +65,7 @@ impl Trainer {
         run.scene.settings.offsets = config.method.offsets();
         if let Some(room) = &additions.backdrop {
             run.put_before(room)?;
-            // What is at rest is known: less time for it, as much for what moves.
+            // The static Gaussians are known: the warm-up needs fewer steps, the dynamic ones need as many.
             let [warmup, decomposition] = &mut run.method.config.stages;
             let earlier = *warmup - warmup.min(WARMUP_WITH_BACKDROP);
             *warmup -= earlier;

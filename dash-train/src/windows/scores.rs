@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use super::WindowedClip;
+use super::{Part, WindowedClip};
 use crate::Error;
 use crate::dataset::{Dataset, Partition};
 use crate::evaluate::{Perceptual, Scored, evaluate};
@@ -11,7 +11,7 @@ use crate::train::RunFolder;
 
 impl WindowedClip {
     /// Scores the clip, faded as it is drawn, and writes `OUT/results.json` for its test views, `OUT/results_train.json` for its
-    /// training views. Steps, seconds, bytes and Gaussians are sums over windows, the memory is that of the largest.
+    /// training views. Steps, seconds and bytes are sums over runs, Gaussians over windows; the memory is that of the largest.
     ///
     /// # Errors
     /// When a window is not trained and scored, there are no such views, or a file can't be read or written.
@@ -26,8 +26,11 @@ impl WindowedClip {
         let (mut counts, mut sums) = ((0, 0), Sums::default());
         for part in windows.parts() {
             let of_run = sums.add(&self.out.join(part.run_name()))?;
-            counts.0 += of_run.0;
-            counts.1 += of_run.1;
+            // Those of the room are among the windows' own.
+            if part != Part::Room {
+                counts.0 += of_run.0;
+                counts.1 += of_run.1;
+            }
         }
         let clip = Scored {
             scene: self,

@@ -14,7 +14,7 @@ use js_sys::{Promise, Uint8ClampedArray};
 use wasm_bindgen::prelude::*;
 use wasm_bindgen_futures::future_to_promise;
 
-use crate::draw::{Part, ViewLayer, show_faded};
+use crate::draw::{Faded, ViewLayer, show_faded};
 use crate::navigator::Navigator;
 use crate::pace::Pace;
 use crate::page::{About, joined};
@@ -193,14 +193,14 @@ impl Player {
             let mut scene = scene.clone();
             let own = scene.settings.background;
             scene.settings.background = self.background.unwrap_or(own);
-            Some(Part {
+            Some(Faded {
                 scene,
                 time: times.local(window, time),
                 duration: times.duration(window),
                 share,
             })
         };
-        let parts: Option<Vec<Part>> = self.present().into_iter().map(part).collect();
+        let parts: Option<Vec<Faded>> = self.present().into_iter().map(part).collect();
         let parts = parts.ok_or_else(|| JsError::new("nothing of the scene is here yet"))?;
         let colors = SpeedColors::new(self.about.fastest, self.about.n_frames);
         let shown = show_faded(&parts, camera, self.layer, &colors).map_err(told)?;

@@ -11,7 +11,7 @@ use dash_model::{DynamicScene, TimeWindows};
 
 use super::{Beside, Drawn, DrawnPicture, Opened, Reply, Request, Shared, Task};
 use crate::content::{Host, NamedCamera, Source};
-use crate::draw::{Part, Shown, ViewLayer, show, show_faded};
+use crate::draw::{Faded, Shown, ViewLayer, show, show_faded};
 use crate::middle::middle_of;
 use crate::speed::SpeedColors;
 use crate::tracks::Tracks;
@@ -262,7 +262,7 @@ impl Studio {
 }
 
 /// The scenes that a picture of windows shows.
-fn parts(windows: &dyn WindowSource, request: &Request) -> Result<Vec<Part>, ViewError> {
+fn parts(windows: &dyn WindowSource, request: &Request) -> Result<Vec<Faded>, ViewError> {
     let shares = windows.times().shares(request.time).into_iter();
     shares
         .map(|(window, share)| {
@@ -270,7 +270,7 @@ fn parts(windows: &dyn WindowSource, request: &Request) -> Result<Vec<Part>, Vie
             let own = scene.settings.background;
             scene.settings.background = request.background.unwrap_or(own);
             let times = windows.times();
-            Ok(Part {
+            Ok(Faded {
                 scene,
                 time: times.local(window, request.time),
                 duration: times.duration(window),

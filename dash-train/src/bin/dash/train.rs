@@ -59,8 +59,8 @@ pub struct TrainArgs {
     budget: Option<f64>,
     #[command(flatten)]
     data: DataArgs,
-    /// A run of the same place, such as of the empty room: its static Gaussians are kept where the pictures agree, and only
-    /// what differs is trained
+    /// A run of the same place, such as of the empty room: its static Gaussians are kept where the pictures agree; only
+    /// others are trained
     #[arg(long, value_name = "RUN", conflicts_with_all = ["window", "resume"])]
     backdrop: Option<PathBuf>,
     /// Whether parts that the scene does not need are left out; RUN/config.toml says which were, and why

@@ -1,4 +1,4 @@
-//! A backdrop: Gaussians at rest of another run, which are drawn with what a run trains, and stay as they are.
+//! A backdrop: Gaussians at rest of another run, which a run draws and does not train.
 //!
 //! The room of a long recording is trained once; each window of time trains only what is not there, or differs. Which of the
 //! room's Gaussians differ is seen in the window's own pictures: one is kept if it shows what a picture has where it is seen,
@@ -52,7 +52,7 @@ impl Kept {
     }
 }
 
-/// The Gaussians of another run that a run keeps as they are.
+/// The Gaussians of another run that a run keeps.
 #[derive(Debug)]
 pub struct Backdrop {
     /// Those Gaussians, and how they are drawn.

@@ -67,7 +67,7 @@ pub struct Run<M> {
     pub times: Times,
     /// What is trained.
     pub scene: DynamicScene,
-    /// What is drawn with it, and stays as it is.
+    /// Gaussians of another run that are drawn with it and not trained.
     pub backdrop: Option<Backdrop>,
     /// Its optimizer.
     pub optimizer: Optimizer,

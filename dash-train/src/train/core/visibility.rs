@@ -2,8 +2,10 @@
 
 use burn::module::Module;
 use burn::tensor::Tensor;
+use dash_kernels::Camera;
 use dash_kernels::rows::join_rows;
 use dash_kernels::splats::{N_COLUMNS, RED};
+use dash_model::DynamicScene;
 
 use super::optimizer::to_host;
 use super::run::Run;
@@ -66,8 +68,18 @@ pub(crate) fn splat_gradient<M>(
     if let Some(backdrop) = &run.backdrop {
         splats = join_rows(splats, backdrop.splats(&view.camera)?)?;
     }
+    gradient_of(&scene, splats, &view.camera, number)
+}
+
+/// The gradient of a number that is made of a picture `[H, W, 5]` of packed splats, which have no graph, to these splats.
+pub(super) fn gradient_of(
+    scene: &DynamicScene,
+    splats: Tensor<2>,
+    camera: &Camera,
+    number: impl FnOnce(Tensor<3>) -> Tensor<1>,
+) -> Result<Vec<f32>, Error> {
     let leaf = Tensor::from_inner(splats).require_grad();
-    let image = scene.rasterize(leaf.clone(), &view.camera)?.image;
+    let image = scene.rasterize(leaf.clone(), camera)?.image;
     let gradients = number(image).backward();
     Ok(leaf.grad(&gradients).map_or_else(Vec::new, to_host))
 }

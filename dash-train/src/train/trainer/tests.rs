@@ -96,7 +96,7 @@ fn room_with_a_ghost(dataset: &Arc<Dataset>) -> DynamicScene {
 }
 
 #[test]
-fn a_backdrop_stays_as_it_is_where_pictures_show_it() {
+fn a_backdrop_does_not_change_where_pictures_show_it() {
     let dataset = Arc::new(synth::loaded(4, 6, [32, 24]));
     let room = room_with_a_ghost(&dataset);
     let rows = room.static_set.to_rows();

@@ -8,6 +8,7 @@ use rayon::prelude::*;
 
 use super::super::optimizer::to_host;
 use super::super::run::Run;
+use super::super::visibility::gradient_of;
 use crate::Error;
 use crate::dataset::View;
 use crate::numbers::median;
@@ -154,22 +155,22 @@ fn compare<M>(
 ) -> Result<(Vec<f32>, Vec<f32>), Error> {
     let camera = &view.camera;
     let shape = [camera.height, camera.width, 1];
-    let splats = Tensor::from_inner(room.static_splats(camera)?).require_grad();
-    let image = room.rasterize(splats.clone(), camera)?.image;
-    let drawn = to_host(image.clone().narrow(2, 0, 3).inner());
     let (truth, counted) = view.rgb_and_counted(run.scene.settings.background)?;
     let counted = counted.unwrap_or_else(|| vec![1.0; camera.width * camera.height]);
     let of_pixel = |((drawn, truth), counts): ((&[f32], &[f32]), &f32)| {
         let sum: f32 = drawn.iter().zip(truth).map(|(a, b)| (a - b).abs()).sum();
         counts * sum / 3.0
     };
-    let colors = drawn.chunks_exact(3).zip(truth.chunks_exact(3));
-    let pixels: Vec<f32> = colors.zip(&counted).map(of_pixel).collect();
     let on_device =
         |values: Vec<f32>| Tensor::<3>::from_data(TensorData::new(values, shape), &run.device);
-    let channel = |k: usize| image.clone().narrow(2, k, 1);
-    let sum =
-        (channel(0) * on_device(pixels.clone())).sum() + (channel(1) * on_device(counted)).sum();
-    let weights = splats.grad(&sum.backward()).map_or_else(Vec::new, to_host);
+    let mut pixels = Vec::new();
+    let weights = gradient_of(room, room.static_splats(camera)?, camera, |image| {
+        let drawn = to_host(image.clone().narrow(2, 0, 3).inner());
+        let colors = drawn.chunks_exact(3).zip(truth.chunks_exact(3));
+        pixels = colors.zip(&counted).map(of_pixel).collect();
+        let channel = |k: usize| image.clone().narrow(2, k, 1);
+        let differences = (channel(0) * on_device(pixels.clone())).sum();
+        differences + (channel(1) * on_device(counted.clone())).sum()
+    })?;
     Ok((pixels, weights))
 }
