@@ -13,7 +13,7 @@ stage=$target/dist/$name
 dash-view/web/build.sh "$target/player"
 DASH_PLAYER=$(cd "$target/player" && pwd)
 export DASH_PLAYER
-cargo build --release --locked -p dash-train --bin dash --features player
+cargo build --release --locked -p dash-cli --bin dash --features player
 rm -rf "$stage" && mkdir -p "$stage"
 program=$target/release/dash
 [ -f "$program" ] || program=$program.exe
@@ -22,7 +22,7 @@ cp "$program" README.md LICENSE-MIT LICENSE-APACHE "$stage"
 case $system in *windows*) ;; *) strip "$stage/dash" ;; esac
 
 # The licences of everything that is linked in.
-cargo tree --locked -p dash-train -e normal --prefix none -f '{p}|{l}' | grep -v '(/' |
+cargo tree --locked -p dash-cli -e normal --prefix none -f '{p}|{l}' | grep -v '(/' |
     sed 's/ ([^)]*)//g' | sort -u | while IFS='|' read -r package licence; do
         printf '\n======== %s: %s\n' "$package" "$licence"
         find "${CARGO_HOME:-$HOME/.cargo}"/registry/src/*/"${package/ v/-}" -maxdepth 2 -type f \

@@ -17,7 +17,7 @@ trap 'rm -rf "$scratch"' EXIT
     sed -n '/^\[profile/,/^$/p' Cargo.toml
     echo '[patch.crates-io]'
 } > "$scratch/Cargo.toml"
-for crate in dash-kernels dash-model dash-view dash-train; do
+for crate in dash-kernels dash-model dash-view dash-train dash-cli; do
     # With today's times: packed files have one time, and cargo would take what it compiled of an older package for this.
     tar -xzmf "${CARGO_TARGET_DIR:-target}/package/$crate-$version.crate" -C "$scratch"
     echo "$crate = { path = \"$crate-$version\" }" >> "$scratch/Cargo.toml"

@@ -146,7 +146,7 @@ fn check_cargo(words: &[String], program: &Program, root: &Path) -> Result<(), S
         let exists = match option {
             "--example" => root.join(format!("examples/{value}.rs")).is_file(),
             "-p" | "--path" => root.join(value).join("Cargo.toml").is_file(),
-            "--bin" => root.join("dash-train/src/bin").join(value).exists(),
+            "--bin" => value == "dash",
             "--features" => has_feature(root, value),
             _ => true,
         };
@@ -164,7 +164,7 @@ fn check_cargo(words: &[String], program: &Program, root: &Path) -> Result<(), S
 }
 
 fn has_feature(root: &Path, name: &str) -> bool {
-    let manifest = fs::read_to_string(root.join("dash-train/Cargo.toml")).unwrap_or_default();
+    let manifest = fs::read_to_string(root.join("dash-cli/Cargo.toml")).unwrap_or_default();
     manifest
         .lines()
         .any(|line| line.split('=').next().is_some_and(|key| key.trim() == name))

@@ -180,7 +180,7 @@ fn mistakes_are_found() {
         "dash compare FOLDER --budget 5 --out a --methods dash,nerf",
         "dash synth out/room && dash train out/room --outt runs/a",
         "cargo run --release --example no_such_example",
-        "cargo run --release -p dash-train --bin dash -- trian",
+        "cargo run --release -p dash-cli --bin dash -- trian",
         "tests/no_such_script.sh",
         "no_such_program --help",
     ] {
@@ -190,7 +190,7 @@ fn mistakes_are_found() {
         "dash train FOLDER --out runs/a --preset quick   # a comment --with words",
         "dash compare FOLDER --budget 5 --out a \\\n  --methods dash,grid4d+dec",
         "tests/prepare.sh && cargo test --release --workspace",
-        "cargo run --release -p dash-train --bin dash -- train FOLDER --out a",
+        "cargo run --release -p dash-cli --bin dash -- train FOLDER --out a",
     ] {
         assert_eq!(check(right, &program, root()), Ok(()), "{right}");
     }

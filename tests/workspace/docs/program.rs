@@ -33,7 +33,7 @@ impl Program {
             .join("dash");
         assert!(
             path.is_file(),
-            "{} is not there: build it with `cargo build --release -p dash-train --bin dash`, or test with --workspace",
+            "{} is not there: build it with `cargo build --release -p dash-cli --bin dash`, or test with --workspace",
             path.display()
         );
         let shim = tempfile::tempdir().expect("a temporary folder");
