@@ -347,6 +347,12 @@ try:
     about_windows = json.loads(gzip.decompress((out / "page/windows/about.json.gz").read_bytes()))
     n_windows = len(about_windows["parts"])
     check(not any(name.startswith(f"window{n_windows - 1}_") for name in files), f"the last of {n_windows} windows does not come yet")
+    jump = windows.value(
+        "(async () => { const p = window.dash.player, start = performance.now();"
+        " const bytes = () => performance.getEntriesByType('resource').reduce((sum, r) => sum + r.encodedBodySize, 0);"
+        " const before = bytes(); p.seek(1); while (!p.ready()) await new Promise(requestAnimationFrame);"
+        " const there = bytes(); await p.draw_camera(0); return [there - before, Math.round(performance.now() - start)]; })()")
+    print(f"    a jump to the end of windows: {jump[0]} bytes of files, {jump[1]} ms", flush=True)
     # The second time is in the middle of what two windows show.
     (_, end), (begin, _) = about_windows["times"][:2]
     times = [0.0, (begin + end) / 2, 1.0]

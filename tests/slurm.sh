@@ -1,14 +1,14 @@
 #!/usr/bin/env bash
-# Does a plan on a real Slurm, one controller and two node daemons on this machine, kills one daemon and one task midway, and
-# compares the scenes with those of one process: tests/slurm.sh DASH [SEEDS [STEPS]]. It starts daemons and needs root, and
-# Debian's packages slurmctld, slurmd, slurm-client and munge. A node whose daemon is gone is given up after half a minute: what
-# still runs on it then is queued again, and waits for it.
+# Trains a clip in windows of time on a real Slurm, one controller and two node daemons on this machine, kills one daemon and one
+# task midway, and compares the scenes with those of one process; and the same in two processes of xargs:
+# tests/slurm.sh DASH [WINDOWS [STEPS]]. It starts daemons and needs root, and Debian's packages slurmctld, slurmd, slurm-client and
+# munge. A node whose daemon is gone is given up after half a minute: what still runs on it then is queued again, and waits for
+# it.
 set -euo pipefail
 [ "$(id -u)" -eq 0 ] || exec sudo -E "$0" "$@"
 dash=$(realpath "$1")
-seeds=${2:-3}
+windows=${2:-6}
 steps=${3:-1500}
-tasks=$((2 * seeds))
 work=$(mktemp -d)
 host=$(hostname -s)
 export SLURM_CONF=$work/slurm.conf
@@ -78,18 +78,19 @@ wait_for() {
 are_idle() { [ "$(sinfo -h -t idle -o %D)" = 2 ]; }
 are_running() { [ "$(pgrep -f -c "^$dash work $work/shared")" -ge 2 ]; }
 # A checkpoint is there to go on from.
-have_begun() { ls "$work"/shared/*/seed-*/checkpoints/[0-9]* >/dev/null 2>&1; }
+have_begun() { ls "$work"/shared/window-*/checkpoints/[0-9]* >/dev/null 2>&1; }
 is_drained() { [ -z "$(squeue -h)" ]; }
 wait_for 60 are_idle
 
 cd "$work"
-"$dash" synth room --cameras 4 --frames 3 --size 32x24 -q > /dev/null
-compared=(compare room --methods dash,hexplane --seeds "$seeds" --iterations "$steps" --curve 0 --device flex -q
+# Windows of four frames, of which neighbours share one, and the room that they share.
+"$dash" synth clip --scene day --cameras 4 --frames $((3 * windows + 1)) --size 32x24 -q > /dev/null
+trained=(train clip --window 4 --overlap 1 --room yes --iterations "$steps" --device flex -q
     --set checkpoint_interval=50 --set "initial_points=[0, 300]")
-"$dash" plan "${compared[@]}" --out shared --slurm > tasks.sh
+"$dash" plan "${trained[@]}" --out shared --slurm > tasks.sh
 sh tasks.sh > /dev/null
+wait_for 120 have_begun
 wait_for 60 are_running
-wait_for 60 have_begun
 sinfo -h -N -o "%N %T"
 squeue -h -o "%i %T %N" | head -n 4
 kill -9 "$(cat slurmd-n1.pid)"
@@ -100,12 +101,15 @@ echo "drained; the nodes are: $(sinfo -h -N -o "%N %T" | tr '\n' ' ')"
 restarts=$(scontrol -o show job | grep -c " Restarts=[1-9]" || true)
 echo "queued again: $restarts tasks"
 [ "$restarts" -ge 1 ]
-grep -q "written to" shared/join.log || { cat shared/join.log; exit 1; }
+grep -q "mean over the windows" shared/join.log || { cat shared/join.log; exit 1; }
 
-"$dash" "${compared[@]}" --out whole > /dev/null
-for run in shared/*/seed-*; do
-    scene=${run#shared/}/scene/scene.safetensors
-    cmp "shared/$scene" "whole/$scene"
-    echo "same bits: $scene"
+"$dash" "${trained[@]}" --out whole > /dev/null
+"$dash" plan "${trained[@]}" --out parallel > /dev/null
+seq 0 "$windows" | xargs -P 2 -I N "$dash" work parallel --task N -q --device flex > /dev/null
+for run in whole/room whole/window-*; do
+    for other in shared parallel; do
+        cmp "$run/scene/scene.safetensors" "$other/${run#whole/}/scene/scene.safetensors"
+    done
+    echo "same bits: $run"
 done
-[ "$(ls -d shared/*/seed-* | wc -l)" -eq "$tasks" ]
+[ "$(ls -d whole/window-* | wc -l)" -eq "$windows" ]
