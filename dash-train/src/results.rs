@@ -153,15 +153,19 @@ impl Results {
 /// # Errors
 /// When the file can't be read or is damaged.
 pub fn read_results(run: &RunFolder) -> Result<Option<Results>, Error> {
-    let path = run.results_path();
-    let text = match fs::read(&path) {
+    read_scores(&run.results_path())
+}
+
+/// The scores in a file, if it is there.
+pub(crate) fn read_scores(path: &Path) -> Result<Option<Results>, Error> {
+    let text = match fs::read(path) {
         Ok(text) => text,
         Err(e) if e.kind() == std::io::ErrorKind::NotFound => return Ok(None),
-        Err(e) => return Err(Error::io(&path, "read", e)),
+        Err(e) => return Err(Error::io(path, "read", e)),
     };
     serde_json::from_slice(&text).map(Some).map_err(|e| {
         Error::run(
-            &path,
+            path,
             format!("expected a run's results, found {e}; write them again with `dash eval`"),
         )
     })

@@ -168,8 +168,13 @@ fn windows_are_trained_by_themselves_and_shown_as_one_clip() {
     let refused = scratch.is_wrong_usage(&["export", "all", "--out", "all.4dgs"]);
     assert!(refused.contains("window-000"), "{refused}");
     // Scores of the clip are those of what is drawn; where windows fade, neither window's.
+    let report = ["report", "all", "all/window-000", "--out", "page"];
+    scratch.fails(&report, "all: expected a clip that is scored");
     let told = scratch.ok(&["eval", "all"]);
     assert!(told.contains("all/results.json"), "{told}");
+    scratch.ok(&report);
+    let page = String::from_utf8(scratch.read("page/report.html")).expect("text");
+    assert!(page.contains("window-000") && page.contains(">all<"));
     let results = |name: &str| -> serde_json::Value {
         serde_json::from_slice(&scratch.read(&format!("{name}/results.json"))).expect("JSON")
     };

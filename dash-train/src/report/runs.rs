@@ -3,9 +3,11 @@
 use std::path::Path;
 
 use crate::Error;
+use crate::dataset::Partition;
 use crate::evaluate::CurveLine;
-use crate::results::{Results, read_results};
+use crate::results::{Results, read_results, read_scores};
 use crate::train::{LogLine, RunConfig, RunFolder};
+use crate::windows::Windows;
 
 /// A run as far as it has got.
 #[derive(Debug, Clone, PartialEq)]
@@ -27,7 +29,7 @@ impl RunRecord {
     /// the test views, else from the last line of the curve.
     pub(super) fn end(&self) -> Option<End> {
         let results = self.results.as_ref();
-        let of_test = results.filter(|r| r.evaluation.split == crate::dataset::Partition::Test);
+        let of_test = results.filter(|r| r.evaluation.split == Partition::Test);
         if let Some(results) = of_test {
             let scores = &results.evaluation;
             return Some(End {
@@ -66,18 +68,21 @@ impl RunRecord {
 }
 
 /// The folder's name; with its parent's where it says no more than the seed, as those of a comparison do.
-fn name_of(folder: &Path) -> String {
+fn name_of(folder: &Path) -> Result<String, Error> {
+    let folder = folder
+        .canonicalize()
+        .map_err(|e| Error::io(folder, "open", e))?;
     let name = |path: &Path| {
         let name = path.file_name().unwrap_or_default();
         name.to_string_lossy().into_owned()
     };
-    let (own, parent) = (name(folder), folder.parent().map(name).unwrap_or_default());
-    match own.strip_prefix("seed-") {
+    let (own, parent) = (name(&folder), folder.parent().map(name).unwrap_or_default());
+    Ok(match own.strip_prefix("seed-") {
         Some(seed) if !parent.is_empty() && seed.parse::<u64>().is_ok() => {
             format!("{parent}/{own}")
         }
         _ => own,
-    }
+    })
 }
 
 /// A run at its end.
@@ -98,18 +103,18 @@ pub(super) struct End {
     pub(super) peak_memory_bytes: Option<u64>,
 }
 
-/// Reads a run's folder. Lines that were cut off while being written do not count, and a run that has
+/// Reads a run's folder, or that of a clip in windows of time. Lines that were cut off while being written do not count, and a run that has
 /// not been scored has no results.
 ///
 /// # Errors
 /// When the folder is no run's, or holds nothing that was measured, or a file can't be read.
 pub fn read_run(folder: &Path) -> Result<RunRecord, Error> {
+    if Windows::are_in(folder) {
+        return read_windows(folder);
+    }
     let run = RunFolder::open(folder)?;
-    let canonical = folder
-        .canonicalize()
-        .map_err(|e| Error::io(folder, "open", e))?;
     let record = RunRecord {
-        name: name_of(&canonical),
+        name: name_of(folder)?,
         config: run.config()?,
         log: run.log()?,
         curve: run.curve()?,
@@ -123,4 +128,23 @@ pub fn read_run(folder: &Path) -> Result<RunRecord, Error> {
         ));
     }
     Ok(record)
+}
+
+/// A clip in windows of time, as it is drawn: one run, of as many steps as all of them have.
+fn read_windows(folder: &Path) -> Result<RunRecord, Error> {
+    let Windows { data, train, .. } = Windows::read(folder)?;
+    let scores = folder.join(RunFolder::scores_name(Partition::Test));
+    let Some(results) = read_scores(&scores)? else {
+        return Err(Error::run(
+            folder,
+            "expected a clip that is scored, found none; do it with `dash eval`",
+        ));
+    };
+    Ok(RunRecord {
+        name: name_of(folder)?,
+        config: RunConfig::new(data, train),
+        log: Vec::new(),
+        curve: Vec::new(),
+        results: Some(results),
+    })
 }
