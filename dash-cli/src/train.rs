@@ -1,5 +1,7 @@
 //! `dash train`: a dataset into a run's folder.
 
+mod resume;
+
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -18,15 +20,18 @@ use dash_train::train::{
 };
 
 use crate::Shared;
-use crate::configuration::{ConfigFile, Overrides, ValueArgs, name};
-use crate::data::{DataArgs, load_dataset, other_data};
+use crate::configuration::{ConfigFile, Overrides, ValueArgs};
+use crate::data::DataArgs;
 use crate::failure::Failure;
 use crate::lpips::LpipsArgs;
 use crate::progress::{RunsProgress, TrainProgress};
 use crate::summary::{self, Table, duration};
 use crate::values;
+use crate::values::WindowChoice;
 use crate::watch::{Door, WatchArgs};
 use crate::windows::Clip;
+use dash_train::windows::{LENGTH, Windows};
+use resume::take_up;
 
 /// Train a scene on a dataset; then score it on the test views
 #[derive(Args)]
@@ -79,8 +84,9 @@ pub struct TrainArgs {
     resume: bool,
     /// Train a long clip in windows of N frames, each a run of its own below RUN; `render` and `view` show them as one clip.
     /// The same command again goes on with what is not done
-    #[arg(long, value_name = "N", conflicts_with_all = ["resume", "method", "budget", "curve"])]
-    window: Option<usize>,
+    /// [default: 60 for more than 300 frames of synchronised cameras, some of them held out; else none]
+    #[arg(long, value_name = "N|none", value_parser = values::window, conflicts_with_all = ["resume", "method", "budget", "curve"])]
+    window: Option<WindowChoice>,
     /// Frames, at least, that neighbouring windows share [default: an eighth of a window]
     #[arg(long, value_name = "N", requires = "window")]
     overlap: Option<usize>,
@@ -109,10 +115,18 @@ pub fn run_with(args: &TrainArgs, shared: &Shared, door: Option<Door>) -> Result
         keep: args.keep,
         ..args.values.overrides()
     };
-    if let Some(window) = args.window {
+    let file = ConfigFile::read(args.values.config.as_deref())?;
+    let window = match args.window {
+        Some(WindowChoice(frames)) => frames,
+        None => {
+            // Mistakes in the arguments are told before the data are looked at.
+            overrides.resolve(&file)?;
+            default_window(args, shared, &file)?
+        }
+    };
+    if let Some(window) = window {
         return train_windows(args, window, overrides, shared);
     }
-    let file = ConfigFile::read(args.values.config.as_deref())?;
     let (run, config, dataset) = if args.resume {
         take_up(args, shared, &overrides, &file)?
     } else {
@@ -174,6 +188,30 @@ pub fn run_with(args: &TrainArgs, shared: &Shared, door: Option<Door>) -> Result
     let device = (&device, config.data.device.as_str());
     let told = finish(&run, &config, &dataset, device, secs, &perceptual)?;
     Ok(told + &waiting.unwrap_or_default())
+}
+
+/// The frames of a window, where nobody says whether there are any.
+fn default_window(
+    args: &TrainArgs,
+    shared: &Shared,
+    file: &ConfigFile,
+) -> Result<Option<usize>, Failure> {
+    let is_one = args.resume || args.method.is_some() || args.budget.is_some() || args.curve > 0;
+    let is_part = args.data.frames.or(file.data.frames).is_some();
+    let has_backdrop = args.backdrop.is_some() || file.data.backdrop.is_some();
+    if is_one || is_part || has_backdrop || args.watch.is_asked() {
+        return Ok(None);
+    }
+    let choice = shared.device.unwrap_or_default().resolved();
+    let (_, dataset) = args.data.look(&args.dataset, &file.data, choice)?;
+    if !Windows::suit(&dataset) {
+        return Ok(None);
+    }
+    tracing::info!(
+        "{} frames: trained in windows of {LENGTH}; --window none trains them as one",
+        dataset.n_frames
+    );
+    Ok(Some(LENGTH))
 }
 
 /// A long clip in windows of time.
@@ -294,68 +332,6 @@ fn tell_held_out(dataset: &Dataset) {
         let names: Vec<&str> = names.into_values().collect();
         tracing::info!("held out: {}", summary::listed(&names));
     }
-}
-
-/// The run that goes on, and its dataset, which may have been moved.
-fn take_up(
-    args: &TrainArgs,
-    shared: &Shared,
-    overrides: &Overrides<'_>,
-    file: &ConfigFile,
-) -> Result<(RunFolder, RunConfig, Arc<Dataset>), Failure> {
-    let run = RunFolder::open(&args.out)?;
-    let mut config = run.config()?;
-    check_same(args, shared, overrides, file, &config)?;
-    let folder = values::absolute(&args.dataset)?;
-    let is_moved = folder != config.data.dataset;
-    config.data.dataset = folder;
-    let dataset = load_dataset(&config.data, args.data.memory, false)?;
-    if is_moved {
-        run.follow_dataset(&dataset)?;
-    }
-    Ok((run, config, Arc::new(dataset)))
-}
-
-/// A resumed run is the one that was begun: options may repeat its values, not change them.
-fn check_same(
-    args: &TrainArgs,
-    shared: &Shared,
-    overrides: &Overrides<'_>,
-    file: &ConfigFile,
-    config: &RunConfig,
-) -> Result<(), Failure> {
-    let refuse = |option: &str, found: String| {
-        Err(Failure::usage(format!(
-            "{option} contradicts the run in {}, which has {found}; leave it out with --resume, or \
-             start another run",
-            args.out.display()
-        )))
-    };
-    if args
-        .values
-        .preset
-        .is_some_and(|preset| preset != config.train.preset)
-    {
-        return refuse("--preset", name(config.train.preset));
-    }
-    let data = &config.data;
-    if let Some((option, found)) = other_data(&args.data, data) {
-        return refuse(option, found);
-    }
-    if shared
-        .device
-        .is_some_and(|device| device.resolved().to_string() != data.device)
-    {
-        return refuse("--device", data.device.clone());
-    }
-    let again: TrainConfig = overrides.apply(config.train.clone(), file)?;
-    if again != config.train {
-        return refuse(
-            "--config, --set, --iterations, --keep or --seed",
-            "other values in config.toml".into(),
-        );
-    }
-    Ok(())
 }
 
 /// Scores the run where there are test views, and says what became of it.

@@ -180,6 +180,23 @@ pub fn bytes(text: &str) -> Result<u64, String> {
     Ok((number * unit as f64) as u64)
 }
 
+/// How a clip is divided into windows of time: frames of each, if there are any.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct WindowChoice(pub Option<usize>);
+
+/// A number of frames, or `none`.
+pub fn window(text: &str) -> Result<WindowChoice, String> {
+    match text {
+        "none" => Ok(WindowChoice(None)),
+        _ => match text.parse() {
+            Ok(frames) => Ok(WindowChoice(Some(frames))),
+            Err(_) => Err(format!(
+                "expected a number of frames or none, found `{text}`"
+            )),
+        },
+    }
+}
+
 /// `yes` or `no`.
 pub fn yes_or_no(text: &str) -> Result<bool, String> {
     match text {

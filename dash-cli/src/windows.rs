@@ -8,7 +8,7 @@ use dash_train::dataset::FrameRange;
 use dash_train::jobs::{Plan, Tally, Which, Work};
 use dash_train::results::scored;
 use dash_train::train::StepReport;
-use dash_train::windows::{Observer, Part, RunOptions, Windows};
+use dash_train::windows::{LENGTH, Observer, Part, RunOptions, Windows};
 
 use crate::Shared;
 use crate::configuration::{ConfigFile, Overrides, ValueArgs};
@@ -34,7 +34,7 @@ pub struct PlanTrainArgs {
     #[arg(long, value_name = "DIR")]
     out: PathBuf,
     /// Frames of a window
-    #[arg(long, value_name = "N", default_value_t = 60)]
+    #[arg(long, value_name = "N", default_value_t = LENGTH)]
     window: usize,
     /// Frames, at least, that neighbours share [default: an eighth of a window]
     #[arg(long, value_name = "N")]
@@ -44,7 +44,7 @@ pub struct PlanTrainArgs {
     room: Option<bool>,
     #[command(flatten)]
     values: ValueArgs,
-    /// Optimisation steps of each window
+    /// Optimisation steps of each window [default: they share the steps of the whole clip, 1,000 each at least]
     #[arg(long, value_name = "N")]
     iterations: Option<usize>,
     /// Seed of everything random [default: 0]

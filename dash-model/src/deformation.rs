@@ -10,7 +10,7 @@ use burn::tensor::{Device, Tensor};
 use dash_kernels::deform::Columns;
 use rand::Rng;
 
-use crate::encoders::{SpaceTimeEncoder, TimeEmbedding};
+use crate::encoders::{Representation, SpaceTimeEncoder, TimeEmbedding};
 use crate::gaussians::to_host;
 use crate::{ModelError, SpaceBox};
 pub use config::DeformationConfig;
@@ -20,6 +20,10 @@ pub use heads::{Head, Heads};
 
 /// World units per unit of the position head, as a share of the diagonal (see `motion.rs`).
 const OUTPUT_SCALE: f32 = 0.1;
+
+/// Colour coefficients per unit of the head for opacities and colours. From black to white are 3.5 of them, and a run sees each time
+/// a few times only.
+const COLOR_SCALE: f32 = 5.0;
 
 /// What the field adds to canonical Gaussians at one time; `None` for a head that the field does not have.
 #[derive(Debug, Clone)]
@@ -209,10 +213,18 @@ impl DeformationField {
         let sh_rest = (of_rest > 0).then(|| take(width - of_rest, of_rest));
         Appearance {
             opacity_logits: heads.appearance.then(|| take(first, 1).reshape([n])),
-            sh_dc: heads
-                .appearance
-                .then(|| take(first + 1, CHANNELS).reshape([n, 1, CHANNELS])),
+            sh_dc: heads.appearance.then(|| {
+                (take(first + 1, CHANNELS) * self.color_scale()).reshape([n, 1, CHANNELS])
+            }),
             sh_rest: sh_rest.map(|columns| columns.reshape([n, heads.sh_rest, CHANNELS])),
+        }
+    }
+
+    /// Of 4DGaussians and E-D3DGS, 1.
+    fn color_scale(&self) -> f32 {
+        match self.config.representation {
+            Representation::Hash | Representation::Grid4d => COLOR_SCALE,
+            Representation::HexPlane | Representation::Embedding => 1.0,
         }
     }
 
@@ -222,6 +234,7 @@ impl DeformationField {
         match head {
             Head::Rotation => heads.rotation = false,
             Head::Scale => heads.scale = false,
+            Head::Appearance => heads.appearance = false,
         }
         self.with_heads(heads)
     }

@@ -208,6 +208,39 @@ fn windows_are_trained_by_themselves_and_shown_as_one_clip() {
 }
 
 #[test]
+fn a_long_clip_of_a_rig_is_cut_without_being_asked() {
+    let scratch = Scratch::new();
+    let synth = [
+        "synth",
+        "long",
+        "--cameras",
+        "5",
+        "--frames",
+        "301",
+        "--size",
+        "16x16",
+    ];
+    scratch.ok(&synth);
+    let train = |more: &[&'static str]| {
+        let mut args = vec!["train", "long", "--preset", "quick", "--iterations", "6"];
+        args.extend(TINY);
+        args.extend(more);
+        args
+    };
+    let told = scratch.ok(&train(&["--out", "all"]));
+    assert!(told.contains("window-005  241 to 300 "), "{told}");
+    let refused = scratch.is_wrong_usage(&train(&["--out", "all", "--resume"]));
+    assert!(refused.contains("without --resume"), "{refused}");
+    scratch.ok(&train(&["--out", "one", "--window", "none"]));
+    assert!(RunFolder::open(&scratch.path("one")).is_ok());
+    let refused = scratch.is_wrong_usage(&train(&["--out", "no", "--window", "some"]));
+    assert!(
+        refused.contains("expected a number of frames or none"),
+        "{refused}"
+    );
+}
+
+#[test]
 fn what_needs_no_windows_is_refused() {
     let scratch = clip();
     let with = |window: &'static str, overlap: &'static str, more: &[&'static str]| {

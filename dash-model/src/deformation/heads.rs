@@ -21,7 +21,7 @@ pub struct Heads {
     pub rotation: bool,
     /// Scales.
     pub scale: bool,
-    /// Opacities and constant colours. 4DGaussians and E-D3DGS have this head, DASH does not.
+    /// Opacities and constant colours. 4DGaussians and E-D3DGS have this head, the paper's DASH does not.
     pub appearance: bool,
     /// How many higher colour coefficients: none, or all that the Gaussians have.
     #[serde(default, skip_serializing_if = "is_zero")]
@@ -58,6 +58,8 @@ pub enum Head {
     Rotation,
     /// See [`Heads::scale`].
     Scale,
+    /// See [`Heads::appearance`].
+    Appearance,
 }
 
 impl Default for Heads {

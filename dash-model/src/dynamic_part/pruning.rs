@@ -7,6 +7,13 @@ use super::DynamicPart;
 use crate::gaussians::to_host;
 use crate::{Head, ModelError, OffsetPlacement, SceneSettings};
 
+/// Adds a share of an offset to a parameter.
+fn add<const D: usize>(parameter: &mut Param<Tensor<D>>, offset: Option<Tensor<D>>, share: f32) {
+    if let Some(offset) = offset {
+        *parameter = Param::from_tensor((parameter.val() + offset * share).detach());
+    }
+}
+
 impl DynamicPart {
     /// The part without a head of its field. With [`OffsetPlacement::BeforeActivation`] the head's average offset over
     /// `times` is added to the canonical Gaussians.
@@ -24,22 +31,19 @@ impl DynamicPart {
         if settings.offsets == OffsetPlacement::AfterActivation {
             return Ok(part);
         }
-        let canonical = match head {
-            Head::Rotation => &mut part.gaussians.quats,
-            Head::Scale => &mut part.gaussians.log_scales,
-        };
-        let mut value = canonical.val();
+        let own = &mut part.gaussians;
         for &time in times {
             let offsets = self.field.decode(self.features(time)?)?;
-            let offset = match head {
-                Head::Rotation => offsets.quats,
-                Head::Scale => offsets.scales,
-            };
-            if let Some(offset) = offset {
-                value = value + offset / times.len() as f32;
+            let share = 1.0 / times.len() as f32;
+            match head {
+                Head::Rotation => add(&mut own.quats, offsets.quats, share),
+                Head::Scale => add(&mut own.log_scales, offsets.scales, share),
+                Head::Appearance => {
+                    add(&mut own.opacity_logits, offsets.opacity_logits, share);
+                    add(&mut own.sh_dc, offsets.sh_dc, share);
+                }
             }
         }
-        *canonical = Param::from_tensor(value.detach());
         Ok(part)
     }
 

@@ -104,12 +104,28 @@ pub fn deformed(scene: &DynamicScene, time: f32) -> [Vec<f32>; 5] {
     ]
 }
 
+/// A scene whose field has a head for opacities and colours, too.
+pub fn with_appearance(mut scene: DynamicScene, device: &Device) -> DynamicScene {
+    let mut config = field_config();
+    config.heads.appearance = true;
+    let dynamic = scene.dynamic.as_mut().expect("a dynamic part");
+    let space = *dynamic.field.space();
+    let mut rng = Pcg64::seed_from_u64(4);
+    dynamic.field = DeformationField::new(&config, space, &mut rng, device).expect("valid");
+    scene
+}
+
 /// The scene with larger offsets of its field, so that they differ by far more than rounding.
 pub fn with_large_offsets(scene: DynamicScene) -> DynamicScene {
     let mut parameters = named_parameters(&scene);
     let field = &scene.dynamic.as_ref().expect("a dynamic part").field;
-    // Positions, rotations and scales, the last of the decoder's layers.
-    let heads = (field.config().hidden + 1) * (3 + 4 + 3);
+    // Positions, rotations and scales, and opacities with colours, the last of the decoder's layers.
+    let of_appearance = if field.config().heads.appearance {
+        4
+    } else {
+        0
+    };
+    let heads = (field.config().hidden + 1) * (3 + 4 + 3 + of_appearance);
     for (name, n, factor) in [
         ("dynamic.field.encoder.table", usize::MAX, 1e4),
         ("dynamic.field.decoder.parameters", heads, 1e2),

@@ -1,23 +1,22 @@
 //! Deformation fields without heads and levels.
 
+use burn::tensor::Tensor;
 use dash_model::parameters::{named_parameters, with_parameters};
 use dash_model::{DynamicScene, Head, Layer, OffsetPlacement};
 
-use crate::common::{devices, field_config, largest_difference, pixels, scene, with_large_offsets};
+use crate::common::{
+    devices, field_config, largest_difference, pixels, scene, with_appearance, with_large_offsets,
+};
 
 #[test]
 fn a_pruned_field_keeps_its_average_offsets() {
     let folder = tempfile::tempdir().expect("a scratch folder");
     let times = [0.4f32];
     for (index, device) in devices().into_iter().enumerate() {
-        let scene = with_large_offsets(scene(
-            6,
-            Some(9),
-            OffsetPlacement::BeforeActivation,
-            &device,
-        ));
+        let scene = scene(6, Some(9), OffsetPlacement::BeforeActivation, &device);
+        let scene = with_large_offsets(with_appearance(scene, &device));
         let dynamic = scene.dynamic.as_ref().expect("a dynamic part");
-        for head in [Head::Rotation, Head::Scale] {
+        for head in [Head::Rotation, Head::Scale, Head::Appearance] {
             let mut without = scene.clone();
             let part = dynamic.without_head(&scene.settings, head, &times);
             without.dynamic = Some(part.expect("fits"));
@@ -27,6 +26,11 @@ fn a_pruned_field_keeps_its_average_offsets() {
                 let tensor = match head {
                     Head::Rotation => deformed.quats,
                     Head::Scale => deformed.scales,
+                    Head::Appearance => {
+                        let n = deformed.opacities.dims()[0];
+                        let colors = deformed.sh_coeffs.dc.reshape([n, 3]);
+                        Tensor::cat(vec![deformed.opacities.reshape([n, 1]), colors], 1)
+                    }
                 };
                 tensor.into_data().try_into_vec::<f32>().expect("f32")
             };

@@ -26,12 +26,19 @@ use crate::dataset::{Dataset, FrameRange, LoadOptions, Partition, load};
 use crate::evaluate::Perceptual;
 use crate::files::{claim, read_owner};
 use crate::results::{take_up, train_and_score};
+use crate::train::core::is_synchronized;
 use crate::train::{DataConfig, RunConfig, StepReport, TrainConfig, TrainOptions, check_dataset};
 
 /// The file of a folder of windows.
 const FILE: &str = "windows.toml";
 /// Fewest frames of a window.
 pub const MIN_LENGTH: usize = 4;
+/// Frames of a window, if nothing else is said.
+pub const LENGTH: usize = 60;
+/// Frames above which a clip is long: the clips of benchmarks have no more.
+const LONG: usize = 300;
+/// Fewest steps that a window gets where nobody says how many.
+const MIN_STEPS: usize = 1_000;
 /// Steps of the room for each of a window. What windows share is as good as it will be.
 const ROOM_STEPS: usize = 3;
 /// Windows from which on they share a room, if nothing else is said: its steps are then a third of theirs, or less.
@@ -124,8 +131,15 @@ pub trait Observer {
 }
 
 impl Windows {
-    /// Divides a clip into windows of `length` frames, or one less, of which neighbours share `overlap` or more. `room` is whether they share a room that is trained before them;
-    /// `None`: if there are many.
+    /// Whether a clip is trained in windows where nobody says so: a long one of a rig, with cameras held out.
+    pub fn suit(dataset: &Dataset) -> bool {
+        let has_test = dataset.views_of(Partition::Test).next().is_some();
+        dataset.n_frames > LONG && has_test && is_synchronized(dataset)
+    }
+
+    /// Divides a clip into windows of `length` frames, or one less, of which neighbours share `overlap` or more. `room` is
+    /// whether they share a room that is trained before them; `None`: if there are many. Where steps follow from the number of
+    /// views, the windows share those of the whole clip, a thousand each at least.
     ///
     /// # Errors
     /// When the clip is no longer than a window, a window is shorter than [`MIN_LENGTH`] or no longer than two overlaps, or
@@ -152,7 +166,7 @@ impl Windows {
                 found,
             })
         };
-        let n = dataset.n_frames;
+        let (n, whole_steps) = (dataset.n_frames, train.steps_for(dataset));
         if !(MIN_LENGTH..n).contains(&length) {
             let expected = format!(
                 "{MIN_LENGTH} to {} frames of the clip's {n}",
@@ -177,6 +191,10 @@ impl Windows {
                 to: times.get(&last).copied().unwrap_or(1.0),
             });
         let windows: Vec<Window> = windows.collect();
+        let mut train = train;
+        if train.visits.take().is_some() {
+            train.iterations = (whole_steps / windows.len()).max(MIN_STEPS);
+        }
         let has_room = room.unwrap_or(windows.len() >= MIN_SHARING);
         Ok(Self {
             name: dataset.name.clone(),
@@ -248,13 +266,12 @@ impl Windows {
         };
         let dataset = Arc::new(load(&data.dataset, &load_options)?);
         check_dataset(&dataset)?;
-        let steps = self.train.steps_for(&dataset);
+        let steps = self.train.iterations;
         let train = TrainConfig {
             iterations: match part {
                 Part::Room => ROOM_STEPS * steps,
                 Part::Window(_) => steps,
             },
-            visits: self.train.visits.filter(|_| part != Part::Room),
             ..self.train.clone()
         };
         observer.begin(part, train.iterations);

@@ -1,4 +1,7 @@
 use super::*;
+use crate::dataset::View;
+use crate::synth;
+use crate::train::Preset;
 
 #[test]
 fn windows_cover_every_frame_and_share_enough_of_them() {
@@ -46,8 +49,36 @@ fn windows() -> Windows {
             backdrop: None,
             device: "flex".into(),
         },
-        train: TrainConfig::preset(crate::train::Preset::Quick),
+        train: TrainConfig::preset(Preset::Quick),
     }
+}
+
+#[test]
+fn long_clips_of_rigs_are_cut_and_windows_share_their_steps() {
+    let mut dataset = synth::loaded(6, 9, [32, 24]);
+    let plan = |dataset: &Dataset, set: &[&str]| {
+        let mut train = TrainConfig::preset(Preset::Quick);
+        train.visits = Some(2).filter(|_| set.is_empty());
+        set.iter()
+            .for_each(|key| train.set(key).expect("a known key"));
+        let windows = Windows::new(dataset, windows().data, train, [5, 2], None);
+        let windows = windows.expect("nine frames are enough");
+        (windows.windows.len(), windows.train.iterations)
+    };
+    assert_eq!(plan(&dataset, &[]), (3, 2_000));
+    assert_eq!(plan(&dataset, &["iterations=40"]), (3, 40));
+    assert!(!Windows::suit(&dataset));
+    dataset.n_frames = 301;
+    assert!(Windows::suit(&dataset));
+    let whole = dataset.clone();
+    dataset
+        .views
+        .retain(|view| view.partition == Partition::Train);
+    assert!(!Windows::suit(&dataset), "nothing to score them by");
+    let mut dataset = whole;
+    let is_first = |view: &View| view.camera_index == view.frame % 6;
+    dataset.views.retain(is_first);
+    assert!(!Windows::suit(&dataset), "one camera at a time");
 }
 
 #[test]

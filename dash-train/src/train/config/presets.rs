@@ -6,9 +6,9 @@ use dash_model::Representation;
 use super::{Preset, TrainConfig};
 use crate::train::core::{DensifyConfig, DensifySets, OptimizerConfig};
 use crate::train::extensions::{
-    AveragingConfig, CaptureRatesConfig, CrowdingConfig, DemotionConfig, ExposureConfig,
-    ExtensionsConfig, FloatersConfig, FollowingConfig, GapsConfig, PruneConfig, RestCostConfig,
-    ScaleLimitConfig,
+    AppearanceConfig, AveragingConfig, CaptureRatesConfig, CrowdingConfig, DemotionConfig,
+    ExposureConfig, ExtensionsConfig, FloatersConfig, FollowingConfig, GapsConfig, PruneConfig,
+    RestCostConfig, ScaleLimitConfig,
 };
 use crate::train::paper::{
     Decomposition, FieldConfig, Form, MethodConfig, MotionFieldConfig, MotionMeasure,
@@ -333,6 +333,7 @@ fn our_extensions() -> ExtensionsConfig {
         scale_limit: Some(ScaleLimitConfig {}),
         demotion: Some(DemotionConfig { interval: 500 }),
         crowding: None,
+        appearance: Some(AppearanceConfig { change: 0.08 }),
         averaging: Some(AveragingConfig { share: 0.06 }),
     }
 }

@@ -161,6 +161,9 @@ impl TrainConfig {
         if let Some(gaps) = &extensions.gaps {
             values.push(("extensions.gaps.coarsen", gaps.coarsen));
         }
+        if let Some(appearance) = &extensions.appearance {
+            values.push(("extensions.appearance.change", appearance.change));
+        }
         if let Some(exposure) = &extensions.exposure {
             values.push(("extensions.exposure.rate", exposure.rate));
         }

@@ -82,6 +82,10 @@ fn set_changes_one_value_and_refuses_others() {
         ("method.smoothness_share=0", "method.smoothness_share"),
         ("method.smoothness_share=1.1", "method.smoothness_share"),
         ("method.smoothness_interval=0", "method.smoothness_interval"),
+        (
+            "extensions.appearance.change=0",
+            "extensions.appearance.change",
+        ),
         ("extensions.gaps.coarsen=0", "extensions.gaps.coarsen"),
         ("extensions.gaps.coarsen=1.1", "extensions.gaps.coarsen"),
         ("near_plane=0", "near_plane"),

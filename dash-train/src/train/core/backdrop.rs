@@ -111,7 +111,7 @@ impl Backdrop {
     ///
     /// # Errors
     /// When a shape does not fit.
-    pub(super) fn splats(&self, camera: &Camera) -> Result<Tensor<2>, Error> {
+    pub(crate) fn splats(&self, camera: &Camera) -> Result<Tensor<2>, Error> {
         let mut known = self
             .projected
             .lock()

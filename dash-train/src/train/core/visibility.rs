@@ -72,7 +72,7 @@ pub(crate) fn splat_gradient<M>(
 }
 
 /// The gradient of a number that is made of a picture `[H, W, 5]` of packed splats, which have no graph, to these splats.
-pub(super) fn gradient_of(
+pub(crate) fn gradient_of(
     scene: &DynamicScene,
     splats: Tensor<2>,
     camera: &Camera,

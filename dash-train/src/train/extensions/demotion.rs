@@ -1,6 +1,7 @@
-//! Demotion: during the 4D stage, dynamic Gaussians that rest become static, and those that no picture shows are pruned.
+//! Demotion: during the 4D stage, dynamic Gaussians that rest and keep their colour become static, and those that no picture shows are pruned.
 
-use dash_model::{DynamicScene, Gaussians};
+use dash_kernels::project::Activation;
+use dash_model::{DynamicScene, Gaussians, SH_C0};
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -19,6 +20,8 @@ const MIN_GAIN: f64 = 2e-4;
 
 /// Motion over the clip, in shares of the image's width, below which a dynamic Gaussian becomes static.
 const MIN_MOTION: f32 = 0.005;
+/// Change of colour over the clip, as a share of white, below which it may become static.
+const MIN_CHANGE: f32 = 0.04;
 /// Pixels' worth of a dynamic Gaussian that some picture must show.
 const MIN_SHARE: f32 = 0.1;
 
@@ -69,11 +72,13 @@ impl Extension<Dash> for Demotion {
     }
 }
 
-/// Where dynamic Gaussians are over the clip.
+/// Where dynamic Gaussians are over the clip, and how their colours change.
 struct Ways {
     centres: Vec<[f32; 3]>,
     /// World units.
     ranges: Vec<f32>,
+    /// Shares of white.
+    changes: Vec<f32>,
 }
 
 /// Prunes dynamic Gaussians that no picture shows, and makes static those that rest, in the middle of where they are over
@@ -90,7 +95,7 @@ fn review(run: &mut Run<Dash>, min_motion: f32) -> Result<(), Error> {
     // Non-finite Gaussians are left to density control, which prunes them.
     let moves = |row: usize| {
         let way = ways.ranges[row] * screen[row];
-        way >= min_motion || !way.is_finite()
+        way >= min_motion || !way.is_finite() || ways.changes[row] >= MIN_CHANGE
     };
     let (stay, leave): (Vec<usize>, Vec<usize>) = (0..n).partition(|&row| needed && moves(row));
     if leave.is_empty() {
@@ -130,9 +135,26 @@ fn ways(scene: &DynamicScene) -> Result<Option<Ways>, Error> {
     let n = dynamic.gaussians.len();
     let mut low = vec![[f32::INFINITY; 3]; n];
     let mut high = vec![[f32::NEG_INFINITY; 3]; n];
+    let has_changes = dynamic.field.config().heads.appearance;
+    let mut shades = vec![[f32::INFINITY, f32::NEG_INFINITY]; 3 * n];
     for k in 0..TIMES {
         let time = k as f32 / (TIMES - 1) as f32;
-        let means = to_host(dynamic.deform(&scene.settings, time)?.means.detach());
+        let deformed = dynamic.deform(&scene.settings, time)?;
+        if has_changes {
+            let colors = to_host(deformed.sh_coeffs.dc.detach());
+            let opacities = to_host(deformed.opacities.detach());
+            let is_logit = deformed.activation == Activation::Exp;
+            for (index, (ends, dc)) in shades.iter_mut().zip(colors).enumerate() {
+                let opacity = opacities[index / 3];
+                let opacity = match is_logit {
+                    true => 1.0 / (1.0 + (-opacity).exp()),
+                    false => opacity,
+                };
+                let shade = opacity * (0.5 + SH_C0 * dc).clamp(0.0, 1.0);
+                *ends = [ends[0].min(shade), ends[1].max(shade)];
+            }
+        }
+        let means = to_host(deformed.means.detach());
         for (row, mean) in means.chunks_exact(3).enumerate() {
             for axis in 0..3 {
                 low[row][axis] = low[row][axis].min(mean[axis]);
@@ -146,6 +168,10 @@ fn ways(scene: &DynamicScene) -> Result<Option<Ways>, Error> {
     Ok(Some(Ways {
         centres: centres.collect(),
         ranges: ranges.collect(),
+        changes: shades
+            .chunks_exact(3)
+            .map(|channels| channels.iter().map(|[l, h]| h - l).fold(0.0, f32::max))
+            .collect(),
     }))
 }
 

@@ -1,6 +1,7 @@
 //! Ideas beyond the paper, one file or folder each. An extension owns its section of the configuration, its state, its
 //! terms of the loss and its hooks; the preset `paper` runs with none.
 
+mod appearance;
 mod averaging;
 mod blocks;
 mod capture_rates;
@@ -17,6 +18,7 @@ mod scale_limit;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
+pub use appearance::{Appearance, AppearanceConfig};
 pub use averaging::{Averaging, AveragingConfig};
 pub use capture_rates::{CaptureRates, CaptureRatesConfig};
 pub use crowding::{Crowding, CrowdingConfig};
@@ -67,6 +69,9 @@ pub struct ExtensionsConfig {
     /// A gradient threshold that rises with the number of dynamic Gaussians.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub crowding: Option<CrowdingConfig>,
+    /// Colours that change over time.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub appearance: Option<AppearanceConfig>,
     /// Weight averaging over the last steps.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub averaging: Option<AveragingConfig>,
@@ -93,6 +98,7 @@ impl ExtensionsConfig {
             boxed(&self.scale_limit, ScaleLimit::new),
             boxed(&self.demotion, Demotion::new),
             boxed(&self.crowding, Crowding::new),
+            boxed(&self.appearance, Appearance::new),
             boxed(&self.averaging, Averaging::new),
         ];
         all.into_iter().flatten().collect()

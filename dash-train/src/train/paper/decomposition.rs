@@ -13,16 +13,28 @@ use crate::train::core::initial::{BOX_MARGIN, BOX_TAIL};
 use crate::train::core::{Run, Set, ViewSums, to_host};
 
 impl Run<Dash> {
-    /// Ends the decomposition stage: the Gaussians that move, or all, become the dynamic part.
+    /// Ends the decomposition stage: the Gaussians that move, or change otherwise, or all, become the dynamic part.
     pub(super) fn decompose(&mut self) -> Result<(), Error> {
         let coefficients = self.coefficients()?;
-        let mask = match (self.method.config.decomposition, &coefficients) {
+        let mut mask = match (self.method.config.decomposition, &coefficients) {
             (Decomposition::All | Decomposition::AllWithMotion, _) => {
                 vec![true; self.scene.static_set.len()]
             }
             (_, None) => return Ok(()),
             (_, Some(_)) => self.moving()?,
         };
+        if let Some(find) = &self.method.find_changing
+            && self.method.config.decomposition == Decomposition::Moving
+        {
+            let changing = find(self)?;
+            let resting = mask.iter_mut().zip(changing).filter(|(moves, _)| !**moves);
+            let found = resting.filter(|(_, changes)| *changes);
+            let n = found.map(|(moves, _)| *moves = true).count();
+            if n > 0 {
+                tracing::info!("{n} Gaussians that rest change their colour");
+                self.method.field.heads.appearance = true;
+            }
+        }
         self.method.motion = None;
         self.method.motion_space = None;
         self.method.scales = ViewSums::default();

@@ -5,10 +5,14 @@ use dash_model::{DeformationConfig, HashEncoderConfig, MotionField, SpaceBox, Tr
 
 use super::config::{Decomposition, MethodConfig, Trajectories, spans};
 use super::stages::Stages;
+use crate::Error;
 use crate::train::core::{Around, CaptureFacts, Run, ViewSums};
 
 /// Most spans of a polyline.
 const MAX_SPANS: usize = 48;
+
+/// Marks Gaussians of a run's static set.
+pub(crate) type FindGaussians = Box<dyn Fn(&Run<Dash>) -> Result<Vec<bool>, Error> + Send>;
 
 /// What DASH keeps beside the scene.
 pub struct Dash {
@@ -43,6 +47,8 @@ pub struct Dash {
     pub(crate) asks_around: bool,
     /// These times, where there are any around the present view's.
     pub(crate) around: Option<Around>,
+    /// Which of the Gaussians that rest an extension makes dynamic at the decomposition, because they change otherwise.
+    pub(crate) find_changing: Option<FindGaussians>,
     /// What was found there: mean distance of dynamic Gaussians from a straight way, in extents.
     pub(crate) unsteadiness: Option<Tensor<1>>,
 }
@@ -70,6 +76,7 @@ impl Dash {
             displacement: None,
             asks_around: false,
             around: None,
+            find_changing: None,
             unsteadiness: None,
             config,
         }

@@ -17,6 +17,7 @@ pub(super) const OURS: &[(&str, &str)] = &[
     ("sh_interval", "1,000 steps of `default` and `best`."),
     ("near_plane", "Measured: scenes come in any unit."),
     ("initial_points", "`quick` has room for fewer."),
+    ("extensions.appearance", EXTENSION),
     ("extensions.averaging", EXTENSION),
     ("extensions.capture_rates", EXTENSION),
     ("extensions.crowding", EXTENSION),

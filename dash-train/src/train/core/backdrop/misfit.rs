@@ -23,9 +23,9 @@ const MOST: f32 = 2.0;
 /// The least and the largest value of that, as a mean over channels in [0, 1]: rooms that fit well or badly, such as where the
 /// light is another.
 const BOUNDS: (f32, f32) = (0.04, 0.08);
-/// Least of a Gaussian that the views of a part must show to judge it, in pixels.
-const LEAST_SHOWN: f32 = 0.5;
-/// Share of the parts at which a Gaussian has to show what is there: what passes before it hides it at the others.
+/// Least of a Gaussian that a view must show to judge it, in pixels.
+const LEAST_SHOWN: f32 = 0.1;
+/// Share of a part's views to which a Gaussian has to show what is there: what passes before it hides it from the others.
 const SHARE: f64 = 0.25;
 
 /// What a view shows against the room.
@@ -56,7 +56,8 @@ impl Difference {
 
 /// How a room differs from some of a run's training views, by part of the clip.
 pub(super) struct Misfit {
-    /// Of each Gaussian that the views show, its mean difference where it fits well: see [`SHARE`].
+    /// Of each Gaussian that the views show, its mean difference: in a part of the clip that of the views to which it fits well
+    /// ([`SHARE`]), and of all parts the median, since what flickers fits at some time, too.
     gaussians: Vec<Option<f32>>,
     /// The views of each part.
     parts: Vec<Vec<Difference>>,
@@ -74,27 +75,26 @@ impl Misfit {
         }
         let (mut gaussians, mut parts) = (vec![Vec::new(); n], Vec::new());
         for views in of_parts {
-            let mut sums = vec![[0.0f32; 2]; n];
+            let mut of_views = vec![Vec::new(); n];
             let count = views.len().min(VIEWS);
             let mut differences = Vec::new();
             for k in 0..count {
                 let view = views[(2 * k + 1) * views.len() / (2 * count)];
                 let (pixels, weights) = compare(room, view, run)?;
-                for (sum, row) in sums.iter_mut().zip(weights.chunks_exact(N_COLUMNS)) {
-                    sum[0] += row[RED];
-                    sum[1] += row[GREEN];
+                for (means, row) in of_views.iter_mut().zip(weights.chunks_exact(N_COLUMNS)) {
+                    if row[GREEN] >= LEAST_SHOWN {
+                        means.push(row[RED] / row[GREEN]);
+                    }
                 }
                 let camera = view.camera.clone();
                 differences.push(Difference { camera, pixels });
             }
-            for (means, [sum, weight]) in gaussians.iter_mut().zip(sums) {
-                if weight >= LEAST_SHOWN {
-                    means.push(sum / weight);
-                }
+            for (means, of_views) in gaussians.iter_mut().zip(of_views) {
+                means.extend(where_it_fits(of_views));
             }
             parts.push(differences);
         }
-        let gaussians: Vec<Option<f32>> = gaussians.into_iter().map(where_it_fits).collect();
+        let gaussians: Vec<Option<f32>> = gaussians.into_iter().map(median).collect();
         let typical = median(gaussians.iter().flatten().copied()).unwrap_or(0.0);
         Ok(Self {
             gaussians,
@@ -139,11 +139,11 @@ impl Misfit {
     }
 }
 
-/// A Gaussian's difference at the times at which it fits well.
-fn where_it_fits(mut of_parts: Vec<f32>) -> Option<f32> {
-    of_parts.sort_by(f32::total_cmp);
-    let place = (SHARE * of_parts.len() as f64) as usize;
-    of_parts.get(place).copied()
+/// A Gaussian's difference to the views to which it fits well.
+fn where_it_fits(mut of_views: Vec<f32>) -> Option<f32> {
+    of_views.sort_by(f32::total_cmp);
+    let place = (SHARE * of_views.len() as f64) as usize;
+    of_views.get(place).copied()
 }
 
 /// Mean difference of the channels at each pixel of a view, 0 where pixels don't count; and per Gaussian, in the columns of

@@ -67,9 +67,13 @@ pub(super) fn gaussians(trials: &mut Trials) -> Result<Vec<f32>, Error> {
     })
 }
 
-/// The field's heads for rotations and scales.
+/// The field's heads for rotations, scales, and opacities and colours.
 pub(super) fn heads(trials: &mut Trials) -> Result<(), Error> {
-    for (head, name) in [(Head::Rotation, "rotations"), (Head::Scale, "scales")] {
+    for (head, name) in [
+        (Head::Rotation, "rotations"),
+        (Head::Scale, "scales"),
+        (Head::Appearance, "opacities and colours"),
+    ] {
         let Some(dynamic) = &trials.scene.dynamic else {
             return Ok(());
         };
@@ -77,6 +81,8 @@ pub(super) fn heads(trials: &mut Trials) -> Result<(), Error> {
         if !(match head {
             Head::Rotation => heads.rotation,
             Head::Scale => heads.scale,
+            // Higher coefficients go with the constant ones.
+            Head::Appearance => heads.appearance && heads.sh_rest == 0,
         }) {
             continue;
         }
