@@ -20,7 +20,7 @@ use crate::train::core::visibility::gradient_of;
 use crate::train::core::{Extension, Run, to_host};
 use crate::train::paper::Dash;
 
-/// Least share of the Gaussians that must change colour. Of fewer no picture gets better, and the head costs.
+/// Least share of all Gaussians, with a backdrop's, that must change colour. Of fewer no picture gets better, and the head costs.
 const MIN_SHARE: f32 = 0.005;
 /// Times of the clip that are looked at.
 const TIMES: usize = 12;
@@ -87,7 +87,8 @@ fn changing(run: &Run<Dash>, least: f32) -> Result<Vec<bool>, Error> {
     let n = run.scene.static_set.len();
     let mut found: Vec<bool> = (0..n).into_par_iter().map(changes).collect();
     let n_found = found.iter().filter(|found| **found).count();
-    if (n_found as f32) < MIN_SHARE * n as f32 {
+    let all = n + run.backdrop.as_ref().map_or(0, |backdrop| backdrop.len());
+    if (n_found as f32) < MIN_SHARE * all as f32 {
         found.fill(false);
     }
     Ok(found)
