@@ -61,13 +61,14 @@ impl Extension<Dash> for Appearance {
         let change = self.0.change;
         // One camera at a time does not tell a change of colour from what passes before it.
         if run.is_synchronized() {
-            run.method.find_changing = Some(Box::new(move |run| changing(run, change)));
+            run.method.find_changing =
+                Some(Box::new(move |run, moving| changing(run, moving, change)));
         }
     }
 }
 
-/// Which of the Gaussians change colour by so much, before the decomposition; none where hardly any does.
-fn changing(run: &Run<Dash>, least: f32) -> Result<Vec<bool>, Error> {
+/// Which of the Gaussians that rest change colour by so much, before the decomposition; none where hardly any does.
+fn changing(run: &Run<Dash>, moving: &[bool], least: f32) -> Result<Vec<bool>, Error> {
     let mut cameras: Vec<Vec<Vec<Misses>>> = Vec::new();
     for views in looks(run) {
         let of_times = views.into_iter().map(|view| match view {
@@ -82,7 +83,7 @@ fn changing(run: &Run<Dash>, least: f32) -> Result<Vec<bool>, Error> {
             times.iter().map(at).collect()
         };
         let of_cameras: Vec<Vec<Misses>> = cameras.iter().map(of_camera).collect();
-        change(&of_cameras) >= least
+        !moving[row] && change(&of_cameras) >= least
     };
     let n = run.scene.static_set.len();
     let mut found: Vec<bool> = (0..n).into_par_iter().map(changes).collect();

@@ -26,9 +26,11 @@ impl Run<Dash> {
         if let Some(find) = &self.method.find_changing
             && self.method.config.decomposition == Decomposition::Moving
         {
-            let changing = find(self)?;
-            let resting = mask.iter_mut().zip(changing).filter(|(moves, _)| !**moves);
-            let found = resting.filter(|(_, changes)| *changes);
+            let changing = find(self, &mask)?;
+            let found = mask
+                .iter_mut()
+                .zip(changing)
+                .filter(|(_, changes)| *changes);
             let n = found.map(|(moves, _)| *moves = true).count();
             if n > 0 {
                 tracing::info!("{n} Gaussians that rest change their colour");

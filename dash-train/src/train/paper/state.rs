@@ -11,8 +11,8 @@ use crate::train::core::{Around, CaptureFacts, Run, ViewSums};
 /// Most spans of a polyline.
 const MAX_SPANS: usize = 48;
 
-/// Marks Gaussians of a run's static set.
-pub(crate) type FindGaussians = Box<dyn Fn(&Run<Dash>) -> Result<Vec<bool>, Error> + Send>;
+/// Marks Gaussians of a run's static set, given which of them move.
+pub(crate) type FindGaussians = Box<dyn Fn(&Run<Dash>, &[bool]) -> Result<Vec<bool>, Error> + Send>;
 
 /// What DASH keeps beside the scene.
 pub struct Dash {
