@@ -130,7 +130,7 @@ pub fn read_run(folder: &Path) -> Result<RunRecord, Error> {
     Ok(record)
 }
 
-/// A clip in windows of time, as it is drawn: one run, of as many steps as all of them have.
+/// A clip in windows of time: one run, with the steps of all windows together.
 fn read_windows(folder: &Path) -> Result<RunRecord, Error> {
     let Windows { data, train, .. } = Windows::read(folder)?;
     let scores = folder.join(RunFolder::scores_name(Partition::Test));

@@ -30,7 +30,7 @@ const CAMERAS: usize = 6;
 const MIN_CAMERAS: usize = 2;
 /// Least of a Gaussian that a picture must show to tell its colour, pixels.
 const LEAST_SHOWN: f32 = 0.5;
-/// What is compared: brightness, and red against blue.
+/// Two numbers of a colour are compared: brightness, and red against blue.
 const CHANNELS: usize = 2;
 
 /// `[extensions.appearance]`
@@ -59,7 +59,7 @@ impl Extension<Dash> for Appearance {
 
     fn init(&mut self, run: &mut Run<Dash>) {
         let change = self.0.change;
-        // One camera at a time does not tell a change of colour from what passes before it.
+        // One camera at a time does not tell a change of colour from an object that passes before it.
         if run.is_synchronized() {
             run.method.find_changing =
                 Some(Box::new(move |run, moving| changing(run, moving, change)));

@@ -25,7 +25,7 @@ const MOST: f32 = 2.0;
 const BOUNDS: (f32, f32) = (0.04, 0.08);
 /// Least of a Gaussian that a view must show to judge it, in pixels.
 const LEAST_SHOWN: f32 = 0.1;
-/// Share of a part's views to which a Gaussian has to show what is there: what passes before it hides it from the others.
+/// Share of a part's views to which a Gaussian has to be right: a passing object hides it from the others.
 const SHARE: f64 = 0.25;
 
 /// What a view shows against the room.
@@ -57,7 +57,7 @@ impl Difference {
 /// How a room differs from some of a run's training views, by part of the clip.
 pub(super) struct Misfit {
     /// Of each Gaussian that the views show, its mean difference: in a part of the clip that of the views to which it fits well
-    /// ([`SHARE`]), and of all parts the median, since what flickers fits at some time, too.
+    /// ([`SHARE`]), and of all parts the median, since a flickering Gaussian fits at some time, too.
     gaussians: Vec<Option<f32>>,
     /// The views of each part.
     parts: Vec<Vec<Difference>>,
