@@ -1,6 +1,6 @@
-"""Kills plan, work and join at random moments and looks at what they leave: jobs.py DASH [KILLS [SEED]].
+"""Kills plan, work and join at random moments and looks at what they leave: jobs.py DASH [KILLS [SEED [compare|windows]]].
 
-One of them at a time gets SIGKILL after a random time, until so many were killed (200), while another worker goes on. After each kill the
+The tasks are the runs of a comparison, or a clip's windows of time and their room. One of the three at a time gets SIGKILL after a random time, until so many were killed (200), while another worker goes on. After each kill the
 plan must be whole or absent, no checkpoint broken, and join must tell which tasks are missing, and no others. At the end the
 scenes must have the bits of those of one process that nobody killed.
 """
@@ -21,6 +21,10 @@ rng = random.Random(int(sys.argv[3]) if len(sys.argv) > 3 else 1)
 HARDWARE = ["--threads", "1", "--device", "flex", "-q"]
 TINY = ["--set", "checkpoint_interval=7", "--set", "initial_points=[0, 300]"]
 COMPARED = ["compare", "room", "--methods", "dash,hexplane", "--seeds", "8", "--curve", "0", "--iterations", "150", *TINY]
+WINDOWS = ["train", "room", "--window", "5", "--overlap", "2", "--room", "yes", "--preset", "quick", "--iterations", "90", *TINY]
+# What is planned, the frames of the clip, and where the tasks' runs are.
+KINDS = {"compare": (COMPARED, "3", ["*/seed-*"]), "windows": (WINDOWS, "38", ["room", "window-*"])}
+PLANNED, N_FRAMES, RUNS = KINDS[sys.argv[4] if len(sys.argv) > 4 else "compare"]
 
 # The longest time before each is killed.
 MOST_SECS = {"plan": 0.03, "work": 0.6, "join": 0.03}
@@ -40,18 +44,23 @@ def start(args):
     return subprocess.Popen([dash, *args, *HARDWARE], cwd=work, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
 
 
+def files(folder, name):
+    """Of each task's run."""
+    return sorted(path for run in RUNS for path in folder.glob(f"{run}/{name}"))
+
+
 def broken():
     """What is half-written."""
     plan = shared / "plan.json"
     if plan.is_file():
         json.loads(plan.read_text())
     wrong = []
-    for results in shared.glob("*/seed-*/results.json"):
+    for results in files(shared, "results.json"):
         try:
             json.loads(results.read_text())
         except ValueError as error:
             wrong.append(f"{results}: {error}")
-    for state in shared.glob("*/seed-*/checkpoints/[0-9]*"):
+    for state in files(shared, "checkpoints/[0-9]*"):
         for name in ("state.json", "optimizer.safetensors", "scene/scene.json", "scene/scene.safetensors"):
             # A worker that goes on removes old ones.
             if state.is_dir() and not (state / name).is_file() and state.is_dir():
@@ -68,13 +77,13 @@ def told_by_join():
 
 
 def scored():
-    return len(list(shared.glob("*/seed-*/results.json")))
+    return len(files(shared, "results.json"))
 
 
-run("synth", "room", "--cameras", "4", "--frames", "3", "--size", "32x24")
-run(*COMPARED, "--out", "whole")
-n_tasks = len(list((work / "whole").glob("*/seed-*")))
-run("plan", *COMPARED, "--out", "shared")
+run("synth", "room", "--cameras", "4", "--frames", N_FRAMES, "--size", "32x24")
+run(*PLANNED, "--out", "whole")
+n_tasks = len(files(work / "whole", "results.json"))
+run("plan", *PLANNED, "--out", "shared")
 
 problems = []
 n_stopped = dict.fromkeys(("plan", "work", "join"), 0)
@@ -82,7 +91,7 @@ kill = 0
 while sum(n_stopped.values()) < n_kills:
     kill += 1
     name = rng.choice(["plan", "work", "work", "work", "join"])
-    args = {"plan": ["plan", *COMPARED, "--out", "shared"], "work": ["work", "shared"], "join": ["join", "shared"]}[name]
+    args = {"plan": ["plan", *PLANNED, "--out", "shared"], "work": ["work", "shared"], "join": ["join", "shared"]}[name]
     other = start(["work", "shared", "--task", str(rng.randrange(n_tasks))]) if rng.random() < 0.3 else None
     child = start(args)
     time.sleep(rng.random() * MOST_SECS[name])
@@ -96,12 +105,12 @@ while sum(n_stopped.values()) < n_kills:
         wrong.append(f"join tells of {missing} missing tasks, of which there are {after}")
     while n_tasks - scored() < 3:
         # Nearly all done: one is to be done again.
-        shutil.rmtree(shared / rng.choice(["dash", "hexplane"]) / f"seed-{rng.randrange(8)}", ignore_errors=True)
+        shutil.rmtree(rng.choice(files(shared, "results.json")).parent)
     problems += [f"kill {kill}, {name}: {what}" for what in wrong]
 
 run("work", "shared")
 run("join", "shared")
-for whole in sorted((work / "whole").glob("*/seed-*/scene/scene.safetensors")):
+for whole in files(work / "whole", "scene/scene.safetensors"):
     path = whole.relative_to(work / "whole")
     if (shared / path).read_bytes() != whole.read_bytes():
         problems.append(f"{path} has other bits")

@@ -7,11 +7,11 @@ use burn::tensor::Device;
 use clap::Args;
 use dash_kernels::Camera;
 use dash_model::unfinished::Unfinished;
-use dash_model::{Layer, ModelError, SplatFormat, write_splats};
+use dash_model::{DynamicScene, Layer, ModelError, SplatFormat, write_splats};
 use dash_train::metrics::psnr;
 use dash_train::render::{Picture, render_over_time, test_shots};
 use dash_train::train::{DataConfig, RunFolder};
-use dash_train::windows::{Part, WindowedClip, Windows};
+use dash_train::windows::{WindowedClip, Windows};
 use dash_train::{SceneOverTime, SplatClip, rows_at};
 
 use crate::Shared;
@@ -141,8 +141,8 @@ pub fn run(args: &ExportArgs, shared: &Shared) -> Result<String, Failure> {
         )));
     }
     let device = shared.device.unwrap_or_default().device()?;
-    let (scene, data) = over_time(&args.run, &device)?;
-    let scene = &*scene;
+    let (found, data) = shown(&args.run, &device)?;
+    let scene = found.over_time();
     let export = Export {
         run: &args.run,
         scene,
@@ -232,18 +232,31 @@ impl Export<'_> {
     }
 }
 
-/// What a folder shows over time, a run or the windows of a long clip, and the data that it was trained on.
-fn over_time(
-    folder: &Path,
-    device: &Device,
-) -> Result<(Box<dyn SceneOverTime>, DataConfig), Failure> {
+/// What a folder shows over time.
+enum Shown {
+    Run(Box<DynamicScene>),
+    Windows(WindowedClip),
+}
+
+impl Shown {
+    fn over_time(&self) -> &dyn SceneOverTime {
+        match self {
+            Self::Run(scene) => &**scene,
+            Self::Windows(clip) => clip,
+        }
+    }
+}
+
+/// What a folder shows, and the data that it was trained on.
+fn shown(folder: &Path, device: &Device) -> Result<(Shown, DataConfig), Failure> {
     if Windows::are_in(folder) {
         let clip = WindowedClip::open(folder, device)?;
         let data = clip.windows().data.clone();
-        return Ok((Box::new(clip), data));
+        return Ok((Shown::Windows(clip), data));
     }
     let run = RunFolder::open(folder)?;
-    Ok((Box::new(run.scene(device)?), run.config()?.data))
+    let scene = Box::new(run.scene(device)?);
+    Ok((Shown::Run(scene), run.config()?.data))
 }
 
 /// A few of the held-out cameras; none where the dataset is gone.
@@ -306,6 +319,7 @@ fn max_error(text: &str) -> Result<f64, String> {
 /// Writes a `.4dgs`.
 #[cfg(feature = "fourdgs")]
 fn clip(args: &ExportArgs, out: &Path, shared: &Shared) -> Result<String, Failure> {
+    use dash_model::TimeWindows;
     use dash_train::four_dgs::{ClipOptions, write_clip};
 
     if args.time.is_some() || args.format.is_some() || args.sh_degree.is_some() {
@@ -315,25 +329,24 @@ fn clip(args: &ExportArgs, out: &Path, shared: &Shared) -> Result<String, Failur
         )));
     }
     let device = shared.device.unwrap_or_default().device()?;
-    if Windows::are_in(&args.run) {
-        return Err(Failure::usage(format!(
-            "--out {}: expected one run, found windows of time; name one of them, such as {}/{}, or write --frames N",
-            out.display(),
-            args.run.display(),
-            Part::Window(0).run_name()
-        )));
-    }
-    let run = RunFolder::open(&args.run)?;
-    let scene = run.scene(&device)?;
+    let (found, data) = shown(&args.run, &device)?;
     let options = ClipOptions {
         n_frames: match args.frames {
             Some(n_frames) => usize::from(n_frames),
-            None => frames_of(&run)?,
+            None => frames_of(&data)?,
         },
         frame_rate: args.fps.unwrap_or(FRAME_RATE),
         max_error: args.max_error.unwrap_or(MAX_ERROR),
     };
-    let written = write_clip(out, &scene, &options)?;
+    let written = match &found {
+        Shown::Run(scene) => {
+            let of_clip = |_| Ok((**scene).clone());
+            write_clip(out, &TimeWindows::whole(), &of_clip, &options)?
+        }
+        Shown::Windows(clip) => {
+            write_clip(out, clip.times(), &|number| clip.scene(number), &options)?
+        }
+    };
     let file = SplatClip::open(out, &device)?;
     // At frames, where the motion was followed.
     let last = options.n_frames - 1;
@@ -341,14 +354,14 @@ fn clip(args: &ExportArgs, out: &Path, shared: &Shared) -> Result<String, Failur
     let times: Vec<f32> = frames
         .map(|frame| frame as f32 / last.max(1) as f32)
         .collect();
-    let near = fidelity(&scene, &file, &times, &held_out(&run.config()?.data)?)?;
+    let near = fidelity(found.over_time(), &file, &times, &held_out(&data)?)?;
     Ok(format!(
-        "{}: {} frames, {} static Gaussians, {} windows of {} dynamic ones, {}{near}",
+        "{}: {} frames, {} static Gaussians, {} dynamic ones in {} pieces, {}{near}",
         out.display(),
         options.n_frames,
         written.n_static,
-        written.n_windows,
         written.n_dynamic,
+        written.n_pieces,
         bytes(size_of(out)?)
     ))
 }
@@ -361,15 +374,14 @@ fn clip(_args: &ExportArgs, out: &Path, _shared: &Shared) -> Result<String, Fail
     )))
 }
 
-/// The frames of the run's dataset.
+/// The frames of a dataset.
 #[cfg(feature = "fourdgs")]
-fn frames_of(run: &RunFolder) -> Result<usize, Failure> {
-    let data = run.config()?.data;
+fn frames_of(data: &DataConfig) -> Result<usize, Failure> {
     if !data.dataset.is_dir() {
         return Err(Failure::usage(format!(
             "{}: the run's dataset, which says how many frames there are, is gone; give --frames N",
             data.dataset.display()
         )));
     }
-    Ok(dataset_of(&data, None, true)?.n_frames)
+    Ok(dataset_of(data, None, true)?.n_frames)
 }

@@ -15,7 +15,7 @@ use dash_train::evaluate::{CurveProbe, PerceptualFiles};
 use dash_train::process::stop;
 use dash_train::results::{Process, evaluate_run};
 use dash_train::train::{
-    Keep, RunConfig, RunFolder, StepReport, TrainConfig, TrainOptions, Trainer, check_dataset,
+    Keep, OnTrial, RunConfig, RunFolder, StepReport, TrainOptions, Trainer, check_dataset,
     steps_within, train,
 };
 
@@ -85,7 +85,7 @@ pub struct TrainArgs {
     /// Train a long clip in windows of N frames, each a run of its own below RUN; `render` and `view` show them as one clip.
     /// The same command again goes on with what is not done
     /// [default: 60 for more than 300 frames of synchronised cameras, some of them held out; else none]
-    #[arg(long, value_name = "N|none", value_parser = values::window, conflicts_with_all = ["resume", "method", "budget", "curve"])]
+    #[arg(long, value_name = "N|none", value_parser = values::window, conflicts_with_all = ["resume", "method", "curve"])]
     window: Option<WindowChoice>,
     /// Frames, at least, that neighbouring windows share [default: an eighth of a window]
     #[arg(long, value_name = "N", requires = "window")]
@@ -196,7 +196,7 @@ fn default_window(
     shared: &Shared,
     file: &ConfigFile,
 ) -> Result<Option<usize>, Failure> {
-    let is_one = args.resume || args.method.is_some() || args.budget.is_some() || args.curve > 0;
+    let is_one = args.resume || args.method.is_some() || args.curve > 0;
     let is_part = args.data.frames.or(file.data.frames).is_some();
     let has_backdrop = args.backdrop.is_some() || file.data.backdrop.is_some();
     if is_one || is_part || has_backdrop || args.watch.is_asked() {
@@ -232,6 +232,7 @@ fn train_windows(
         window,
         overlap: args.overlap,
         room: args.room,
+        budget: args.budget,
         overrides,
         lpips: &args.lpips,
         data: &args.data,
@@ -283,7 +284,9 @@ fn start(
     let dataset = Arc::new(dataset);
     if let Some(budget) = args.budget {
         RunFolder::check_free(&args.out)?;
-        config.train.iterations = steps_of(budget, &config.train, &dataset, &device, shared)?;
+        let find =
+            |tell: OnTrial<'_>| steps_within(budget, 1.0, &config.train, &dataset, &device, tell);
+        config.train.iterations = steps_of(budget, shared, find)?;
         config.train.visits = None;
     } else {
         let asked = config.train.iterations;
@@ -300,23 +303,20 @@ fn start(
     Ok((run, config, dataset))
 }
 
-/// Steps of a run that ends after a budget of seconds.
-fn steps_of(
+/// The steps that trials find to fit into a budget of seconds.
+pub fn steps_of(
     budget: f64,
-    config: &TrainConfig,
-    dataset: &Arc<Dataset>,
-    device: &burn::tensor::Device,
     shared: &Shared,
-) -> Result<usize, Failure> {
+    find: impl FnOnce(OnTrial<'_>) -> Result<usize, Error>,
+) -> Result<usize, Error> {
     let mut progress = RunsProgress::new(shared);
-    let mut tell = |n: usize, step: Option<(&StepReport, f64)>| match step {
+    let steps = find(&mut |n, step| match step {
         None => {
             progress.begin(n);
             tracing::info!("trial of {n} steps");
         }
         Some((report, secs)) => progress.step(report, secs),
-    };
-    let steps = steps_within(budget, config, dataset, device, &mut tell)?;
+    })?;
     progress.end();
     tracing::info!("{} are {steps} steps", duration(budget));
     Ok(steps)

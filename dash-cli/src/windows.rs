@@ -5,9 +5,10 @@ use std::path::{Path, PathBuf};
 use clap::Args;
 use dash_train::Error;
 use dash_train::dataset::FrameRange;
+use dash_train::device::DeviceChoice;
 use dash_train::jobs::{Plan, Tally, Which, Work};
 use dash_train::results::scored;
-use dash_train::train::StepReport;
+use dash_train::train::{OnTrial, RunFolder, StepReport};
 use dash_train::windows::{LENGTH, Observer, Part, RunOptions, Windows};
 
 use crate::Shared;
@@ -17,6 +18,7 @@ use crate::failure::Failure;
 use crate::lpips::LpipsArgs;
 use crate::progress::RunsProgress;
 use crate::summary;
+use crate::train::steps_of;
 use crate::values;
 use crate::work::{self, On, WorkArgs};
 
@@ -76,6 +78,7 @@ pub fn plan(args: &PlanTrainArgs, shared: &Shared) -> Result<Plan, Failure> {
         window: args.window,
         overlap: args.overlap,
         room: args.room,
+        budget: None,
         overrides,
         lpips: &args.lpips,
         data: &args.data,
@@ -93,6 +96,8 @@ pub struct Clip<'a> {
     pub overlap: Option<usize>,
     /// Whether windows share a room that is trained before them; `None`: if there are many.
     pub room: Option<bool>,
+    /// Seconds that training may take, where that gives the steps.
+    pub budget: Option<f64>,
     pub overrides: Overrides<'a>,
     pub lpips: &'a LpipsArgs,
     pub data: &'a DataArgs,
@@ -122,7 +127,11 @@ impl Clip<'_> {
         let (data, dataset) = whole.look(self.dataset, &file.data, choice)?;
         let overlap = self.overlap.unwrap_or((self.window / 8).max(1));
         let sizes = [self.window, overlap];
-        let windows = Windows::new(&dataset, data, train, sizes, self.room)?;
+        let mut windows = Windows::new(&dataset, data, train, sizes, self.room)?;
+        drop(dataset);
+        if let Some(budget) = self.budget {
+            windows.train.iterations = self.steps_within(budget, &windows, choice, shared)?;
+        }
         windows.claim(self.out)?;
         let work = Work::Windows {
             windows: windows.windows.len(),
@@ -131,6 +140,25 @@ impl Clip<'_> {
         let plan = Plan::new(work, 1, self.data.memory, files);
         plan.write(self.out)?;
         Ok(plan)
+    }
+
+    /// Steps of a window, as they were found when the clip was planned first.
+    fn steps_within(
+        &self,
+        budget: f64,
+        windows: &Windows,
+        choice: DeviceChoice,
+        shared: &Shared,
+    ) -> Result<usize, Failure> {
+        if Windows::are_in(self.out) {
+            return Ok(Windows::read(self.out)?.train.iterations);
+        }
+        RunFolder::check_free(self.out)?;
+        let (device, name) = (choice.device()?, choice.to_string());
+        let find = |tell: OnTrial<'_>| {
+            windows.steps_within(budget, self.data.memory, (&device, &name), tell)
+        };
+        Ok(steps_of(budget, shared, find)?)
     }
 }
 

@@ -165,8 +165,12 @@ fn windows_are_trained_by_themselves_and_shown_as_one_clip() {
         [of_frame(1), of_frame(3), of_frame(4)],
         [first, first + second, second]
     );
-    let refused = scratch.is_wrong_usage(&["export", "all", "--out", "all.4dgs"]);
-    assert!(refused.contains("window-000"), "{refused}");
+    // One file of all windows.
+    let told = scratch.ok(&["export", "all", "--out", "all.4dgs"]);
+    assert!(told.contains("9 frames") && told.contains(" dB"), "{told}");
+    let cameras = ["--cameras", "all/renders/cameras.json", "--out", "of_file"];
+    scratch.ok(&[&["render", "all.4dgs"], &cameras[..]].concat());
+    assert_eq!(pictures("of_file/full"), 9);
     // Scores of the clip are those of what is drawn; where windows fade, neither window's.
     let report = ["report", "all", "all/window-000", "--out", "page"];
     scratch.fails(&report, "all: expected a clip that is scored");
@@ -205,6 +209,27 @@ fn windows_are_trained_by_themselves_and_shown_as_one_clip() {
     let told = scratch.ok(&at_once[1..]);
     let tally = told.contains("1 done, 2 done before");
     assert!(tally && told.contains("window-002  4 to 8 "), "{told}");
+}
+
+#[test]
+fn windows_share_a_budget() {
+    let scratch = clip();
+    let mut args = vec!["train", "room", "--out", "all", "--preset", "quick"];
+    args.extend(["--window", "5", "--overlap", "2", "--budget", "1s"]);
+    args.extend(TINY);
+    scratch.ok(&args);
+    let steps = |scratch: &Scratch| {
+        let text = String::from_utf8(scratch.read("all/windows.toml")).expect("text");
+        let windows: toml::Table = text.parse().expect("TOML");
+        windows["train"]["iterations"].as_integer()
+    };
+    let found = steps(&scratch);
+    assert!(found >= Some(1), "{found:?}");
+    // The steps that were found once stay.
+    std::fs::remove_dir_all(scratch.path("all/window-001")).expect("removable");
+    let told = scratch.ok(&args);
+    assert!(told.contains("1 done, 2 done before"), "{told}");
+    assert_eq!(steps(&scratch), found);
 }
 
 #[test]

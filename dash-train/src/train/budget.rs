@@ -16,12 +16,14 @@ use crate::dataset::Dataset;
 const COLD: usize = 10;
 /// Steps of the first trial of a run's own budget.
 const FIRST_STEPS: usize = 60;
-/// Share of a run's own budget that its trials may take.
+/// Share of a budget that its trials may take.
 const SHARE: f64 = 0.1;
+/// Share of one run's time that the last trial may take, where the budget is that of many.
+const SHARE_OF_RUN: f64 = 0.5;
 /// Most trials.
 const MAX_TRIALS: usize = 2;
 /// Time grows with this power of the steps: there are more Gaussians in a longer run.
-const TYPICAL_POWER: f64 = 1.2;
+pub(crate) const TYPICAL_POWER: f64 = 1.2;
 /// Trials are noisy: the least and the largest power that they may show.
 const POWERS: [f64; 2] = [1.0, 1.5];
 
@@ -107,29 +109,31 @@ impl Trials<'_> {
     }
 }
 
-/// Steps with which a run ends about `secs` seconds from now, with the trials that find it out. Scores and files are
-/// written after that.
+/// Steps of each of `runs` like this one with which the last ends about `secs` seconds from now, with the trials that find it out.
+/// Scores and files are written besides that.
 ///
 /// # Errors
 /// What [`Trainer::new`] and [`Trainer::step`] refuse.
 pub fn steps_within(
     secs: f64,
+    runs: f64,
     config: &TrainConfig,
     dataset: &Arc<Dataset>,
     device: &Device,
     on_step: OnTrial<'_>,
 ) -> Result<usize, Error> {
     let begin = Instant::now();
+    let last_secs = (SHARE * secs).min(SHARE_OF_RUN * secs / runs);
     let trials = Trials {
         first: FIRST_STEPS,
-        last_secs: SHARE * secs,
-        most_secs: 2.0 * SHARE * secs,
+        last_secs,
+        most_secs: 2.0 * last_secs,
         pace: &mut Ok,
         on_step,
     };
     let tried = trials.run(config, dataset, device)?;
-    let left = secs - begin.elapsed().as_secs_f64() - tried.before - tried.after;
-    Ok(tried.steps(left.max(SHARE * secs)))
+    let left = (secs - begin.elapsed().as_secs_f64()) / runs - tried.before - tried.after;
+    Ok(tried.steps(left.max(SHARE * secs / runs)))
 }
 
 /// Steps that take `secs`, along a power law through the last two runs.
@@ -209,7 +213,12 @@ mod tests {
         let dataset = Arc::new(synth::loaded(4, 2, [24, 18]));
         let mut config = TrainConfig::preset(Preset::Quick);
         config.initial_points = [100, 200];
-        let steps = steps_within(1e-6, &config, &dataset, &Device::flex(), &mut |_, _| {});
-        assert!(steps.expect("trains") >= 1);
+        let within = |secs: f64, runs: f64| {
+            let device = Device::flex();
+            let steps = steps_within(secs, runs, &config, &dataset, &device, &mut |_, _| {});
+            steps.expect("trains")
+        };
+        assert!(within(1e-6, 1.0) >= 1);
+        assert!(within(1e-6, 30.0) >= 1);
     }
 }

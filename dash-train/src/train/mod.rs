@@ -21,6 +21,7 @@ pub mod paper;
 mod run;
 mod trainer;
 
+pub(crate) use budget::TYPICAL_POWER;
 pub use budget::{OnTrial, steps_within};
 pub use config::{Keep, Preset, TrainConfig};
 pub use core::{

@@ -27,7 +27,10 @@ use crate::evaluate::Perceptual;
 use crate::files::{claim, read_owner};
 use crate::results::{take_up, train_and_score};
 use crate::train::core::is_synchronized;
-use crate::train::{DataConfig, RunConfig, StepReport, TrainConfig, TrainOptions, check_dataset};
+use crate::train::{
+    DataConfig, OnTrial, RunConfig, StepReport, TYPICAL_POWER, TrainConfig, TrainOptions,
+    check_dataset, steps_within,
+};
 
 /// The file of a folder of windows.
 const FILE: &str = "windows.toml";
@@ -247,6 +250,29 @@ impl Windows {
         Part::all(self.windows.len(), self.room.is_some())
     }
 
+    /// Steps of each window with which all are trained about `secs` seconds from now, one after the other. Short trials on the window in
+    /// the middle find it out; scores take their time besides that.
+    ///
+    /// # Errors
+    /// When its frames can't be loaded, or training fails.
+    pub fn steps_within(
+        &self,
+        secs: f64,
+        memory: Option<u64>,
+        (device, name): (&Device, &str),
+        on_trial: OnTrial<'_>,
+    ) -> Result<usize, Error> {
+        // The room is not there yet. Without it a step takes longer, if anything.
+        let data = DataConfig {
+            backdrop: None,
+            ..self.data_of(Part::Window(self.windows.len() / 2), name)
+        };
+        let dataset = dataset_of(&data, memory)?;
+        let of_room = (ROOM_STEPS as f64).powf(TYPICAL_POWER);
+        let runs = self.windows.len() as f64 + self.room.map_or(0.0, |_| of_room);
+        steps_within(secs, runs, &self.train, &dataset, device, on_trial)
+    }
+
     /// Trains and scores a run, which nobody else works on, in its folder below `out`; from its newest checkpoint where
     /// that was interrupted. Only its own frames are loaded. That of the room comes first.
     ///
@@ -260,12 +286,7 @@ impl Windows {
         observer: &mut dyn Observer,
     ) -> Result<(), Error> {
         let data = self.data_of(part, options.device.1);
-        let load_options = LoadOptions {
-            memory: options.memory,
-            ..data.load_options()
-        };
-        let dataset = Arc::new(load(&data.dataset, &load_options)?);
-        check_dataset(&dataset)?;
+        let dataset = dataset_of(&data, options.memory)?;
         let steps = self.train.iterations;
         let train = TrainConfig {
             iterations: match part {
@@ -312,6 +333,17 @@ impl Windows {
             ..self.data.clone()
         }
     }
+}
+
+/// The frames of a run.
+fn dataset_of(data: &DataConfig, memory: Option<u64>) -> Result<Arc<Dataset>, Error> {
+    let options = LoadOptions {
+        memory,
+        ..data.load_options()
+    };
+    let dataset = Arc::new(load(&data.dataset, &options)?);
+    check_dataset(&dataset)?;
+    Ok(dataset)
 }
 
 /// First and last frames of windows that cover `n` frames, evenly apart.

@@ -8,7 +8,7 @@ use dash_kernels::splats::NEAR_PLANE;
 use dash_model::{
     DeformationConfig, DeformationField, DynamicPart, DynamicScene, Gaps, GaussianRows, Gaussians,
     HashEncoderConfig, Heads, OffsetPlacement, Representation, SceneSettings, SpaceBox,
-    TrajectoryBasis, write_splat_ply, write_splats,
+    TimeWindows, TrajectoryBasis, write_splat_ply, write_splats,
 };
 use dash_train::cameras::{CameraEntry, write_cameras};
 #[cfg(feature = "fourdgs")]
@@ -379,7 +379,13 @@ fn clip() -> Vec<u8> {
     };
     let scene = dynamic_scene(Some(Tables::Whole));
     written("a.4dgs", |path| {
-        write_clip(path, &scene, &options).expect("writes");
+        write_clip(
+            path,
+            &TimeWindows::whole(),
+            &|_| Ok(scene.clone()),
+            &options,
+        )
+        .expect("writes");
     })
 }
 

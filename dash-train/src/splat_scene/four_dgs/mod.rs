@@ -4,6 +4,7 @@
 //! and one size follow it within a stated error ([`fit`]).
 
 mod fit;
+mod grid;
 mod read;
 #[cfg(test)]
 mod tests;

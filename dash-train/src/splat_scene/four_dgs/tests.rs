@@ -1,11 +1,13 @@
 //! Clips against the scene that they were made of.
 
+use std::path::Path;
+
 use burn::tensor::Device;
-use dash_model::GaussianRows;
+use dash_model::{DynamicScene, GaussianRows, TimeWindows};
 use glam::DVec3;
 use rand::{Rng, SeedableRng};
 
-use super::{ClipOptions, Motions, fit, write_clip};
+use super::{ClipOptions, Motions, Written, fit, write_clip};
 use crate::splat_scene::{SplatClip, at_rest};
 
 const N_FRAMES: usize = 23;
@@ -87,6 +89,64 @@ fn a_colour_that_changes_is_cut() {
     }
 }
 
+fn write_one(
+    path: &Path,
+    scene: &DynamicScene,
+    options: &ClipOptions,
+) -> Result<Written, crate::Error> {
+    write_clip(path, &TimeWindows::whole(), &|_| Ok(scene.clone()), options)
+}
+
+/// Of windows of time the file has each Gaussian while its window is shown, and one of two neighbours once.
+#[test]
+fn windows_follow_each_other() {
+    let device = Device::flex();
+    let scene = |places: &[f32], degree: usize| {
+        let points: Vec<[f32; 3]> = places.iter().map(|&x| [x, 0.5 * x, 0.0]).collect();
+        let mut rows = GaussianRows::from_points(&points, &vec![[0.5; 3]; points.len()], 0, 0.1);
+        rows.log_scales = vec![[-2.0; 3]; points.len()];
+        at_rest(
+            &rows.with_sh_degree(degree),
+            0.2 + f64::from(places[0]),
+            &device,
+        )
+    };
+    let scenes = [
+        scene(&[0.0, 1.0, 2.0], 0),
+        scene(&[1.0, 2.0, 3.0], 1),
+        scene(&[2.0, 0.0, 4.0, 5.0], 0),
+    ];
+    // Frames 0 to 4, 3 to 7 and 6 to 10: the middles of what two show are frames 3.5 and 6.5.
+    let windows = TimeWindows::new(vec![[0.0, 0.4], [0.3, 0.7], [0.6, 1.0]]);
+    let options = ClipOptions {
+        n_frames: 11,
+        frame_rate: 10.0,
+        max_error: 1e-3,
+    };
+    let folder = tempfile::tempdir().expect("a scratch folder");
+    let path = folder.path().join("a.4dgs");
+    let of = |number: usize| Ok(scenes[number].clone());
+    let written = write_clip(&path, &windows, &of, &options).expect("written");
+    assert_eq!(written.n_static, 3 + 1 + 3);
+    let motions = Motions::read(&path).expect("read");
+    assert_eq!(motions.n_stored(), written.n_static);
+    for frame in 0..11 {
+        let rows = motions.rows_at(frame as f32 / 10.0);
+        let mut found: Vec<f32> = rows.means.iter().map(|mean| mean[0].round()).collect();
+        found.sort_by(f32::total_cmp);
+        let expected: &[f32] = match frame {
+            0..=3 => &[0.0, 1.0, 2.0],
+            4..=6 => &[1.0, 2.0, 3.0],
+            _ => &[0.0, 2.0, 4.0, 5.0],
+        };
+        assert_eq!(found, expected, "frame {frame}");
+        assert_eq!(rows.sh_degree(), 1);
+    }
+    // The nearest of all near planes.
+    let near_plane = motions.scene_at(0.0, &device).settings.near_plane;
+    assert!((near_plane - 0.2).abs() < 1e-6, "{near_plane}");
+}
+
 /// A file of many static Gaussians is the scene, but for what its format rounds.
 #[test]
 fn a_static_scene_comes_back() {
@@ -111,8 +171,8 @@ fn a_static_scene_comes_back() {
         frame_rate: 24.0,
         max_error: 1e-3,
     };
-    let written = write_clip(&path, &scene, &options).expect("written");
-    assert_eq!((written.n_static, written.n_windows), (n, 0));
+    let written = write_one(&path, &scene, &options).expect("written");
+    assert_eq!((written.n_static, written.n_pieces), (n, 0));
     let motions = Motions::read(&path).expect("read");
     assert_eq!((motions.n_frames(), motions.n_stored()), (12, n));
     let clip = SplatClip::open(&path, &device).expect("read");
@@ -158,7 +218,7 @@ fn what_is_no_clip_is_refused_by_name() {
         frame_rate: 30.0,
         max_error: 1e-3,
     };
-    write_clip(&whole, &scene, &options).expect("written");
+    write_one(&whole, &scene, &options).expect("written");
     let bytes = std::fs::read(&whole).expect("a file");
     let path = folder.path().join("a.4dgs");
     for bad in [
@@ -189,7 +249,7 @@ fn gaussians_far_from_the_origin_are_written() {
         max_error: 1e-3,
     };
     let path = folder.path().join("a.4dgs");
-    write_clip(&path, &scene, &options).expect("written");
+    write_one(&path, &scene, &options).expect("written");
     let back = Motions::read(&path).expect("read").rows_at(0.0);
     assert_eq!(back.len(), 4000);
 }

@@ -1,25 +1,22 @@
 //! Writing clips.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, HashMap};
+use std::ops::Range;
 use std::path::Path;
 
 use dash_model::unfinished::Unfinished;
-use dash_model::{DynamicScene, GaussianRows, Gaussians, SH_C0};
-use fourdgs::quantization::{
-    Bounds, DEFAULT_CUTOFF, Profile, SH_QUANT_HI, SH_QUANT_LO, Steps, dequantize_rotation,
-    life_class, motion_step, quantize_rotation, support_k,
-};
+use dash_model::{DynamicScene, GaussianRows, Gaussians, SH_C0, TimeWindows};
+use fourdgs::quantization::{SH_QUANT_HI, SH_QUANT_LO};
 use fourdgs::{CoordinateFrame, GaussianSet, Provenance, SceneExtras, WriteOptions};
 use glam::{DQuat, DVec3};
 
 use super::fit::{Piece, fit};
+use super::grid::{PROFILE, snap};
 use super::key;
 use crate::Error;
 
 /// Times are whole steps of so many seconds in the file.
 const TIME_STEP: f64 = 0.001;
-/// How finely values are rounded.
-const PROFILE: Profile = Profile::Fine;
 /// The outermost share of the Gaussians on either side that says nothing of a scene's size.
 const OUTERMOST: f64 = 0.05;
 /// Axes by number, as the format has them: x, y, z, -x, -y, -z.
@@ -39,42 +36,57 @@ pub struct ClipOptions {
 }
 
 /// What was written.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub struct Written {
-    /// Static Gaussians.
+    /// Static Gaussians. One that several windows of time share counts once.
     pub n_static: usize,
     /// Dynamic Gaussians.
     pub n_dynamic: usize,
-    /// Windows that follow them.
-    pub n_windows: usize,
+    /// Pieces of lines that follow them.
+    pub n_pieces: usize,
 }
 
-/// Writes a scene as a `.4dgs`, through a sibling scratch file.
+/// Writes scenes as a `.4dgs`, through a sibling scratch file: one of the whole clip, or those of windows of time. At a frame that two
+/// windows share, the file has the one with the larger share: files of Gaussians can't mix pictures.
 ///
 /// Values are rounded as the format's profile `fine` does it: positions to a fiftieth of the median size of the Gaussians, colours to 8 bits and
 /// into [0, 1].
 ///
 /// # Errors
-/// When the scene can't be evaluated, or the file can't be written.
+/// When a scene can't be had or evaluated, or the file can't be written.
 ///
 /// # Panics
 /// When there are no frames.
 pub fn write_clip(
     path: &Path,
-    scene: &DynamicScene,
+    windows: &TimeWindows,
+    scene_of: &dyn Fn(usize) -> Result<DynamicScene, Error>,
     options: &ClipOptions,
 ) -> Result<Written, Error> {
     assert!(options.n_frames > 0, "a clip has frames");
-    let still = scene.static_set.to_rows();
-    let frames = dynamic_frames(scene, options.n_frames)?;
-    let size = diagonal(still.means.iter().chain(&frames[0].means));
-    let pieces = fit(&frames, options.max_error * size);
-    let mut clip = Clip::new(&still, options.frame_rate);
-    for row in 0..still.len() {
-        clip.push_static(&still, row);
+    let shown = frames_of(windows, options.n_frames);
+    let (mut degree, mut near_plane) = (0, f64::INFINITY);
+    for &(number, _) in &shown {
+        let scene = scene_of(number)?;
+        degree = degree.max(scene.static_set.to_rows().sh_degree());
+        near_plane = near_plane.min(scene.settings.near_plane);
     }
-    for piece in &pieces {
-        clip.push_piece(piece, &frames, options.n_frames);
+    let mut clip = Clip::new(degree, options);
+    let mut written = Written::default();
+    for (number, frames) in shown {
+        let scene = scene_of(number)?;
+        let still = scene.static_set.to_rows().with_sh_degree(degree);
+        let time = |frame: usize| windows.local(number, time_of(frame, options.n_frames));
+        let times: Vec<f32> = frames.clone().map(time).collect();
+        let dynamic = dynamic_frames(&scene, &times, degree)?;
+        let size = diagonal(still.means.iter().chain(&dynamic[0].means));
+        let pieces = fit(&dynamic, options.max_error * size);
+        written.n_static += clip.push_static(&still, &frames);
+        for piece in &pieces {
+            clip.push_piece(piece, &dynamic, &frames);
+        }
+        written.n_dynamic += dynamic[0].len();
+        written.n_pieces += pieces.len();
     }
     snap(&mut clip.set);
     let write = WriteOptions {
@@ -83,10 +95,7 @@ pub fn write_clip(
         metadata: BTreeMap::from([
             (key::FRAMES.into(), options.n_frames.to_string()),
             (key::FRAME_RATE.into(), options.frame_rate.to_string()),
-            (
-                key::NEAR_PLANE.into(),
-                scene.settings.near_plane.to_string(),
-            ),
+            (key::NEAR_PLANE.into(), near_plane.to_string()),
         ]),
         ..Default::default()
     };
@@ -111,15 +120,37 @@ pub fn write_clip(
     scratch
         .finish(|scratch| std::fs::rename(scratch, path))
         .map_err(io)?;
-    Ok(Written {
-        n_static: still.len(),
-        n_dynamic: frames[0].len(),
-        n_windows: pieces.len(),
-    })
+    Ok(written)
 }
 
-/// The dynamic Gaussians at each frame. Higher colours are left out where they are those of the first frame.
-fn dynamic_frames(scene: &DynamicScene, n_frames: usize) -> Result<Vec<GaussianRows>, Error> {
+/// The time of a frame, in [0, 1] over the clip.
+fn time_of(frame: usize, n_frames: usize) -> f32 {
+    let last = n_frames.saturating_sub(1).max(1) as f64;
+    (frame as f64 / last) as f32
+}
+
+/// The frames of each window that has any.
+fn frames_of(windows: &TimeWindows, n_frames: usize) -> Vec<(usize, Range<usize>)> {
+    let mut shown: Vec<(usize, Range<usize>)> = Vec::new();
+    for frame in 0..n_frames {
+        let shares = windows.shares(time_of(frame, n_frames)).into_iter();
+        let (number, _) = shares
+            .max_by(|a, b| a.1.total_cmp(&b.1))
+            .expect("some window shows it");
+        match shown.last_mut() {
+            Some((last, frames)) if *last == number => frames.end = frame + 1,
+            _ => shown.push((number, frame..frame + 1)),
+        }
+    }
+    shown
+}
+
+/// The dynamic Gaussians at each time. Higher colours are left out where they are those of the first time.
+fn dynamic_frames(
+    scene: &DynamicScene,
+    times: &[f32],
+    sh_degree: usize,
+) -> Result<Vec<GaussianRows>, Error> {
     // A scene of one static Gaussian at most: the others need not be copied for each frame.
     let few: Vec<usize> = (0..scene.static_set.len().min(1)).collect();
     let rows = scene.static_set.to_rows().gather(&few);
@@ -127,12 +158,11 @@ fn dynamic_frames(scene: &DynamicScene, n_frames: usize) -> Result<Vec<GaussianR
         static_set: Gaussians::from_rows(&rows, &scene.static_set.means.device()),
         ..scene.clone()
     };
-    let last = n_frames.saturating_sub(1).max(1) as f64;
-    let mut frames: Vec<GaussianRows> = Vec::with_capacity(n_frames);
-    for frame in 0..n_frames {
-        let rows = moving.at((frame as f64 / last) as f32)?;
+    let mut frames: Vec<GaussianRows> = Vec::with_capacity(times.len());
+    for &time in times {
+        let rows = moving.at(time)?;
         let dynamic: Vec<usize> = (few.len()..rows.len()).collect();
-        let mut rows = rows.gather(&dynamic);
+        let mut rows = rows.gather(&dynamic).with_sh_degree(sh_degree);
         if frames
             .first()
             .is_some_and(|first| first.sh_rest == rows.sh_rest)
@@ -162,84 +192,69 @@ fn diagonal<'a>(points: impl Iterator<Item = &'a [f32; 3]>) -> f64 {
     DVec3::new(side(0), side(1), side(2)).length()
 }
 
-/// Puts values on the grids that the file has for them.
-///
-/// The writer refuses a file in which a value is off by more than half a step, and in single precision a value halfway between two
-/// steps is off by a little more.
-fn snap(set: &mut GaussianSet) {
-    let steps_of = |scales: &[f32]| Steps::of(&Bounds::for_profile(PROFILE, median(scales)));
-    let put = |value: &mut f32, origin: f64, step: f64| {
-        let bin = ((f64::from(*value) - origin) / step).round();
-        *value = (origin + bin * step) as f32;
-    };
-    // These first: the other grids depend on their median.
-    let step = steps_of(&set.scales).scale_log;
-    for scale in &mut set.scales {
-        let mut log = f64::from(*scale).max(1e-30).ln() as f32;
-        put(&mut log, 0.0, step);
-        *scale = log.exp();
-    }
-    let steps = steps_of(&set.scales);
-    for axis in 0..3 {
-        let values = set.positions.iter_mut().skip(axis).step_by(3);
-        let mut values: Vec<&mut f32> = values.collect();
-        let origin = values.iter().map(|value| f64::from(**value));
-        let origin = origin.fold(f64::INFINITY, f64::min);
-        values
-            .iter_mut()
-            .for_each(|value| put(value, origin, steps.pos));
-    }
-    for rotation in set.rotations.as_chunks_mut::<4>().0 {
-        let (largest, bins) = quantize_rotation(rotation.map(f64::from), steps.rot);
-        *rotation = dequantize_rotation(largest, &bins, steps.rot);
-    }
-    for color in set.colors.as_chunks_mut::<4>().0 {
-        let (rgb, opacity) = color.split_at_mut(3);
-        rgb.iter_mut().for_each(|value| put(value, 0.0, steps.rgb));
-        put(&mut opacity[0], 0.0, steps.alpha);
-    }
-    let cutoff = support_k(DEFAULT_CUTOFF);
-    let windows = set.win_lo.iter().zip(&set.win_hi);
-    let motions = set.motions.as_chunks_mut::<3>().0.iter_mut();
-    for (motion, (lo, hi)) in motions.zip(windows) {
-        let length = f64::from(*hi) - f64::from(*lo);
-        let class = life_class(0, steps.sigma_log, true, length, cutoff);
-        let step = motion_step(class, steps.motion);
-        motion.iter_mut().for_each(|value| put(value, 0.0, step));
-    }
-}
-
-/// The median as the writer takes it.
-fn median(values: &[f32]) -> f64 {
-    let mut values: Vec<f64> = values.iter().map(|value| f64::from(*value)).collect();
-    values.sort_by(f64::total_cmp);
-    let middle = values.len() / 2;
-    match values.len() {
-        0 => 1.0,
-        n if n % 2 == 1 => values[middle],
-        _ => 0.5 * (values[middle - 1] + values[middle]),
-    }
-}
-
 /// A file's Gaussians as they come together.
 struct Clip {
     set: GaussianSet,
     frame_rate: f64,
+    n_frames: usize,
+    /// Static Gaussians of the window before, which the next may have, too: their places by the bits of their values.
+    shared: HashMap<Vec<u32>, Vec<usize>>,
 }
 
 impl Clip {
-    fn new(rows: &GaussianRows, frame_rate: f64) -> Self {
-        let n_coefficients = rows.sh_rest_width / 3;
+    fn new(sh_degree: usize, options: &ClipOptions) -> Self {
+        let n_coefficients = (sh_degree + 1).pow(2) - 1;
         let set = GaussianSet {
             sh: (n_coefficients > 0).then(Vec::new),
             sh_coefficients: n_coefficients,
-            sh_degree: rows.sh_degree() as u8,
+            sh_degree: sh_degree as u8,
             ..Default::default()
         };
-        Self { set, frame_rate }
+        Self {
+            set,
+            frame_rate: options.frame_rate,
+            n_frames: options.n_frames,
+            shared: HashMap::new(),
+        }
     }
 
-    fn push_static(&mut self, rows: &GaussianRows, row: usize) {
+    /// From half a frame before the first of some frames to half a frame after the last, seconds; without end at the clip's ends.
+    fn window(&self, frames: &Range<usize>) -> [f32; 2] {
+        let half_before = |frame: usize| ((frame as f64 - 0.5) / self.frame_rate) as f32;
+        let begin = match frames.start {
+            0 => f32::NEG_INFINITY,
+            first => half_before(first),
+        };
+        let end = match frames.end {
+            end if end == self.n_frames => f32::INFINITY,
+            end => half_before(end),
+        };
+        [begin, end]
+    }
+
+    /// The static Gaussians of some frames; how many of them are new in the file. One that the frames before have, too, goes on.
+    fn push_static(&mut self, rows: &GaussianRows, frames: &Range<usize>) -> usize {
+        let window = self.window(frames);
+        let (mut shared, before) = (HashMap::new(), self.set.win_hi.len());
+        for row in 0..rows.len() {
+            let bits = bits_of(rows, row);
+            let place = match self.shared.get_mut(&bits).and_then(Vec::pop) {
+                Some(place) => {
+                    self.set.win_hi[place] = window[1];
+                    place
+                }
+                None => {
+                    self.push_still(rows, row, window);
+                    self.set.win_hi.len() - 1
+                }
+            };
+            shared.entry(bits).or_insert_with(Vec::new).push(place);
+        }
+        self.shared = shared;
+        self.set.win_hi.len() - before
+    }
+
+    fn push_still(&mut self, rows: &GaussianRows, row: usize, window: [f32; 2]) {
         let [w, x, y, z] = rows.quats[row].map(f64::from);
         self.push(&Moving {
             mean: DVec3::from(rows.means[row].map(f64::from)),
@@ -249,39 +264,33 @@ impl Clip {
             opacity_logit: rows.opacity_logits[row],
             sh_dc: rows.sh_dc[row],
             time: 0.0,
-            window: [f32::NEG_INFINITY, f32::INFINITY],
+            window,
         });
         let width = rows.sh_rest_width;
         self.push_sh(&rows.sh_rest[row * width..][..width]);
     }
 
-    /// A window ends half a frame before the first frame of the next.
-    fn push_piece(&mut self, piece: &Piece, frames: &[GaussianRows], n_frames: usize) {
-        let seconds = |frame: f64| frame / self.frame_rate;
-        let time = (seconds(piece.middle()) / TIME_STEP).round() * TIME_STEP;
-        let begin = match piece.frames.start {
-            0 => f32::NEG_INFINITY,
-            first => seconds(first as f64 - 0.5) as f32,
-        };
-        let end = match piece.frames.end {
-            end if end == n_frames => f32::INFINITY,
-            end => seconds(end as f64 - 0.5) as f32,
-        };
+    /// A piece of a path over some frames of the clip.
+    fn push_piece(&mut self, piece: &Piece, dynamic: &[GaussianRows], frames: &Range<usize>) {
+        let first = frames.start;
+        let middle = first as f64 + piece.middle();
+        let time = (middle / self.frame_rate / TIME_STEP).round() * TIME_STEP;
+        let own = piece.frames.start + first..piece.frames.end + first;
         self.push(&Moving {
-            mean: piece.mean_at(time * self.frame_rate),
+            mean: piece.mean_at(time * self.frame_rate - first as f64),
             velocity: piece.velocity * self.frame_rate,
             rotation: piece.rotation,
             log_scales: piece.log_scales,
             opacity_logit: piece.opacity_logit,
             sh_dc: piece.sh_dc,
             time: time as f32,
-            window: [begin, end],
+            window: self.window(&own),
         });
-        // Of the window's middle frame, or of the first, which is the same then.
-        let middle = &frames[piece.frames.start + piece.frames.len() / 2];
-        let width = frames[0].sh_rest_width;
+        // Of the piece's middle frame, or of the first, which is the same then.
+        let middle = &dynamic[piece.frames.start + piece.frames.len() / 2];
+        let width = dynamic[0].sh_rest_width;
         let rest = match middle.sh_rest.is_empty() {
-            true => &frames[0].sh_rest,
+            true => &dynamic[0].sh_rest,
             false => &middle.sh_rest,
         };
         self.push_sh(&rest[piece.row * width..][..width]);
@@ -319,6 +328,16 @@ impl Clip {
             sh.extend(values.map(|value| (255.0 * (value - lo) / (hi - lo)).round() as u8));
         }
     }
+}
+
+/// The bits of a Gaussian's values.
+fn bits_of(rows: &GaussianRows, row: usize) -> Vec<u32> {
+    let width = rows.sh_rest_width;
+    let values = rows.means[row].iter().chain(&rows.quats[row]);
+    let values = values.chain(&rows.log_scales[row]).chain(&rows.sh_dc[row]);
+    let rest = &rows.sh_rest[row * width..][..width];
+    let values = values.chain(rest).chain([&rows.opacity_logits[row]]);
+    values.map(|value| value.to_bits()).collect()
 }
 
 /// A Gaussian of the file.

@@ -67,7 +67,8 @@ impl Extension<Dash> for Appearance {
     }
 }
 
-/// Which of the Gaussians that rest change colour by so much, before the decomposition; none where hardly any does.
+/// Which Gaussians change colour by so much, before the decomposition; none where hardly any does. Those that rest become dynamic. Of
+/// flicker, scene flow takes some for motion, so those that move tell, too, whether the field needs the head.
 fn changing(run: &Run<Dash>, moving: &[bool], least: f32) -> Result<Vec<bool>, Error> {
     let mut cameras: Vec<Vec<Vec<Misses>>> = Vec::new();
     for views in looks(run) {
@@ -83,16 +84,26 @@ fn changing(run: &Run<Dash>, moving: &[bool], least: f32) -> Result<Vec<bool>, E
             times.iter().map(at).collect()
         };
         let of_cameras: Vec<Vec<Misses>> = cameras.iter().map(of_camera).collect();
-        !moving[row] && change(&of_cameras) >= least
+        change(&of_cameras) >= least
     };
-    let n = run.scene.static_set.len();
-    let mut found: Vec<bool> = (0..n).into_par_iter().map(changes).collect();
+    let found: Vec<bool> = (0..moving.len()).into_par_iter().map(changes).collect();
+    let backdrop = run.backdrop.as_ref().map_or(0, |backdrop| backdrop.len());
+    Ok(enough(found, moving, moving.len() + backdrop))
+}
+
+/// Those found, where they are enough of all Gaussians; and of them those that rest, where these are enough. Without this, a few at an
+/// object's border would become dynamic in each scene.
+fn enough(mut found: Vec<bool>, moving: &[bool], all: usize) -> Vec<bool> {
+    let least = MIN_SHARE * all as f32;
+    let rests = |row: usize| !moving[row];
     let n_found = found.iter().filter(|found| **found).count();
-    let all = n + run.backdrop.as_ref().map_or(0, |backdrop| backdrop.len());
-    if (n_found as f32) < MIN_SHARE * all as f32 {
-        found.fill(false);
+    let n_resting = (0..found.len())
+        .filter(|&row| found[row] && rests(row))
+        .count();
+    for (row, found) in found.iter_mut().enumerate() {
+        *found &= n_found as f32 >= least && (!rests(row) || n_resting as f32 >= least);
     }
-    Ok(found)
+    found
 }
 
 /// By how much a picture misses what a Gaussian shows in it, mean over its pixels; `None` where it hardly shows it.
@@ -195,7 +206,14 @@ fn change(of_cameras: &[Vec<Misses>]) -> f32 {
 
 #[cfg(test)]
 mod tests {
+    use std::sync::Arc;
+
+    use burn::tensor::Device;
+
     use super::*;
+    use crate::dataset::Dataset;
+    use crate::synth;
+    use crate::train::{Keep, Preset, TrainConfig, Trainer};
 
     /// A camera that misses so much brightness at each time.
     fn camera(brightness: [f32; 3]) -> Vec<Misses> {
@@ -220,5 +238,118 @@ mod tests {
         close(change(&hidden), 0.0);
         close(change(&[vec![None; 3], vec![None; 3]]), 0.0);
         close(change(&[]), 0.0);
+    }
+
+    #[test]
+    fn a_few_that_change_do_not_count() {
+        let moving = [vec![true; 50], vec![false; 950]].concat();
+        let with = |rows: std::ops::Range<usize>| {
+            let found = (0..1_000).map(|row| rows.contains(&row)).collect();
+            enough(found, &moving, 1_000)
+                .into_iter()
+                .filter(|f| *f)
+                .count()
+        };
+        assert_eq!(with(0..4), 0);
+        assert_eq!(with(0..5), 5, "flicker that passes for motion");
+        assert_eq!(with(46..52), 4, "two that rest stay");
+        assert_eq!(with(46..55), 9);
+        assert_eq!(with(50..54), 0);
+    }
+
+    /// Half the side of the spot that changes, pixels.
+    const HALF: usize = 3;
+
+    /// The pixels of a view around a point, as places of their red.
+    fn spot(view: &View, point: [f64; 3]) -> Vec<usize> {
+        let Some(([u, v], _)) = view.camera.project_inside(point) else {
+            return Vec::new();
+        };
+        let around = |at: f64, size: usize| {
+            (at as usize).saturating_sub(HALF)..(at as usize + HALF + 1).min(size)
+        };
+        let columns = around(u, view.camera.width);
+        around(v, view.camera.height)
+            .flat_map(|row| {
+                let width = view.camera.width;
+                columns
+                    .clone()
+                    .map(move |column| 3 * (row * width + column))
+            })
+            .collect()
+    }
+
+    /// A clip in which nothing moves, and a spot is red at even frames and blue at odd ones.
+    fn flickering() -> (Dataset, [f64; 3]) {
+        let mut dataset = synth::loaded(6, 8, [48, 36]);
+        let first: Vec<View> = dataset
+            .views
+            .iter()
+            .filter(|v| v.frame == 0)
+            .cloned()
+            .collect();
+        let config = TrainConfig::preset(Preset::Quick);
+        let trainer = Trainer::new(config, Arc::new(dataset.clone()), &Device::flex());
+        let region = trainer.expect("valid").run.region;
+        let middle = |axis: usize| f64::from(0.5 * (region.min[axis] + region.max[axis]));
+        let point = std::array::from_fn(middle);
+        for view in &mut dataset.views {
+            let still = first.iter().find(|v| v.camera_index == view.camera_index);
+            let rgb = still
+                .expect("at every time")
+                .rgb([0.0; 3])
+                .expect("in memory");
+            let mut bytes: Vec<u8> = rgb.iter().map(|v| (v * 255.0).round() as u8).collect();
+            let color = match view.frame.is_multiple_of(2) {
+                true => [230, 30, 30],
+                false => [30, 30, 230],
+            };
+            for place in spot(view, point) {
+                bytes[place..place + 3].copy_from_slice(&color);
+            }
+            let painted = View::from_rgb8(&view.name, view.camera.clone(), view.time, bytes);
+            view.pixels = painted.pixels;
+        }
+        (dataset, point)
+    }
+
+    /// A run on it, and the mean absolute error of the spot in its training views.
+    fn trained(dataset: &Dataset, point: [f64; 3], set: &str) -> (Trainer, f64) {
+        let mut config = TrainConfig::preset(Preset::Quick);
+        config.keep(Keep::All);
+        config.iterations = 400;
+        config.initial_points = [500, 2_000];
+        config.set(set).expect("a known key");
+        let mut trainer =
+            Trainer::new(config, Arc::new(dataset.clone()), &Device::flex()).expect("valid");
+        while !trainer.is_finished() {
+            trainer.step().expect("a step");
+        }
+        let (mut sum, mut n) = (0.0, 0);
+        for view in trainer.run.views() {
+            let drawn = trainer
+                .scene()
+                .render(&view.camera, view.time)
+                .expect("drawn");
+            let (drawn, truth) = (to_host(drawn.rgb()), view.rgb([0.0; 3]).expect("in memory"));
+            for value in spot(view, point)
+                .into_iter()
+                .flat_map(|place| place..place + 3)
+            {
+                sum += f64::from((drawn[value] - truth[value]).abs());
+                n += 1;
+            }
+        }
+        (trainer, sum / f64::from(n))
+    }
+
+    #[test]
+    fn what_flickers_is_dynamic_and_its_colours_are_learned() {
+        let (dataset, point) = flickering();
+        let (with, error) = trained(&dataset, point, "extensions.appearance.change=0.2");
+        let dynamic = with.scene().dynamic.as_ref().expect("what flickers");
+        assert!(dynamic.field.config().heads.appearance);
+        let (_, without) = trained(&dataset, point, "extensions.appearance=none");
+        assert!(error < 0.5 * without, "{error} with, {without} without");
     }
 }

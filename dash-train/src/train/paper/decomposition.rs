@@ -27,13 +27,13 @@ impl Run<Dash> {
             && self.method.config.decomposition == Decomposition::Moving
         {
             let changing = find(self, &mask)?;
-            let found = mask
-                .iter_mut()
-                .zip(changing)
-                .filter(|(_, changes)| *changes);
-            let n = found.map(|(moves, _)| *moves = true).count();
-            if n > 0 {
-                tracing::info!("{n} Gaussians that rest change their colour");
+            let n_moving = mask.iter().filter(|moves| **moves).count();
+            if changing.contains(&true) {
+                for (moves, changes) in mask.iter_mut().zip(changing) {
+                    *moves |= changes;
+                }
+                let n_resting = mask.iter().filter(|moves| **moves).count() - n_moving;
+                tracing::info!("colours change: {n_resting} Gaussians that rest become dynamic");
                 self.method.field.heads.appearance = true;
             }
         }

@@ -47,7 +47,7 @@ pub struct Dash {
     pub(crate) asks_around: bool,
     /// These times, where there are any around the present view's.
     pub(crate) around: Option<Around>,
-    /// Which of the Gaussians that rest an extension makes dynamic at the decomposition, because they change otherwise.
+    /// Which Gaussians an extension makes dynamic at the decomposition, because they change otherwise; told which ones move.
     pub(crate) find_changing: Option<FindGaussians>,
     /// What was found there: mean distance of dynamic Gaussians from a straight way, in extents.
     pub(crate) unsteadiness: Option<Tensor<1>>,
