@@ -235,14 +235,14 @@ impl Export<'_> {
 /// What a folder shows over time.
 enum Shown {
     Run(Box<DynamicScene>),
-    Windows(WindowedClip),
+    Windows(Box<WindowedClip>),
 }
 
 impl Shown {
     fn over_time(&self) -> &dyn SceneOverTime {
         match self {
             Self::Run(scene) => &**scene,
-            Self::Windows(clip) => clip,
+            Self::Windows(clip) => &**clip,
         }
     }
 }
@@ -252,7 +252,7 @@ fn shown(folder: &Path, device: &Device) -> Result<(Shown, DataConfig), Failure>
     if Windows::are_in(folder) {
         let clip = WindowedClip::open(folder, device)?;
         let data = clip.windows().data.clone();
-        return Ok((Shown::Windows(clip), data));
+        return Ok((Shown::Windows(Box::new(clip)), data));
     }
     let run = RunFolder::open(folder)?;
     let scene = Box::new(run.scene(device)?);

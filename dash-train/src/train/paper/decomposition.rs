@@ -33,7 +33,7 @@ impl Run<Dash> {
                     *moves |= changes;
                 }
                 let n_resting = mask.iter().filter(|moves| **moves).count() - n_moving;
-                tracing::info!("colours change: {n_resting} Gaussians that rest become dynamic");
+                tracing::info!("colours change; {n_resting} Gaussians that rest become dynamic");
                 self.method.field.heads.appearance = true;
             }
         }
