@@ -333,7 +333,7 @@ fn our_extensions() -> ExtensionsConfig {
         scale_limit: Some(ScaleLimitConfig {}),
         demotion: Some(DemotionConfig { interval: 500 }),
         crowding: None,
-        appearance: Some(AppearanceConfig { change: 0.2 }),
+        appearance: Some(AppearanceConfig { change: 0.1 }),
         averaging: Some(AveragingConfig { share: 0.06 }),
     }
 }

@@ -2,7 +2,8 @@
 //! dynamic, too. The field then has a head for opacities and colours.
 //!
 //! Where a Gaussian changes colour, all cameras that see it agree on that at each time. Where something passes before it, some cameras
-//! see it still, and others not. So the change is the median over cameras, and what counts is how far it goes over the clip.
+//! see it still, and others not; where its motion is not followed well, each misses something else. So the change is what nearly all
+//! cameras agree on, and what counts is how far it goes over the clip.
 
 use std::collections::BTreeMap;
 
@@ -15,7 +16,6 @@ use serde::{Deserialize, Serialize};
 
 use crate::Error;
 use crate::dataset::View;
-use crate::numbers::median;
 use crate::train::core::visibility::gradient_of;
 use crate::train::core::{Extension, Run, to_host};
 use crate::train::paper::Dash;
@@ -28,6 +28,10 @@ const TIMES: usize = 12;
 const CAMERAS: usize = 6;
 /// Fewest cameras that must show a Gaussian at a time for that to count.
 const MIN_CAMERAS: usize = 2;
+/// Of so many cameras one may disagree.
+const DISSENT: usize = 6;
+/// A Gaussian that moves must change by so many times as much as one that rests: where it is off its way, it misses colours, too.
+const MOVING: f32 = 2.0;
 /// Least of a Gaussian that a picture must show to tell its colour, pixels.
 const LEAST_SHOWN: f32 = 0.5;
 /// Two numbers of a colour are compared: brightness, and red against blue.
@@ -84,6 +88,7 @@ fn changing(run: &Run<Dash>, moving: &[bool], least: f32) -> Result<Vec<bool>, E
             times.iter().map(at).collect()
         };
         let of_cameras: Vec<Vec<Misses>> = cameras.iter().map(of_camera).collect();
+        let least = if moving[row] { MOVING * least } else { least };
         change(&of_cameras) >= least
     };
     let found: Vec<bool> = (0..moving.len()).into_par_iter().map(changes).collect();
@@ -177,8 +182,8 @@ fn misses(run: &Run<Dash>, view: &View) -> Result<Vec<Misses>, Error> {
     Ok(sums.chunks_exact(N_COLUMNS).take(n).map(of_row).collect())
 }
 
-/// How much a Gaussian's colour changes over the clip, given what each camera misses of it at each time. What a camera always misses
-/// is its own exposure.
+/// How much a Gaussian's colour changes over the clip, given what each camera misses of it at each time, as nearly all cameras agree.
+/// What a camera always misses is its own exposure.
 fn change(of_cameras: &[Vec<Misses>]) -> f32 {
     let of_channel = |channel: usize| {
         let from_its_mean = |times: &Vec<Misses>| {
@@ -191,15 +196,15 @@ fn change(of_cameras: &[Vec<Misses>]) -> f32 {
         let cameras: Vec<Vec<Option<f32>>> = of_cameras.iter().map(from_its_mean).collect();
         let n_times = cameras.first().map_or(0, Vec::len);
         let at_time = |time: usize| {
-            let seen: Vec<f32> = cameras.iter().filter_map(|times| times[time]).collect();
-            median(seen.iter().copied()).filter(|_| seen.len() >= MIN_CAMERAS)
+            let mut seen: Vec<f32> = cameras.iter().filter_map(|times| times[time]).collect();
+            seen.sort_by(f32::total_cmp);
+            let (n, others) = (seen.len(), seen.len() / DISSENT);
+            (n >= MIN_CAMERAS).then(|| [seen[others], seen[n - 1 - others]])
         };
-        let all = (0..n_times).filter_map(at_time);
-        let ends = all.fold(None, |ends: Option<[f32; 2]>, value| {
-            let [low, high] = ends.unwrap_or([value; 2]);
-            Some([low.min(value), high.max(value)])
-        });
-        ends.map_or(0.0, |[low, high]| high - low)
+        let agreed: Vec<[f32; 2]> = (0..n_times).filter_map(at_time).collect();
+        let at_least = agreed.iter().map(|[low, _]| *low).reduce(f32::max);
+        let at_most = agreed.iter().map(|[_, high]| *high).reduce(f32::min);
+        at_least.zip(at_most).map_or(0.0, |(high, low)| high - low)
     };
     (0..CHANNELS).map(of_channel).fold(0.0, f32::max)
 }
@@ -231,6 +236,13 @@ mod tests {
         // Something passes, and hides the Gaussian from one camera after the other.
         let passed = [[0.6, 0.0, 0.0], [0.0, 0.6, 0.0], [0.0, 0.0, 0.6]].map(camera);
         close(change(&passed), 0.0);
+        // Where its motion is not followed, each camera misses something else.
+        let off = [[0.1, 0.4, 0.0], [0.1, 0.1, 0.0], [0.1, 0.2, 0.0]].map(camera);
+        close(change(&off), 0.1);
+        // Of six cameras one may disagree.
+        let six = [[0.0, 0.0, 0.3]; 5].into_iter().chain([[0.3, 0.0, 0.0]]);
+        let six: Vec<Vec<Misses>> = six.map(camera).collect();
+        close(change(&six), 0.3);
         // What one camera alone shows, at all or at a time, does not count.
         close(change(&[camera([0.0, 0.5, 0.0])]), 0.0);
         let mut hidden = [[0.0, 0.0, 0.9], [0.0, 0.0, 0.0]].map(camera);
@@ -346,7 +358,7 @@ mod tests {
     #[test]
     fn what_flickers_is_dynamic_and_its_colours_are_learned() {
         let (dataset, point) = flickering();
-        let (with, error) = trained(&dataset, point, "extensions.appearance.change=0.2");
+        let (with, error) = trained(&dataset, point, "extensions.appearance.change=0.1");
         let dynamic = with.scene().dynamic.as_ref().expect("what flickers");
         assert!(dynamic.field.config().heads.appearance);
         let (_, without) = trained(&dataset, point, "extensions.appearance=none");
