@@ -196,7 +196,7 @@ fn default_window(
     shared: &Shared,
     file: &ConfigFile,
 ) -> Result<Option<usize>, Failure> {
-    let is_one = args.resume || args.method.is_some() || args.curve > 0;
+    let is_one = args.resume || args.method.is_some() || args.budget.is_some() || args.curve > 0;
     let is_part = args.data.frames.or(file.data.frames).is_some();
     let has_backdrop = args.backdrop.is_some() || file.data.backdrop.is_some();
     if is_one || is_part || has_backdrop || args.watch.is_asked() {

@@ -9,7 +9,7 @@ use dash_train::device::DeviceChoice;
 use dash_train::jobs::{Plan, Tally, Which, Work};
 use dash_train::results::scored;
 use dash_train::train::{OnTrial, RunFolder, StepReport};
-use dash_train::windows::{LENGTH, Observer, Part, RunOptions, Windows};
+use dash_train::windows::{LENGTH, MIN_STEPS, Observer, Part, RunOptions, Windows};
 
 use crate::Shared;
 use crate::configuration::{ConfigFile, Overrides, ValueArgs};
@@ -158,7 +158,14 @@ impl Clip<'_> {
         let find = |tell: OnTrial<'_>| {
             windows.steps_within(budget, self.data.memory, (&device, &name), tell)
         };
-        Ok(steps_of(budget, shared, find)?)
+        let steps = steps_of(budget, shared, find)?;
+        if steps < MIN_STEPS {
+            tracing::warn!(
+                "a window of {steps} steps shows little: expected {MIN_STEPS} or more; give more time, or train the clip as one \
+                 with --window none"
+            );
+        }
+        Ok(steps)
     }
 }
 

@@ -40,8 +40,8 @@ pub const MIN_LENGTH: usize = 4;
 pub const LENGTH: usize = 60;
 /// Frames above which a clip is long: the clips of benchmarks have no more.
 const LONG: usize = 300;
-/// Fewest steps that a window gets where nobody says how many.
-const MIN_STEPS: usize = 1_000;
+/// Fewest steps that a window gets where nobody says how many. With fewer it shows little.
+pub const MIN_STEPS: usize = 1_000;
 /// Steps of the room for each of a window. What windows share is as good as it will be.
 const ROOM_STEPS: usize = 3;
 /// Windows from which on they share a room, if nothing else is said: its steps are then a third of theirs, or less.
