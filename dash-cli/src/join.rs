@@ -25,6 +25,7 @@ pub struct JoinArgs {
 
 pub fn run(args: &JoinArgs) -> Result<String, Failure> {
     let (plan, out) = (Plan::read(&args.plan)?, &args.plan);
+    Plan::tidy(out)?;
     let missing = plan.missing(out)?;
     if !missing.is_empty() {
         let named = missing.iter().take(MOST_NAMED).copied();

@@ -7,7 +7,7 @@
 //! Whatever makes or names one of them takes the lock of a list, which [`remove_all`] keeps: from then on no thread can
 //! name what is partly removed, or make it anew.
 
-use std::fs::{self, File, OpenOptions};
+use std::fs::{self, File, OpenOptions, TryLockError};
 use std::io::{self, ErrorKind};
 use std::path::{Path, PathBuf};
 use std::sync::{Mutex, MutexGuard, PoisonError};
@@ -73,8 +73,12 @@ impl Unfinished {
                 continue;
             }
             make(&scratch)?;
-            let lock = File::open(&scratch).ok().filter(|_| HAS_LOCKS);
-            let lock = lock.filter(is_ours);
+            let lock = match locked(&scratch) {
+                Lock::Ours(file) => Some(file),
+                Lock::None => None,
+                // Who tidies took it for what a killed program left, and removes it.
+                Lock::Others => continue,
+            };
             list.push(scratch.clone());
             return Ok(Self {
                 path: scratch,
@@ -124,6 +128,29 @@ fn free(scratch: &Path) -> io::Result<bool> {
     remove(scratch).map(|()| true)
 }
 
+/// Who has the lock of something that this program has just made.
+enum Lock {
+    Ours(File),
+    Others,
+    /// There are no locks here.
+    None,
+}
+
+fn locked(scratch: &Path) -> Lock {
+    if !HAS_LOCKS {
+        return Lock::None;
+    }
+    let Ok(file) = File::open(scratch) else {
+        return Lock::Others;
+    };
+    match file.try_lock() {
+        // It may have been removed between the two.
+        Ok(()) if scratch.exists() => Lock::Ours(file),
+        Ok(()) | Err(TryLockError::WouldBlock) => Lock::Others,
+        Err(TryLockError::Error(_)) => Lock::None,
+    }
+}
+
 /// Whether no other program holds the lock; then this one does.
 fn is_ours(file: &File) -> bool {
     file.try_lock().is_ok()
@@ -141,13 +168,18 @@ fn remove(path: &Path) -> io::Result<()> {
     }
 }
 
-/// Removes a file or folder as a whole: it loses its name first.
+/// Removes a file or folder as a whole: it loses its name first. What is not there is removed.
 ///
 /// # Errors
 /// The system's.
 pub fn discard(path: &Path) -> io::Result<()> {
-    let nameless = Unfinished::beside(path, |scratch| fs::rename(path, scratch))?;
-    remove(nameless.path())
+    match Unfinished::beside(path, |scratch| fs::rename(path, scratch)) {
+        Ok(nameless) => remove(nameless.path()),
+        Err(_) if fs::symlink_metadata(path).is_err_and(|e| e.kind() == ErrorKind::NotFound) => {
+            Ok(())
+        }
+        Err(error) => Err(error),
+    }
 }
 
 /// Removes what killed programs have left of files and folders in `folder`; nothing where there is no such folder.
@@ -244,6 +276,7 @@ mod tests {
             fs::write(path(name).join("state"), "s").expect("written");
         }
         discard(&path("000010")).expect("removed");
+        discard(&path("000010")).expect("there is none");
         let ours = Unfinished::file(&path("000040")).expect("made");
         let held = File::open(path(".000030.partial")).expect("opened");
         held.try_lock().expect("free");

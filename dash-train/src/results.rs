@@ -94,9 +94,14 @@ pub(crate) fn train_and_score(
     let device = (device, config.data.device.as_str());
     let process = Process::Trained;
     let results = evaluate_run(run, dataset, Partition::Test, device, process, perceptual)?;
-    let checkpoints = run.checkpoints_path();
-    discard(&checkpoints).map_err(|e| Error::io(&checkpoints, "remove", e))?;
+    remove_checkpoints(run)?;
     Ok(results)
+}
+
+/// Removes a run's checkpoints, if there are any.
+pub(crate) fn remove_checkpoints(run: &RunFolder) -> Result<(), Error> {
+    let checkpoints = run.checkpoints_path();
+    discard(&checkpoints).map_err(|e| Error::io(&checkpoints, "remove", e))
 }
 
 /// Scores a finished run and writes `results.json` for its test views, `results_train.json` for its training

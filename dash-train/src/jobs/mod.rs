@@ -18,6 +18,7 @@ use std::io::Write;
 use std::path::{Path, PathBuf};
 
 use dash_model::scene_file::write_atomically;
+use dash_model::unfinished::remove_left;
 use serde::{Deserialize, Serialize};
 
 pub use engines::{Engine, script};
@@ -26,7 +27,8 @@ pub use hold::Hold;
 use crate::Error;
 use crate::compare::Method;
 use crate::evaluate::PerceptualFiles;
-use crate::results::scored;
+use crate::results::{remove_checkpoints, scored};
+use crate::train::RunFolder;
 use crate::windows::Part;
 
 /// The only version of `plan.json`.
@@ -182,6 +184,24 @@ impl Plan {
             .join(self.tasks[number].run.replace('/', "-"))
     }
 
+    /// Removes what killed processes have left beside the plan.
+    ///
+    /// # Errors
+    /// The system's.
+    pub fn tidy(out: &Path) -> Result<(), Error> {
+        remove_left(out).map_err(|e| Error::io(out, "tidy", e))
+    }
+
+    /// Removes what a process killed between scoring a run and its end has left in it, where nobody works on it.
+    fn tidy_done(&self, out: &Path, number: usize) -> Result<(), Error> {
+        let run = self.run_path(out, number);
+        if Hold::take(&self.held_path(out, number))?.is_none() {
+            return Ok(());
+        }
+        remove_checkpoints(&RunFolder::open(&run)?)?;
+        Self::tidy(&run)
+    }
+
     /// Tasks that are not done.
     ///
     /// # Errors
@@ -239,6 +259,7 @@ impl Plan {
                 number..number + 1
             }
         };
+        Self::tidy(out)?;
         let mut tally = Tally::default();
         for number in numbers {
             let run = &self.tasks[number].run;
@@ -313,6 +334,7 @@ impl Plan {
         train: &mut dyn FnMut(usize) -> Result<(), Error>,
     ) -> Result<Became, Failed> {
         if self.is_done(out, number)? {
+            self.tidy_done(out, number)?;
             return Ok(Became::DoneBefore);
         }
         let (run, path) = (&self.tasks[number].run, self.held_path(out, number));

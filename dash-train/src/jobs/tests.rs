@@ -151,3 +151,28 @@ fn schedulers_are_given_each_task_and_paths_that_shells_and_yaml_read() {
         assert!(text.contains(line), "{line}:\n{text}");
     }
 }
+
+#[test]
+fn what_killed_processes_left_is_removed_where_nobody_works_on_it() {
+    let folder = tempfile::tempdir().expect("a scratch folder");
+    let out = folder.path();
+    let plan = plan();
+    let run = plan.run_path(out, 1);
+    let left = [
+        out.join(".plan.json.partial"),
+        run.join(".checkpoints.partial"),
+        run.join("checkpoints/000010"),
+    ];
+    for path in &left {
+        fs::create_dir_all(path).expect("writable");
+    }
+    fs::write(run.join("config.toml"), "").expect("writable");
+    // Whoever scored it may not be at its end.
+    let hold = Hold::take(&plan.held_path(out, 1)).expect("locks");
+    Plan::tidy(out).expect("removed");
+    plan.tidy_done(out, 1).expect("left");
+    assert_eq!(left.clone().map(|path| path.exists()), [false, true, true]);
+    drop(hold);
+    plan.tidy_done(out, 1).expect("removed");
+    assert_eq!(left.map(|path| path.exists()), [false; 3]);
+}
