@@ -15,8 +15,8 @@ use dash_train::evaluate::{CurveProbe, PerceptualFiles};
 use dash_train::process::stop;
 use dash_train::results::{Process, evaluate_run};
 use dash_train::train::{
-    Keep, OnTrial, RunConfig, RunFolder, StepReport, TrainOptions, Trainer, check_dataset,
-    steps_within, train,
+    Budget, Keep, OnTrial, RunConfig, RunFolder, StepReport, TrainOptions, Trainer, check_dataset,
+    train,
 };
 
 use crate::Shared;
@@ -284,8 +284,8 @@ fn start(
     let dataset = Arc::new(dataset);
     if let Some(budget) = args.budget {
         RunFolder::check_free(&args.out)?;
-        let find =
-            |tell: OnTrial<'_>| steps_within(budget, 1.0, &config.train, &dataset, &device, tell);
+        let of_one = Budget::of_one(budget);
+        let find = |tell: OnTrial<'_>| of_one.steps(&config.train, &dataset, &device, tell);
         config.train.iterations = steps_of(budget, shared, find)?;
         config.train.visits = None;
     } else {

@@ -1,8 +1,10 @@
 //! `dash train --window` and `dash plan train`: a long clip in windows of time.
 
 use std::path::{Path, PathBuf};
+use std::time::Instant;
 
 use clap::Args;
+use dash_model::DynamicScene;
 use dash_train::Error;
 use dash_train::dataset::FrameRange;
 use dash_train::device::DeviceChoice;
@@ -106,7 +108,12 @@ pub struct Clip<'a> {
 impl Clip<'_> {
     /// Plans the windows, trains one after the other, and tells their scores. What is done already is not done again.
     pub fn train(&self, shared: &Shared) -> Result<String, Failure> {
-        self.plan(shared)?;
+        let begin = Instant::now();
+        let plan = self.plan(shared)?;
+        if let (Some(budget), Some(room)) = (self.budget, plan.needed()) {
+            work::run(&WorkArgs::one(self.out, room), shared)?;
+            self.share_out(budget, begin, shared)?;
+        }
         let tasks = work::run(&WorkArgs::all(self.out), shared)?;
         Ok(format!("{tasks}\n{}", join(self.out)?))
     }
@@ -130,7 +137,7 @@ impl Clip<'_> {
         let mut windows = Windows::new(&dataset, data, train, sizes, self.room)?;
         drop(dataset);
         if let Some(budget) = self.budget {
-            windows.train.iterations = self.steps_within(budget, &windows, choice, shared)?;
+            self.set_steps(&mut windows, budget, choice, shared)?;
         }
         windows.claim(self.out)?;
         let work = Work::Windows {
@@ -142,30 +149,74 @@ impl Clip<'_> {
         Ok(plan)
     }
 
-    /// Steps of a window, as they were found when the clip was planned first.
+    /// Sets the steps that fit into a budget, or those that were found when the clip was planned first.
+    fn set_steps(
+        &self,
+        windows: &mut Windows,
+        budget: f64,
+        choice: DeviceChoice,
+        shared: &Shared,
+    ) -> Result<(), Failure> {
+        if Windows::are_in(self.out) {
+            let found = Windows::read(self.out)?;
+            windows.set_iterations(found.train.iterations);
+            windows.room = found.room;
+            return Ok(());
+        }
+        RunFolder::check_free(self.out)?;
+        let steps = self.steps_within(budget, windows, None, choice, shared)?;
+        windows.set_iterations(steps);
+        if windows.room.is_none() {
+            warn_of_few(steps);
+        }
+        Ok(())
+    }
+
+    /// Gives the windows the steps that fit into what the room has left of a budget, unless one of them has begun: what a step
+    /// of theirs costs is known once the room is there.
+    fn share_out(&self, budget: f64, begin: Instant, shared: &Shared) -> Result<(), Failure> {
+        let mut windows = Windows::read(self.out)?;
+        let run = |part: Part| self.out.join(part.run_name());
+        let has_begun = |part: Part| part != Part::Room && run(part).exists();
+        if windows.parts().any(has_begun) {
+            return Ok(());
+        }
+        let choice = shared.device.unwrap_or_default().resolved();
+        let Some((room, results)) = scored(&run(Part::Room))? else {
+            return Ok(());
+        };
+        let before = results.train_seconds.unwrap_or_default();
+        let left = (budget - begin.elapsed().as_secs_f64().max(before)).max(0.0);
+        let room = room.scene(&choice.device()?)?;
+        let steps = self.steps_within(left, &windows, Some(&room), choice, shared)?;
+        warn_of_few(steps);
+        windows.train.iterations = steps;
+        Ok(windows.rewrite(self.out)?)
+    }
+
     fn steps_within(
         &self,
-        budget: f64,
+        secs: f64,
         windows: &Windows,
+        room: Option<&DynamicScene>,
         choice: DeviceChoice,
         shared: &Shared,
     ) -> Result<usize, Failure> {
-        if Windows::are_in(self.out) {
-            return Ok(Windows::read(self.out)?.train.iterations);
-        }
-        RunFolder::check_free(self.out)?;
         let (device, name) = (choice.device()?, choice.to_string());
-        let find = |tell: OnTrial<'_>| {
-            windows.steps_within(budget, self.data.memory, (&device, &name), tell)
-        };
-        let steps = steps_of(budget, shared, find)?;
-        if steps < MIN_STEPS {
-            tracing::warn!(
-                "a window of {steps} steps shows little: expected {MIN_STEPS} or more; give more time, or train the clip as one \
-                 with --window none"
-            );
-        }
-        Ok(steps)
+        let on = (&device, name.as_str());
+        let memory = self.data.memory;
+        let find = |tell: OnTrial<'_>| windows.steps_within(secs, room, memory, on, tell);
+        Ok(steps_of(secs, shared, find)?)
+    }
+}
+
+/// Warns where a window gets few steps.
+fn warn_of_few(steps: usize) {
+    if steps < MIN_STEPS {
+        tracing::warn!(
+            "a window of {steps} steps shows little: expected {MIN_STEPS} or more; give more time, or train the clip as one \
+             with --window none"
+        );
     }
 }
 
@@ -227,7 +278,7 @@ fn frames(windows: &Windows, part: Part) -> String {
             let window = &windows.windows[number];
             format!("{} to {}", window.first, window.last)
         }
-        (Part::Room, Some(step)) => format!("0, {step}, .."),
+        (Part::Room, Some(room)) => format!("0, {}, ..", room.every),
         (Part::Room, None) => String::new(),
     }
 }

@@ -41,6 +41,14 @@ impl WorkArgs {
             task: None,
         }
     }
+
+    /// One task of a plan.
+    pub fn one(plan: &Path, task: usize) -> Self {
+        Self {
+            task: Some(task),
+            ..Self::all(plan)
+        }
+    }
 }
 
 /// What tasks are done with.

@@ -55,6 +55,7 @@ impl Budget {
             most_secs: self.seconds,
             pace: &mut |secs| gauge.paced(secs),
             on_step,
+            backdrop: None,
         };
         let tried = trials.run(config, dataset, device)?;
         Ok(tried.steps((self.seconds - tried.after).max(TRIAL_SHARE * self.seconds)))

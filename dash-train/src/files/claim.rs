@@ -33,7 +33,6 @@ pub(crate) fn claim<T: Serialize + DeserializeOwned + PartialEq>(
     what: &str,
 ) -> Result<(), Error> {
     let path = out.join(name);
-    let text = toml::to_string(owner).map_err(|e| Error::Config(e.to_string()))?;
     if path.is_file() {
         let found = fs::read_to_string(&path).map_err(|e| Error::io(&path, "read", e))?;
         return match toml::from_str::<T>(&found) {
@@ -57,6 +56,15 @@ pub(crate) fn claim<T: Serialize + DeserializeOwned + PartialEq>(
         ));
     }
     fs::create_dir_all(out).map_err(|e| Error::io(out, "create", e))?;
-    write_atomically(&path, |mut file| file.write_all(text.as_bytes()))?;
+    write_owner(out, name, owner)
+}
+
+/// Writes the file `name` that says what the folder `out` belongs to.
+///
+/// # Errors
+/// When it can't be written; what was there before stays.
+pub(crate) fn write_owner<T: Serialize>(out: &Path, name: &str, owner: &T) -> Result<(), Error> {
+    let text = toml::to_string(owner).map_err(|e| Error::Config(e.to_string()))?;
+    write_atomically(&out.join(name), |mut file| file.write_all(text.as_bytes()))?;
     Ok(())
 }

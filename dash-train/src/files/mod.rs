@@ -18,7 +18,7 @@ mod names;
 mod order;
 mod unicode;
 
-pub(crate) use claim::{claim, read_owner};
+pub(crate) use claim::{claim, read_owner, write_owner};
 pub(crate) use find_image::find_image;
 pub(crate) use first_bytes::{parse_json, refuse_pointer, refuse_pointer_file, without_mark};
 pub(crate) use folder::{is_occupied, list, list_images, require_folder, unread_images};

@@ -7,8 +7,9 @@ use std::sync::Arc;
 use std::time::Instant;
 
 use burn::tensor::Device;
+use dash_model::DynamicScene;
 
-use super::{StepReport, TrainConfig, Trainer};
+use super::{Additions, StepReport, TrainConfig, Trainer};
 use crate::Error;
 use crate::dataset::Dataset;
 
@@ -42,6 +43,8 @@ pub(crate) struct Trials<'a> {
     pub(crate) pace: &'a mut dyn FnMut(f64) -> Result<f64, Error>,
     /// Who is told.
     pub(crate) on_step: OnTrial<'a>,
+    /// The room of another run that is drawn with each.
+    pub(crate) backdrop: Option<&'a DynamicScene>,
 }
 
 /// What trials showed.
@@ -82,7 +85,11 @@ impl Trials<'_> {
             };
             (self.on_step)(iterations, None);
             let start = Instant::now();
-            let mut trainer = Trainer::new(config, dataset.clone(), device)?;
+            let additions = Additions {
+                backdrop: self.backdrop.cloned(),
+                ..Default::default()
+            };
+            let mut trainer = Trainer::with(config, dataset.clone(), device, additions)?;
             let mut secs = 0.0;
             while !trainer.is_finished() && secs < self.most_secs {
                 let start_of_step = Instant::now();
@@ -109,31 +116,57 @@ impl Trials<'_> {
     }
 }
 
-/// Steps of each of `runs` like this one with which the last ends about `secs` seconds from now, with the trials that find it out.
-/// Scores and files are written besides that.
-///
-/// # Errors
-/// What [`Trainer::new`] and [`Trainer::step`] refuse.
-pub fn steps_within(
-    secs: f64,
-    runs: f64,
-    config: &TrainConfig,
-    dataset: &Arc<Dataset>,
-    device: &Device,
-    on_step: OnTrial<'_>,
-) -> Result<usize, Error> {
-    let begin = Instant::now();
-    let last_secs = (SHARE * secs).min(SHARE_OF_RUN * secs / runs);
-    let trials = Trials {
-        first: FIRST_STEPS,
-        last_secs,
-        most_secs: 2.0 * last_secs,
-        pace: &mut Ok,
-        on_step,
-    };
-    let tried = trials.run(config, dataset, device)?;
-    let left = (secs - begin.elapsed().as_secs_f64()) / runs - tried.before - tried.after;
-    Ok(tried.steps(left.max(SHARE * secs / runs)))
+/// Seconds for the training of one or more runs.
+#[derive(Debug, Clone, Copy)]
+pub struct Budget<'a> {
+    /// Seconds from now, trials included; scores and files are written besides that.
+    pub secs: f64,
+    /// Runs that share them.
+    pub runs: f64,
+    /// The room of another run that each draws.
+    pub backdrop: Option<&'a DynamicScene>,
+}
+
+impl Budget<'_> {
+    /// Of a single run.
+    pub fn of_one(secs: f64) -> Self {
+        Self {
+            secs,
+            runs: 1.0,
+            backdrop: None,
+        }
+    }
+
+    /// Steps of each run that fit, by trials.
+    ///
+    /// # Errors
+    /// What [`Trainer::new`] and [`Trainer::step`] refuse.
+    pub fn steps(
+        self,
+        config: &TrainConfig,
+        dataset: &Arc<Dataset>,
+        device: &Device,
+        on_step: OnTrial<'_>,
+    ) -> Result<usize, Error> {
+        let Self {
+            secs,
+            runs,
+            backdrop,
+        } = self;
+        let begin = Instant::now();
+        let last_secs = (SHARE * secs).min(SHARE_OF_RUN * secs / runs);
+        let trials = Trials {
+            first: FIRST_STEPS,
+            last_secs,
+            most_secs: 2.0 * last_secs,
+            pace: &mut Ok,
+            on_step,
+            backdrop,
+        };
+        let tried = trials.run(config, dataset, device)?;
+        let left = (secs - begin.elapsed().as_secs_f64()) / runs - tried.before - tried.after;
+        Ok(tried.steps(left.max(SHARE * secs / runs)))
+    }
 }
 
 /// Steps that take `secs`, along a power law through the last two runs.
@@ -191,6 +224,7 @@ mod tests {
                         lengths.push(steps);
                     }
                 },
+                backdrop: None,
             };
             let tried = tried.run(&config, &dataset, &Device::flex());
             (lengths, tried.expect("trains"))
@@ -214,8 +248,11 @@ mod tests {
         let mut config = TrainConfig::preset(Preset::Quick);
         config.initial_points = [100, 200];
         let within = |secs: f64, runs: f64| {
-            let device = Device::flex();
-            let steps = steps_within(secs, runs, &config, &dataset, &device, &mut |_, _| {});
+            let budget = Budget {
+                runs,
+                ..Budget::of_one(secs)
+            };
+            let steps = budget.steps(&config, &dataset, &Device::flex(), &mut |_, _| {});
             steps.expect("trains")
         };
         assert!(within(1e-6, 1.0) >= 1);

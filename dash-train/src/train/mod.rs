@@ -22,7 +22,7 @@ mod run;
 mod trainer;
 
 pub(crate) use budget::TYPICAL_POWER;
-pub use budget::{OnTrial, steps_within};
+pub use budget::{Budget, OnTrial};
 pub use config::{Keep, Preset, TrainConfig};
 pub use core::{
     Decision, Densify, Extension, Finished, MAX_SKIPPED_IN_A_ROW, Method, NonFinite, Place,

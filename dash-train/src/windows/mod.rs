@@ -16,7 +16,7 @@ use std::path::Path;
 use std::sync::Arc;
 
 use burn::tensor::Device;
-use dash_model::TimeWindows;
+use dash_model::{DynamicScene, TimeWindows};
 use serde::{Deserialize, Serialize};
 
 pub use clip::WindowedClip;
@@ -24,12 +24,12 @@ pub use clip::WindowedClip;
 use crate::Error;
 use crate::dataset::{Dataset, FrameRange, LoadOptions, Partition, load};
 use crate::evaluate::Perceptual;
-use crate::files::{claim, read_owner};
+use crate::files::{claim, read_owner, write_owner};
 use crate::results::{take_up, train_and_score};
 use crate::train::core::is_synchronized;
 use crate::train::{
-    DataConfig, OnTrial, RunConfig, StepReport, TYPICAL_POWER, TrainConfig, TrainOptions,
-    check_dataset, steps_within,
+    Budget, DataConfig, OnTrial, RunConfig, StepReport, TYPICAL_POWER, TrainConfig, TrainOptions,
+    check_dataset,
 };
 
 /// The file of a folder of windows.
@@ -57,14 +57,23 @@ pub struct Windows {
     pub n_frames: usize,
     /// The windows, in the order of time.
     pub windows: Vec<Window>,
-    /// Frames between those of which the room is trained, whose static Gaussians all windows share; `None`: each window
-    /// trains its own.
+    /// What is trained first, and whose static Gaussians all windows share; `None`: each window trains its own.
     #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub room: Option<NonZeroU64>,
+    pub room: Option<Room>,
     /// The data of the whole clip.
     pub data: DataConfig,
     /// How every window is trained.
     pub train: TrainConfig,
+}
+
+/// The room of a clip: what is the same all the time.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Room {
+    /// It is trained on each so many-th frame.
+    pub every: NonZeroU64,
+    /// Its steps.
+    pub iterations: usize,
 }
 
 /// What one of the runs is about.
@@ -199,15 +208,25 @@ impl Windows {
             train.iterations = (whole_steps / windows.len()).max(MIN_STEPS);
         }
         let has_room = room.unwrap_or(windows.len() >= MIN_SHARING);
+        // Of as many frames as a window has, so that it takes no more memory.
+        let every = NonZeroU64::new(n.div_ceil(length) as u64).filter(|_| has_room);
+        let iterations = ROOM_STEPS * train.iterations;
         Ok(Self {
             name: dataset.name.clone(),
             n_frames: n,
-            // Of as many frames as a window has, so that it takes no more memory.
-            room: NonZeroU64::new(n.div_ceil(length) as u64).filter(|_| has_room),
+            room: every.map(|every| Room { every, iterations }),
             windows,
             data,
             train,
         })
+    }
+
+    /// Sets the steps of each window, and those of the room, which go with them.
+    pub fn set_iterations(&mut self, iterations: usize) {
+        self.train.iterations = iterations;
+        if let Some(room) = &mut self.room {
+            room.iterations = ROOM_STEPS * iterations;
+        }
     }
 
     /// Makes `out` the folder of these windows, or finds that it is.
@@ -216,6 +235,14 @@ impl Windows {
     /// When it holds others, or other files.
     pub fn claim(&self, out: &Path) -> Result<(), Error> {
         claim(out, FILE, self, "clip")
+    }
+
+    /// Writes them in the place of those that `out` is the folder of.
+    ///
+    /// # Errors
+    /// When the file can't be written; what was there before stays.
+    pub fn rewrite(&self, out: &Path) -> Result<(), Error> {
+        write_owner(out, FILE, self)
     }
 
     /// Whether a folder holds windows.
@@ -250,27 +277,35 @@ impl Windows {
         Part::all(self.windows.len(), self.room.is_some())
     }
 
-    /// Steps of each window with which all are trained about `secs` seconds from now, one after the other. Short trials on the window in
-    /// the middle find it out; scores take their time besides that.
+    /// Steps of each window with which all that is not trained yet is so about `secs` seconds from now, one after the other. Short
+    /// trials on the window in the middle find it out; scores take their time besides that. `room` is the trained room: before
+    /// there is one, steps of windows are taken for as long as without.
     ///
     /// # Errors
     /// When its frames can't be loaded, or training fails.
     pub fn steps_within(
         &self,
         secs: f64,
+        room: Option<&DynamicScene>,
         memory: Option<u64>,
         (device, name): (&Device, &str),
         on_trial: OnTrial<'_>,
     ) -> Result<usize, Error> {
-        // The room is not there yet. Without it a step takes longer, if anything.
         let data = DataConfig {
             backdrop: None,
             ..self.data_of(Part::Window(self.windows.len() / 2), name)
         };
         let dataset = dataset_of(&data, memory)?;
-        let of_room = (ROOM_STEPS as f64).powf(TYPICAL_POWER);
-        let runs = self.windows.len() as f64 + self.room.map_or(0.0, |_| of_room);
-        steps_within(secs, runs, &self.train, &dataset, device, on_trial)
+        let of_room = match room.is_none() && self.room.is_some() {
+            true => (ROOM_STEPS as f64).powf(TYPICAL_POWER),
+            false => 0.0,
+        };
+        let budget = Budget {
+            secs,
+            runs: self.windows.len() as f64 + of_room,
+            backdrop: room,
+        };
+        budget.steps(&self.train, &dataset, device, on_trial)
     }
 
     /// Trains and scores a run, which nobody else works on, in its folder below `out`; from its newest checkpoint where
@@ -287,11 +322,10 @@ impl Windows {
     ) -> Result<(), Error> {
         let data = self.data_of(part, options.device.1);
         let dataset = dataset_of(&data, options.memory)?;
-        let steps = self.train.iterations;
         let train = TrainConfig {
-            iterations: match part {
-                Part::Room => ROOM_STEPS * steps,
-                Part::Window(_) => steps,
+            iterations: match (part, self.room) {
+                (Part::Room, Some(room)) => room.iterations,
+                _ => self.train.iterations,
             },
             ..self.train.clone()
         };
@@ -316,7 +350,7 @@ impl Windows {
     /// The data of a run.
     fn data_of(&self, part: Part, device: &str) -> DataConfig {
         let (frames, backdrop) = match part {
-            Part::Room => (self.room.map(FrameRange::Every), None),
+            Part::Room => (self.room.map(|room| FrameRange::Every(room.every)), None),
             Part::Window(number) => {
                 let Window { first, last, .. } = self.windows[number];
                 let [first, last] = [first, last].map(|frame| frame as u64);
