@@ -9,7 +9,7 @@
 //! | `formats/` | a file per layout: does it fit, and read |
 //! | `format.rs`, `loader.rs`, `broken.rs` | what a format offers and what it is given; what can't be read |
 //! | `multi_view/` | synchronised cameras: which of their frames show the same time |
-//! | `points.rs`, `unposed.rs`, `times.rs`, `origin.rs` | initial points, images without a pose, times, scenes far from the origin |
+//! | `points.rs`, `unposed.rs`, `times.rs`, `origin.rs`, `lenses.rs` | initial points, images without a pose, times, scenes far from the origin, odd intrinsics |
 //! | `poses/` | files of poses |
 //! | `view.rs`, `partition.rs`, `options.rs`, `frame_range.rs`, `layout.rs` | views, and what of a dataset is loaded |
 //! | `pixels/` | decoding, sizes, masks, distortion, the frame store |
@@ -21,6 +21,7 @@ mod formats;
 mod frame_range;
 pub(crate) mod fuzzing;
 mod layout;
+mod lenses;
 mod loader;
 mod multi_view;
 mod options;
@@ -42,6 +43,7 @@ pub use formats::FORMATS;
 pub(crate) use formats::poses_alone;
 pub use frame_range::FrameRange;
 pub use layout::Layout;
+pub(crate) use lenses::OddLens;
 pub use loader::{Loader, PlannedView};
 pub use options::LoadOptions;
 pub(crate) use origin::FarScene;
@@ -203,10 +205,13 @@ fn load_in(loader: &Loader, formats: &[&dyn Format]) -> Result<Dataset, Error> {
         ));
     }
     // Callers that collect broken images check this themselves.
-    if !loader.broken.is_noted()
-        && let Some(far) = FarScene::of(&capture.views, capture.points.as_ref())
-    {
-        tracing::warn!("{}: {}; {}", path.display(), far.text(), far.mend());
+    if !loader.broken.is_noted() {
+        if let Some(far) = FarScene::of(&capture.views, capture.points.as_ref()) {
+            tracing::warn!("{}: {}; {}", path.display(), far.text(), far.mend());
+        }
+        if let Some(odd) = OddLens::of(&capture.views) {
+            tracing::warn!("{}: {}; {}", path.display(), odd.text(), odd.mend());
+        }
     }
     let name = path.canonicalize().map_err(Error::access(path))?;
     Ok(Dataset {

@@ -40,7 +40,7 @@ pub use timing::TimedOn;
 
 use crate::Error;
 use crate::dataset::{
-    Dataset, FarScene, Layout, LoadOptions, Partition, View, load_decodable, poses_alone,
+    Dataset, FarScene, Layout, LoadOptions, OddLens, Partition, View, load_decodable, poses_alone,
 };
 use crate::train::core::shortage::shortages;
 use crate::video::write_png;
@@ -226,6 +226,9 @@ fn check_geometry(dataset: &Dataset, findings: &mut Vec<Finding>) -> (Sketch, Ve
     ));
     if let Some(far) = FarScene::of(&dataset.views, dataset.points.as_ref()) {
         findings.push(Finding::warning("origin", far.text(), &far.mend()));
+    }
+    if let Some(odd) = OddLens::of(&dataset.views) {
+        findings.push(Finding::warning("lens", odd.text(), &odd.mend()));
     }
     findings.extend(cloud::numbers(dataset, cloud.as_ref()));
     findings.extend(

@@ -25,5 +25,5 @@ pub(crate) use folder::{is_occupied, list, list_images, require_folder, unread_i
 pub(crate) use free_output::free_parent;
 pub(crate) use inside::confined;
 pub(crate) use names::{VIDEO_EXTENSIONS, frame_numbers, has_extension, natural_cmp, stem};
-pub(crate) use order::{Order, order};
+pub(crate) use order::{Order, check_order, order};
 pub(crate) use unicode::{in_either_form, one_form};

@@ -1,7 +1,10 @@
 //! Whether names of frames say in which order they were taken. Numbers are compared as decimal ones without a sign; names
 //! that mean something else are refused, and names that may be read in more than one way are told.
 
+use std::path::Path;
+
 use super::names::frame_numbers;
+use crate::Error;
 
 /// Names in a message, at either end of a list.
 const SHOWN: usize = 2;
@@ -19,6 +22,26 @@ pub(crate) enum Order {
     Told(String),
     /// Something that the order of names is wrong for, in words.
     Unknown(String),
+}
+
+/// Refuses names whose order in time is not known. Otherwise the order that was taken, in words, where it may be another.
+///
+/// # Errors
+/// [`Error::InvalidData`] at `path`, which has them.
+pub(crate) fn check_order<S: AsRef<str>>(
+    path: &Path,
+    names: &[S],
+) -> Result<Option<String>, Error> {
+    match order(names) {
+        Order::Plain => Ok(None),
+        Order::Told(told) => Ok(Some(told)),
+        Order::Unknown(found) => Err(Error::invalid(
+            path,
+            "names of frames with decimal numbers, without sign, in the order of time",
+            found,
+            "rename the frames 00000, 00001, .. in their order",
+        )),
+    }
 }
 
 /// What the order of these names, which are sorted, rests on.

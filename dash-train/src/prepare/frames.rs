@@ -156,6 +156,9 @@ pub(super) fn first_frames(
         .collect()
 }
 
+/// Frames of each camera, in order; `None` where the camera recorded none.
+pub(super) type Written = Vec<Vec<Option<PathBuf>>>;
+
 /// Writes every camera's frames to `dataset/NAME/images/0000.png` and so on. Returns equally many for each camera,
 /// fewer than planned if a video ends early, and the index of the camera with the fewest.
 pub(super) fn write_all(
@@ -165,7 +168,7 @@ pub(super) fn write_all(
     schedule: &Schedule,
     sizes: &[Option<[usize; 2]>],
     dataset: &Path,
-) -> Result<(Vec<Vec<PathBuf>>, usize), Error> {
+) -> Result<(Written, usize), Error> {
     let mut cameras = (0..cameras.len())
         .into_par_iter()
         .map(|index| {
@@ -187,7 +190,19 @@ pub(super) fn write_all(
             fs::remove_file(&extra).map_err(Error::access(&extra))?;
         }
     }
-    Ok((cameras, shortest))
+    let mut written = Vec::with_capacity(cameras.len());
+    for (frames, timeline) in cameras.into_iter().zip(timelines) {
+        let mut own = Vec::with_capacity(frames.len());
+        for (frame, file) in frames.into_iter().enumerate() {
+            let is_recorded = timeline.has(schedule.time(frame));
+            if !is_recorded {
+                fs::remove_file(&file).map_err(Error::access(&file))?;
+            }
+            own.push(is_recorded.then_some(file));
+        }
+        written.push(own);
+    }
+    Ok((written, shortest))
 }
 
 fn copy_images(

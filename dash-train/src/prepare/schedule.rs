@@ -10,6 +10,9 @@ const LAST_FRAME_SLACK: f64 = 1e-3;
 /// The most frames that are written per camera.
 const MAX_FRAMES: f64 = 1e6;
 
+/// Share of a frame's duration within which a frame is that of a time: half would do, but clocks are not exact.
+const NEAR: f64 = 0.75;
+
 /// Two frames are equally near to a time within this, in seconds. Then the earlier one is taken.
 const TIE_SECS: f64 = 1e-6;
 
@@ -45,6 +48,12 @@ impl Timeline {
             n if own - self.times[n - 1] <= self.times[n] - own + TIE_SECS => n - 1,
             n => n,
         }
+    }
+
+    /// Whether a frame was recorded near a time of the rig.
+    pub(super) fn has(&self, time: f64) -> bool {
+        let off = (self.times[self.nearest(time)] - time - self.offset).abs();
+        self.rate.is_none_or(|rate| off * rate <= NEAR)
     }
 
     fn range(&self) -> [f64; 2] {
@@ -141,11 +150,37 @@ pub(super) fn schedule(
         ));
     }
     remarks.extend(cuts(names, &ranges, [start, end], fps));
-    Ok(Schedule {
+    let mut schedule = Schedule {
         start,
         fps,
         n_frames: count as usize,
         remarks,
+    };
+    let gaps = gaps(names, timelines, &schedule);
+    schedule.remarks.extend(gaps);
+    Ok(schedule)
+}
+
+/// One line on times at which cameras recorded nothing.
+fn gaps(names: &[String], timelines: &[Timeline], schedule: &Schedule) -> Option<String> {
+    let missing = |timeline: &Timeline| {
+        let frames = 0..schedule.n_frames;
+        frames
+            .filter(|&frame| !timeline.has(schedule.time(frame)))
+            .count()
+    };
+    let with_gaps: Vec<String> = timelines
+        .iter()
+        .enumerate()
+        .map(|(index, timeline)| (name(names, index), missing(timeline)))
+        .filter(|(_, n)| *n > 0)
+        .map(|(name, n)| format!("{name} has none at {n} of {} times", schedule.n_frames))
+        .collect();
+    (!with_gaps.is_empty()).then(|| {
+        format!(
+            "frames that were not recorded are left out: {}",
+            with_gaps.join(", ")
+        )
     })
 }
 

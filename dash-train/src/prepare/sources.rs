@@ -38,12 +38,15 @@ pub(super) fn find(input: &Path) -> Result<Vec<Source>, Error> {
         let mut sources = videos(&folder)?;
         if sources.is_empty() {
             sources = image_folders(&folder)?;
+        } else {
+            warn_of_unread(&folder)?;
         }
         if sources.is_empty() {
             sources = single_images(&folder)?;
         }
         if !sources.is_empty() {
             sources.sort_by(|a, b| files::natural_cmp(&a.name, &b.name));
+            check_order(&folder, &sources)?;
             return check(input, sources);
         }
     }
@@ -56,6 +59,23 @@ pub(super) fn find(input: &Path) -> Result<Vec<Source>, Error> {
         "none of these",
         "put them there, named after their cameras",
     ))
+}
+
+/// Refuses images whose order in time their names don't tell.
+fn check_order(folder: &Path, sources: &[Source]) -> Result<(), Error> {
+    let mut told = None;
+    for source in sources {
+        let Recording::Images(images) = &source.recording else {
+            continue;
+        };
+        let stems: Vec<String> = images.iter().map(|path| files::stem(path)).collect();
+        let found = files::check_order(&folder.join(&source.name), &stems)?;
+        told = told.or(found);
+    }
+    if let Some(told) = told {
+        tracing::warn!("{}: {told}", folder.display());
+    }
+    Ok(())
 }
 
 fn check(input: &Path, sources: Vec<Source>) -> Result<Vec<Source>, Error> {
@@ -116,6 +136,20 @@ fn image_folders(folder: &Path) -> Result<Vec<Source>, Error> {
         sources.clear();
     }
     Ok(sources)
+}
+
+/// Tells of folders of images beside videos.
+fn warn_of_unread(folder: &Path) -> Result<(), Error> {
+    let beside = image_folders(folder)?;
+    let names: Vec<&str> = beside.iter().map(|source| source.name.as_str()).collect();
+    if !names.is_empty() {
+        tracing::warn!(
+            "{}: cameras are its videos; folders of images beside them are not read: {}",
+            folder.display(),
+            names.join(", ")
+        );
+    }
+    Ok(())
 }
 
 fn single_images(folder: &Path) -> Result<Vec<Source>, Error> {

@@ -51,7 +51,8 @@ pub(super) struct WrittenCamera<'a> {
     pub(super) name: &'a str,
     /// At the frames' size.
     pub(super) known: &'a KnownCamera,
-    pub(super) frames: &'a [PathBuf],
+    /// By frame; `None` where the camera recorded none.
+    pub(super) frames: &'a [Option<PathBuf>],
     pub(super) held_out: bool,
 }
 
@@ -95,7 +96,9 @@ fn frames<'a>(
 ) -> impl Iterator<Item = Frame<'a>> {
     let (name, KnownCamera { camera, distortion }) = (written.name, written.known);
     let n = written.frames.len();
-    written.frames.iter().enumerate().map(move |(frame, file)| {
+    let recorded = written.frames.iter().enumerate();
+    let recorded = recorded.filter_map(|(frame, file)| Some((frame, file.as_ref()?)));
+    recorded.map(move |(frame, file)| {
         let inside = file.strip_prefix(dataset).unwrap_or(file);
         Frame {
             file_path: inside.to_string_lossy().replace('\\', "/"),

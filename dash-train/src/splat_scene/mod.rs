@@ -20,7 +20,7 @@ pub use clip::{Drawn, SceneOverTime, SplatClip};
 pub use instant::rows_at;
 
 use crate::Error;
-use crate::files::{Order, list, order};
+use crate::files::{check_order, list};
 
 /// The Gaussians of a file as a scene in which nothing moves, over black.
 ///
@@ -74,17 +74,8 @@ pub fn splat_files(folder: &Path) -> Result<Vec<PathBuf>, Error> {
             "name another folder",
         ));
     }
-    match order(&names) {
-        Order::Plain => {}
-        Order::Told(told) => tracing::warn!("{}: {told}", folder.display()),
-        Order::Unknown(found) => {
-            return Err(Error::invalid(
-                folder,
-                "names with decimal numbers, without sign, in the order of time",
-                found,
-                "rename the files 00000.ply, 00001.ply, .. in their order",
-            ));
-        }
+    if let Some(told) = check_order(folder, &names)? {
+        tracing::warn!("{}: {told}", folder.display());
     }
     Ok(names.into_iter().map(|name| folder.join(name)).collect())
 }

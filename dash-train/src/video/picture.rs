@@ -2,7 +2,8 @@
 //!
 //! `ffmpeg` is told all of it in filters of ours, so that every way of decoding gives the same pictures. Frames come out
 //! upright, with square pixels, in full-range RGB. A picture without a stated matrix or range is taken as `ffmpeg`
-//! takes it: BT.601, limited range. Curves close to sRGB's count as sRGB. Primaries are kept; wide ones are told.
+//! takes it: BT.601, limited range. Curves close to sRGB's count as sRGB. Primaries are kept; wide ones are told, and so are
+//! interlaced pictures and transparency, which is not read.
 
 use std::path::Path;
 
@@ -67,6 +68,8 @@ pub(super) struct Stated {
     color_space: Option<String>,
     color_transfer: Option<String>,
     color_primaries: Option<String>,
+    field_order: Option<String>,
+    pix_fmt: Option<String>,
     side_data_list: Vec<SideData>,
 }
 
@@ -114,6 +117,8 @@ impl Picture {
             ));
         }
         remarks.extend(check_colours(path, stated)?);
+        remarks.extend(interlaced(stated));
+        remarks.extend(transparent(stated));
         Ok(Self {
             turn,
             square: square.map(upright),
@@ -130,11 +135,12 @@ impl Picture {
             filters.push(format!("setparams={}", self.colours.join(":")));
         }
         filters.extend(self.turn.iter().map(ToString::to_string));
-        if let Some([width, height]) = size.or(self.square) {
-            let is_smaller = width <= self.turned[0] && height <= self.turned[1];
-            let flags = if is_smaller { SMALLER } else { LARGER };
-            filters.push(format!("scale={width}:{height}:{flags}"));
-        }
+        // Pictures of their own size, too, are converted by a filter: without one, `ffmpeg` rounds colours down.
+        let [width, height] = size.or(self.square).unwrap_or(self.turned);
+        let is_smaller =
+            [width, height] != self.turned && width <= self.turned[0] && height <= self.turned[1];
+        let flags = if is_smaller { SMALLER } else { LARGER };
+        filters.push(format!("scale={width}:{height}:{flags}"));
         filters
     }
 }
@@ -244,6 +250,33 @@ fn check_colours(path: &Path, stated: &Stated) -> Result<Option<String>, Error> 
     }))
 }
 
+/// A remark on pictures of two instants each, their lines taking turns.
+fn interlaced(stated: &Stated) -> Option<String> {
+    let order = stated.field_order.as_deref()?;
+    ["tt", "bb", "tb", "bt"].contains(&order).then(|| {
+        format!(
+            "its pictures are interlaced (field order {order}): every other line is of another instant; take them apart first \
+             (`ffmpeg -i OLD -vf bwdif=mode=send_frame NEW`)"
+        )
+    })
+}
+
+/// A remark on pictures that are partly transparent.
+fn transparent(stated: &Stated) -> Option<String> {
+    let format = stated.pix_fmt.as_deref()?;
+    let has_alpha = [
+        "yuva", "gbrap", "rgba", "bgra", "argb", "abgr", "ya8", "ya16",
+    ]
+    .iter()
+    .any(|start| format.starts_with(start));
+    has_alpha.then(|| {
+        format!(
+            "it has transparency ({format}), which is not read of videos: colours count as they are stored; write its pictures \
+             as PNG files to keep it"
+        )
+    })
+}
+
 /// The stated range and matrix as options of the filter `setparams`.
 fn colours(stated: &Stated) -> Vec<String> {
     let option = |name: &str, value: &Option<String>| {
@@ -277,7 +310,7 @@ mod tests {
     }
 
     #[test]
-    fn plain_pictures_need_no_filter() {
+    fn plain_pictures_are_only_converted() {
         let tagged = serde_json::json!({
             "sample_aspect_ratio": "1:1", "color_range": "tv", "color_space": "bt709", "color_transfer": "bt709",
             "color_primaries": "bt709", "side_data_list": []
@@ -289,7 +322,8 @@ mod tests {
             matrix([0; 4]),
         ] {
             let picture = picture(listing.clone()).expect("plain");
-            assert!(picture.filters(false, None).is_empty(), "{listing}");
+            let own = format!("scale=64:48:{LARGER}");
+            assert_eq!(picture.filters(false, None), [own], "{listing}");
             assert!(picture.remarks.is_empty(), "{listing}");
         }
     }
@@ -303,7 +337,8 @@ mod tests {
             ([-65536, 0, 0, -65536], "hflip,vflip"),
         ] {
             let picture = picture(matrix(entries)).expect("a right angle");
-            assert_eq!(picture.filters(false, None).join(","), filters);
+            let turned = picture.filters(false, None);
+            assert_eq!(turned[..turned.len() - 1].join(","), filters);
         }
         for entries in [
             [46341, 46341, -46341, 46341],
@@ -344,17 +379,34 @@ mod tests {
     fn copied_pictures_get_their_colours_back() {
         let listing = serde_json::json!({"color_range": "pc", "color_space": "bt709"});
         let picture = picture(listing).expect("plain");
-        assert_eq!(
-            picture.filters(true, None),
-            ["setparams=range=pc:colorspace=bt709"]
-        );
+        let own = format!("scale=64:48:{LARGER}");
+        let stated = "setparams=range=pc:colorspace=bt709";
+        assert_eq!(picture.filters(true, None), [stated, &own]);
         let unknown = serde_json::json!({"color_range": "unknown", "color_space": "reserved"});
-        assert!(
-            super::tests::picture(unknown)
-                .expect("plain")
-                .filters(true, None)
-                .is_empty()
-        );
+        let unknown = super::tests::picture(unknown).expect("plain");
+        assert_eq!(unknown.filters(true, None), [own]);
+    }
+
+    #[test]
+    fn interlaced_and_transparent_pictures_are_told() {
+        for (key, value, is_told) in [
+            ("field_order", "tt", true),
+            ("field_order", "bt", true),
+            ("field_order", "progressive", false),
+            ("pix_fmt", "yuva420p", true),
+            ("pix_fmt", "bgra", true),
+            ("pix_fmt", "yuv420p", false),
+            ("pix_fmt", "rgb24", false),
+        ] {
+            let remarks = picture(serde_json::json!({key: value}))
+                .expect("read")
+                .remarks;
+            assert_eq!(
+                remarks.iter().any(|told| told.contains(value)),
+                is_told,
+                "{value}"
+            );
+        }
     }
 
     #[test]

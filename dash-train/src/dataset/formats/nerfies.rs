@@ -208,7 +208,8 @@ fn read_scene(root: &Path) -> Result<Scene, Error> {
     ))
 }
 
-/// Every id and whether it is held out: training ids, then the others of validation.
+/// Every id and whether it is held out: training ids, then the others of validation. An id in both lists is held out, unless
+/// all training ids are.
 fn read_ids(path: &Path) -> Result<Vec<(String, bool)>, Error> {
     let lists: Ids = read_json(path, "JSON with `train_ids` and `val_ids`")?;
     let all = if lists.train_ids.is_empty() {
@@ -216,8 +217,15 @@ fn read_ids(path: &Path) -> Result<Vec<(String, bool)>, Error> {
     } else {
         &lists.train_ids
     };
-    let held_out: HashSet<String> = lists.val_ids.iter().map(Id::text).collect();
-    let is_held_out = |id: &String| lists.train_ids.is_empty() && held_out.contains(id);
+    let mut held_out: HashSet<String> = lists.val_ids.iter().map(Id::text).collect();
+    if all.iter().all(|id| held_out.contains(&id.text())) {
+        tracing::warn!(
+            "{}: all training ids are in `val_ids`, too: they are trained on",
+            path.display()
+        );
+        held_out.clear();
+    }
+    let is_held_out = |id: &String| held_out.contains(id);
     let mut seen = HashSet::new();
     let mut ids = Vec::new();
     for id in all.iter().map(Id::text) {

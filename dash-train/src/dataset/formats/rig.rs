@@ -76,8 +76,13 @@ impl RigReader {
         Ok(Self { sources, poses })
     }
 
-    /// Whether the poses are those of the cameras and not those of single images.
+    /// Whether the poses are those of the cameras and not those of single images, which may have times.
     fn is_of_cameras(&self) -> bool {
+        if let Poses::Transforms(_, transforms) = &self.poses
+            && transforms.has_times()
+        {
+            return false;
+        }
         let names: Vec<String> = match &self.poses {
             Poses::Transforms(_, transforms) => {
                 let frames = transforms.frames.iter();

@@ -8,7 +8,7 @@ use crate::dataset::loader::{Loader, PlannedView};
 use crate::dataset::partition::Partition;
 use crate::dataset::pixels::frames::Source;
 use crate::dataset::times::{self, frame_time};
-use crate::files::{self, Order};
+use crate::files;
 
 /// A camera's images by frame; `None` where it lacks one.
 type Row<'a> = Vec<Option<&'a FrameFile>>;
@@ -58,22 +58,11 @@ fn check_order(cameras: &[RigCamera], lists: &[&[FrameFile]]) -> Result<(), Erro
     for (camera, list) in cameras.iter().zip(lists) {
         let path = &camera.source.path;
         let labels: Vec<&str> = list.iter().map(|frame| frame.label.as_str()).collect();
-        match files::order(&labels) {
-            Order::Plain => {}
-            Order::Told(told) => {
-                if !is_told {
-                    tracing::warn!("{}: {told}", path.display());
-                }
-                is_told = true;
+        if let Some(told) = files::check_order(path, &labels)? {
+            if !is_told {
+                tracing::warn!("{}: {told}", path.display());
             }
-            Order::Unknown(found) => {
-                return Err(Error::invalid(
-                    path,
-                    "names of frames with decimal numbers, without sign, in the order of time",
-                    found,
-                    "rename the frames 00000, 00001, .. in their order",
-                ));
-            }
+            is_told = true;
         }
     }
     Ok(())

@@ -1,11 +1,12 @@
 //! Images from files: PNG and JPEG, whole and of a sensible size.
 
+use std::collections::HashSet;
 use std::fs;
 use std::io::Cursor;
 use std::path::Path;
 
 use image::metadata::Orientation;
-use image::{DynamicImage, ImageDecoder, ImageFormat, ImageReader, Limits};
+use image::{DynamicImage, ImageDecoder, ImageFormat, ImageReader, Limits, Rgb, RgbImage, Rgba};
 
 use super::image::{ImageData, RGBA};
 use super::image_size::can_hold_its_pixels;
@@ -17,6 +18,10 @@ pub(crate) use crate::video::MAX_IMAGE_SIDE;
 
 /// Brightest value of a mask that holds 0 and 1 instead of black and white.
 const YES: u16 = 1;
+/// Difference of a pixel's channels from which on it has a colour: more than what a JPEG rounds.
+const COLOURED: u8 = 24;
+/// Most colours of a mask of labelled objects, black among them.
+const MOST_LABELS: usize = 256;
 
 /// An image's width and height from its header.
 pub(crate) fn dimensions(path: &Path) -> Result<(usize, usize), Error> {
@@ -98,8 +103,12 @@ fn eight_bit(decoded: DynamicImage) -> ImageData {
 pub(crate) fn decode_mask(path: &Path, full_size: (usize, usize)) -> Result<ImageData, Error> {
     let decoded = decode_any(path)?;
     let has_wide_values = decoded.color().bytes_per_pixel() == 2 * decoded.color().channel_count();
-    let wide = has_wide_values.then(|| decoded.to_rgb16());
-    let decoded = decoded.into_rgb8();
+    let alpha = alpha_mask(path, &decoded)?;
+    let wide = (has_wide_values && alpha.is_none()).then(|| decoded.to_rgb16());
+    let decoded = match alpha {
+        Some(alpha) => alpha,
+        None => decoded.into_rgb8(),
+    };
     let found = (decoded.width() as usize, decoded.height() as usize);
     if found != full_size && !is_scaled(full_size, found) {
         return Err(Error::invalid(
@@ -124,8 +133,72 @@ pub(crate) fn decode_mask(path: &Path, full_size: (usize, usize)) -> Result<Imag
             format!("multiply by {white}"),
         ));
     }
-    let mask = ImageData::from_rgb(found.0, found.1, decoded.into_raw());
+    let mut pixels = decoded.into_raw();
+    if has_colours(&pixels) {
+        of_labels(path, &mut pixels)?;
+    }
+    let mask = ImageData::from_rgb(found.0, found.1, pixels);
     Ok(mask.nearest(full_size.0, full_size.1))
+}
+
+/// The transparency of a mask as grey values, where it says something that colours don't: cut-outs of one colour.
+fn alpha_mask(path: &Path, decoded: &DynamicImage) -> Result<Option<RgbImage>, Error> {
+    if !decoded.color().has_alpha() {
+        return Ok(None);
+    }
+    let rgba = decoded.to_rgba8();
+    let counts = |value: u8| value > 127;
+    let says_the_same = |pixel: &Rgba<u8>| counts(pixel[3]) == counts(pixel[0]);
+    let is_opaque = rgba.pixels().all(|pixel| pixel[3] == u8::MAX);
+    if is_opaque || rgba.pixels().all(says_the_same) {
+        return Ok(None);
+    }
+    let shown = || rgba.pixels().filter(|pixel| pixel[3] > 0);
+    let first = shown().next().map(|pixel| [pixel[0], pixel[1], pixel[2]]);
+    if shown().any(|pixel| Some([pixel[0], pixel[1], pixel[2]]) != first) {
+        // Grey, and black where it is transparent: the colours say it all.
+        let is_plain =
+            |pixel: &Rgba<u8>| !has_colours(&pixel.0[..3]) && (pixel[3] > 0 || !counts(pixel[0]));
+        if rgba.pixels().all(is_plain) {
+            return Ok(None);
+        }
+        return Err(Error::invalid(
+            path,
+            "a mask in black and white, or one colour that is transparent where pixels don't count",
+            "a picture that is transparent in part",
+            "write its transparency as a mask (`ffmpeg -i OLD -vf alphaextract NEW`)",
+        ));
+    }
+    let grey = |x, y| Rgb([rgba.get_pixel(x, y)[3]; 3]);
+    Ok(Some(RgbImage::from_fn(rgba.width(), rgba.height(), grey)))
+}
+
+/// Whether a mask has colours, by more than a JPEG's rounding.
+fn has_colours(rgb: &[u8]) -> bool {
+    let is_coloured = |pixel: &[u8]| {
+        let brightest = pixel.iter().max().copied().unwrap_or(0);
+        let darkest = pixel.iter().min().copied().unwrap_or(0);
+        brightest - darkest > COLOURED
+    };
+    rgb.chunks_exact(3).any(is_coloured)
+}
+
+/// Turns a mask of labelled objects, a colour each, white where it is not black.
+fn of_labels(path: &Path, rgb: &mut [u8]) -> Result<(), Error> {
+    let colours: HashSet<&[u8]> = rgb.chunks_exact(3).collect();
+    let n = colours.len();
+    if n > MOST_LABELS {
+        return Err(Error::invalid(
+            path,
+            format!("a mask in black and white, or black and at most {MOST_LABELS} flat colours"),
+            format!("{n} colours"),
+            "write the mask as a PNG in black and white",
+        ));
+    }
+    for pixel in rgb.chunks_exact_mut(3) {
+        pixel.fill(if pixel == [0; 3] { 0 } else { u8::MAX });
+    }
+    Ok(())
 }
 
 fn decode_any(path: &Path) -> Result<DynamicImage, Error> {
@@ -258,6 +331,40 @@ mod tests {
         let error = decode_mask(&path, (4, 6)).expect_err("another shape");
         let error = error.to_string();
         assert!(error.contains("4x6") && error.contains("4x2"), "{error}");
+    }
+
+    #[test]
+    fn masks_may_be_cut_outs_or_labels() {
+        let folder = tempfile::tempdir().expect("temporary folder");
+        let path = folder.path().join("m.png");
+        let mask = |pixels: [[u8; 4]; 4]| {
+            let image = image::RgbaImage::from_fn(4, 1, |x, _| Rgba(pixels[x as usize]));
+            image.save(&path).expect("writes");
+            decode_mask(&path, (4, 1)).map(|mask| mask.thresholded(false))
+        };
+        let (white, clear) = ([255; 4], [255, 255, 255, 0]);
+        let black = [0, 0, 0, 255];
+        let half = mask([white, clear, clear, white]).expect("one colour");
+        assert_eq!(half, [255, 0, 0, 255]);
+        let both = mask([white, [0; 4], black, white])
+            .expect("colour and transparency agree, but for black");
+        assert_eq!(both, [255, 0, 0, 255]);
+        let dark = mask([black, [0; 4], [0; 4], black]).expect("one colour");
+        assert_eq!(dark, [255, 0, 0, 255]);
+        let labels = mask([[128, 0, 0, 255], [0, 128, 0, 255], black, [0, 0, 64, 255]]);
+        assert_eq!(labels.expect("objects"), [255, 255, 0, 255]);
+        let cut_out = mask([[90, 40, 20, 255], [10, 80, 30, 255], clear, clear]);
+        let error = cut_out.expect_err("a picture").to_string();
+        assert!(
+            error.contains("m.png") && error.contains("alphaextract"),
+            "{error}"
+        );
+        let photo = image::RgbImage::from_fn(32, 32, |x, y| Rgb([8 * x as u8, 8 * y as u8, 99]));
+        photo.save(&path).expect("writes");
+        let error = decode_mask(&path, (32, 32))
+            .expect_err("a picture")
+            .to_string();
+        assert!(error.contains("1024 colours"), "{error}");
     }
 
     #[test]

@@ -140,13 +140,22 @@ fn read_transforms(
     let transforms = transforms::parse(path)?;
     transforms.warn_of_keys(path);
     let mut poses = Vec::new();
+    let mut unused = Vec::new();
     for frame in &transforms.frames {
         let Some(index) = camera_of(&frame.file_path, names) else {
+            unused.push(frame.file_path.as_str());
             continue;
         };
         let [width, height] = sizes[index];
         let (camera, distortion) = transforms.camera(path, frame, || Ok((width, height)))?;
         poses.push((index, KnownCamera { camera, distortion }));
+    }
+    if !unused.is_empty() {
+        tracing::warn!(
+            "{}: poses of no camera of the recordings are not used: {}",
+            path.display(),
+            unused.join(", ")
+        );
     }
     one_each(path, names, poses)
 }

@@ -140,6 +140,14 @@ pub(crate) fn parse(path: &Path) -> Result<Transforms, Error> {
 }
 
 impl Transforms {
+    /// Whether frames are of different times.
+    pub(crate) fn has_times(&self) -> bool {
+        let times = |frame: &Frame| (frame.time, frame.timestep_index());
+        self.frames
+            .windows(2)
+            .any(|pair| times(&pair[0]) != times(&pair[1]))
+    }
+
     /// The camera of a frame and its lens distortion; `image_size` reads the image's header and is
     /// asked only where the file does not state the size. Then the principal point says whether the intrinsics
     /// are of pictures of that size, and they are scaled where one factor brings them to it.

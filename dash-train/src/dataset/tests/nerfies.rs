@@ -146,6 +146,26 @@ fn the_largest_images_count_and_time_ids_come_before_warp_ids() {
 }
 
 #[test]
+fn what_is_listed_to_train_on_and_to_test_with_is_only_tested_with() {
+    let held_out = |train: &[usize], val: &[usize]| {
+        let fixture = capture();
+        let ids = |list: &[usize]| -> Vec<String> {
+            list.iter()
+                .map(|index| format!("{:06}", index * 10))
+                .collect()
+        };
+        let lists = json!({"train_ids": ids(train), "val_ids": ids(val)});
+        fixture.write("dataset.json", lists.to_string());
+        let dataset = fixture.load().expect("loads");
+        let test = dataset.views_of(Partition::Test);
+        test.map(|view| view.name.clone()).collect::<Vec<_>>()
+    };
+    assert_eq!(held_out(&[0, 1, 2, 3], &[1, 4]), ["000010", "000040"]);
+    // With nothing else to train on, they are trained on.
+    assert_eq!(held_out(&[0, 1], &[0, 1, 5]), ["000050"]);
+}
+
+#[test]
 fn without_validation_ids_every_eighth_is_held_out() {
     let fixture = capture();
     fixture.write(

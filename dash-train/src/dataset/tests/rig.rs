@@ -141,6 +141,25 @@ fn one_pose_per_image_is_another_layout() {
 }
 
 #[test]
+fn poses_with_times_are_those_of_pictures() {
+    let fixture = folders();
+    let mut file = transforms(|name| format!("images/{name}/000.png"), &all());
+    fixture.write("transforms.json", file.to_string());
+    assert_eq!(fixture.load().expect("loads").layout, Layout::Rig);
+    for (k, frame) in file["frames"]
+        .as_array_mut()
+        .expect("frames")
+        .iter_mut()
+        .enumerate()
+    {
+        frame["time"] = json!(0.5 * k as f64);
+    }
+    fixture.write("transforms.json", file.to_string());
+    let dataset = fixture.load().expect("loads");
+    assert_eq!((dataset.layout, dataset.n_frames), (Layout::Blender, 3));
+}
+
+#[test]
 fn images_of_other_formats_are_named() {
     let fixture = Fixture::new();
     fixture.write("images/left/000.webp", "");

@@ -100,6 +100,51 @@ fn numbered_images_are_cut_to_the_frames_that_all_cameras_have() {
 }
 
 #[test]
+fn frames_that_a_camera_lost_are_left_out_and_told() {
+    let bench = Bench::new();
+    bench.image_folders(3, 6);
+    for frame in 2..4 {
+        let path = bench.path(&format!("input/cam1/{frame:04}.png"));
+        std::fs::remove_file(path).expect("removed");
+    }
+    let summary = bench.prepare(&config(&bench, 3)).expect("prepares");
+    let told = "left out: cam1 has none at 2 of 6 times";
+    assert!(
+        summary.remarks.iter().any(|remark| remark.contains(told)),
+        "{summary}"
+    );
+    assert_eq!(bench.shades("cam0"), [0, 1, 2, 3, 4, 5]);
+    assert_eq!(bench.shades("cam1"), [40, 41, 44, 45]);
+    let dataset = load(&bench.path("out/made"), &LoadOptions::default()).expect("loads");
+    let of_second = dataset
+        .views
+        .iter()
+        .filter(|view| view.camera_name == "cam1");
+    let frames: Vec<usize> = of_second.map(|view| view.frame).collect();
+    assert_eq!(frames, [0, 1, 4, 5]);
+    assert_eq!(dataset.n_frames, 6);
+}
+
+#[test]
+fn images_whose_names_hide_their_order_are_refused() {
+    for names in [
+        ["-1", "0", "1"],
+        ["t9.05", "t9.1", "t9.15"],
+        ["feb", "jan", "mar"],
+    ] {
+        let bench = Bench::new();
+        bench.image_folders(1, 3);
+        for name in names {
+            bench.image(&format!("input/cam1/{name}.png"), 40);
+        }
+        bench.refuses(
+            &config(&bench, 2),
+            &["cam1", "in the order of time", "rename"],
+        );
+    }
+}
+
+#[test]
 fn offsets_shift_a_camera_and_unknown_names_are_told() {
     let bench = Bench::new();
     bench.image_folders(2, 6);

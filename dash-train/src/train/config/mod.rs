@@ -32,7 +32,7 @@ pub enum Preset {
     Reference,
     /// Ours, shortened for a first look on a CPU.
     Quick,
-    /// Ours, for who can wait or has a GPU.
+    /// Ours, if you can wait or have a GPU.
     Best,
 }
 

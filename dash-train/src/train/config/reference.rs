@@ -27,17 +27,20 @@ pub fn reference() -> String {
             .map(|(_, preset)| Table::try_from(TrainConfig::preset(preset)).unwrap_or_default()),
         text: INTRODUCTION.to_string(),
     };
-    page.section("", schema);
+    page.section("", schema, one_line(schema.get("description")));
     page.text
 }
 
 const INTRODUCTION: &str = "# Configuration
 
-Every key of a run, made by `dash config --markdown`. `dash train --set KEY=VALUE` changes one, `--config FILE.toml` many;
+Every key of training, made by `dash config --markdown`. `dash train --set KEY=VALUE` changes one, `--config FILE.toml` many;
 `RUN/config.toml` holds all of a run's, and `dash config --preset NAME` prints those of a preset.
 
 An extension runs where its section stands. `--set extensions.NAME=none` takes one away, `--set extensions.NAME=on` brings
-it with the values of `default`; in a file `NAME = \"none\"` does the same. A dash marks a key that a preset does not have.
+it with the values of `default`, or of `quick` where `default` has none; in a file `NAME = \"none\"` does the same. A dash marks a key that a preset does not have.
+
+What is read of a dataset stands in `[data]`: `dataset`, `layout`, `downscale`, `test_cameras`, `drop_cameras`, `frames`, `invert_masks`,
+`skip_broken`, `backdrop`, `device`. These are the [options of a dataset](command-line.md#options-of-a-dataset).
 ";
 
 struct Page<'a> {
@@ -47,13 +50,12 @@ struct Page<'a> {
 }
 
 impl<'a> Page<'a> {
-    /// The keys of a section, then its sections.
-    fn section(&mut self, path: &str, section: &'a Value) {
+    /// The keys of a section, then its sections; `about` is what it says of itself.
+    fn section(&mut self, path: &str, section: &'a Value, about: String) {
         let heading = match path {
             "" => "Top level".to_string(),
             path => format!("`[{path}]`"),
         };
-        let about = one_line(section.get("description"));
         let properties = section.get("properties").and_then(Value::as_object);
         let properties: Vec<(&'a String, &'a Value)> = properties.into_iter().flatten().collect();
         let (sections, keys): (Vec<_>, Vec<_>) = properties
@@ -71,10 +73,16 @@ impl<'a> Page<'a> {
             let values = (0..PRESETS.len()).map(|preset| self.value(preset, &path));
             let values = values.collect::<Vec<_>>().join(" | ");
             let about = one_line(property.get("description"));
-            let _ = writeln!(self.text, "| `{name}` | {values} | {about} |");
+            let choices = choices(self.resolved(property));
+            let _ = writeln!(self.text, "| `{name}` | {values} | {about}{choices} |");
         }
-        for (name, _, resolved) in sections {
-            self.section(&joined(path, name), resolved);
+        for (name, property, resolved) in sections {
+            // What an extension is stands where it is listed.
+            let about = match path {
+                "extensions" => property.get("description"),
+                _ => resolved.get("description"),
+            };
+            self.section(&joined(path, name), resolved, one_line(about));
         }
     }
 
@@ -101,6 +109,22 @@ impl<'a> Page<'a> {
         let value = table.and_then(|table| table.get(key));
         value.map_or("-".into(), |value| format!("`{}`", shown(value)))
     }
+}
+
+/// The words that a key takes, where it takes no others.
+fn choices(resolved: &Value) -> String {
+    let words = |key: &str| resolved.get(key).and_then(Value::as_array);
+    let word = |one: &Value| {
+        one.get("const")
+            .unwrap_or(one)
+            .as_str()
+            .map(|word| format!("`{word}`"))
+    };
+    let all: Option<Vec<String>> = match words("enum") {
+        Some(all) => all.iter().map(word).collect(),
+        None => words("oneOf").and_then(|all| all.iter().map(word).collect()),
+    };
+    all.map_or_else(String::new, |all| format!(" One of {}.", all.join(", ")))
 }
 
 /// A value as people write it: f32 without the digits that f64 adds.

@@ -60,7 +60,7 @@ pub struct DensifySets {
     /// Mean gradient of the screen position above which a Gaussian is cloned or split, in units of half the image.
     /// Source: 3DGS, 2e-4.
     pub gradient_threshold: f32,
-    /// Pixels of pictures that `max_gaussians` and `initial_points` are for: of larger pictures, both grow with the square
+    /// Pixels of pictures that `max_gaussians` and `initial_points` are for: of larger pictures of a rig, both grow with the square
     /// root of their pixels. Absent: both are as they are. Source: ours.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub pixels: Option<usize>,

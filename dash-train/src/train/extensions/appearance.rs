@@ -42,7 +42,7 @@ const CHANNELS: usize = 2;
 #[serde(deny_unknown_fields)]
 pub struct AppearanceConfig {
     /// Change of colour over the clip, as a share of white, from which on a Gaussian that rests is dynamic, in captures of
-    /// synchronised cameras. Source: ours.
+    /// synchronised cameras. One that moves must change by twice as much. Source: ours.
     pub change: f32,
 }
 

@@ -24,9 +24,9 @@ pub struct RestCostConfig {
     /// Weight of visible motion while the coarse field looks for motion, in shares of the image's width and as a mean over
     /// the picture. Source: ours.
     pub field: f32,
-    /// The same once every Gaussian has a trajectory of its own. Source: ours.
+    /// Weight of visible motion once every Gaussian has a trajectory of its own. Source: ours.
     pub gaussians: f32,
-    /// Both where scene flow finds motion, as of a rig: what it moves in error has to come to rest. Source: ours.
+    /// `field` and `gaussians` where scene flow finds motion, as of a rig: what it moves in error has to come to rest. Source: ours.
     pub flow: [f32; 2],
 }
 

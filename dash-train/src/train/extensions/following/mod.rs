@@ -38,8 +38,8 @@ pub struct FollowingConfig {
     /// Share of the decomposition after which the coarse field hands over to trajectories of the Gaussians' own.
     /// Source: ours.
     pub handover: f32,
-    /// The same where scene flow finds motion, as of a rig: what does not move then comes to rest. Long runs need a
-    /// smaller part for that. Source: ours.
+    /// Share of the decomposition after which scene flow hands over, as of a rig: what does not move then comes to rest.
+    /// Source: ours.
     pub flow_handover: f32,
     /// Steps from the end of the warm-up to the handover, at least: a run in which they are fewer gives them a larger
     /// share, from a shorter warm-up and a later decomposition. Not with scene flow. Source: ours.
