@@ -23,6 +23,10 @@ pub struct ValueArgs {
     /// One value that replaces the preset's and the file's, such as dssim=0.1; may be repeated
     #[arg(long, value_name = "KEY=VALUE")]
     pub set: Vec<String>,
+    /// Views of a step: the gradient is their mean, and learning rates are larger by the square root. Memory grows with them
+    /// [default: 1]
+    #[arg(long, value_name = "K")]
+    pub batch: Option<usize>,
 }
 
 impl ValueArgs {
@@ -32,6 +36,7 @@ impl ValueArgs {
             preset: self.preset,
             file: self.config.as_deref(),
             assignments: &self.set,
+            batch: self.batch,
             iterations: None,
             seed: None,
             keep: None,
@@ -47,6 +52,8 @@ pub struct Overrides<'a> {
     pub file: Option<&'a Path>,
     /// `--set`, in order.
     pub assignments: &'a [String],
+    /// `--batch`.
+    pub batch: Option<usize>,
     /// `--iterations`.
     pub iterations: Option<usize>,
     /// `--seed`.
@@ -217,6 +224,7 @@ impl Overrides<'_> {
                 .set(assignment)
                 .map_err(|e| Failure::usage(e.to_string()))?;
         }
+        config.batch = self.batch.unwrap_or(config.batch);
         config.iterations = self.iterations.unwrap_or(config.iterations);
         config.seed = self.seed.unwrap_or(config.seed);
         if let Some(keep) = self.keep {
@@ -269,6 +277,7 @@ mod tests {
             preset: None,
             file,
             assignments,
+            batch: None,
             iterations: None,
             seed: None,
             keep: None,

@@ -74,7 +74,7 @@ fn check_same(
     let again: TrainConfig = overrides.apply(config.train.clone(), file)?;
     if again != config.train {
         return refuse(
-            "--config, --set, --iterations, --keep or --seed",
+            "--config, --set, --batch, --iterations, --keep or --seed",
             "other values in config.toml".into(),
         );
     }

@@ -46,15 +46,24 @@ pub enum Keep {
     Needed,
 }
 
+/// That of files from before there was a choice.
+fn one() -> usize {
+    1
+}
+
 /// A training run. Written with every value to `config.toml`: running it again gives the same result.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct TrainConfig {
     /// Where the values came from.
     pub preset: Preset,
-    /// Optimisation steps, one view each. Stages are shares of it, so a shorter run keeps its form, as long as there are
+    /// Optimisation steps, of `batch` views each. Stages are shares of it, so a shorter run keeps its form, as long as there are
     /// enough steps to follow motion in. Source: 3DGS, 30,000.
     pub iterations: usize,
+    /// Views of a step, whose mean gradient it follows; learning rates grow with the square root. Memory grows with them. Source:
+    /// 3DGS, 1.
+    #[serde(default = "one")]
+    pub batch: usize,
     /// Steps for each training view, at least: where there are more views than `iterations` has steps for, a run that is not
     /// told its number of steps takes more. Absent: as many steps for any capture. Source: ours.
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -99,7 +108,8 @@ impl TrainConfig {
     /// The steps that a capture is given where nobody says how many.
     pub fn steps_for(&self, dataset: &Dataset) -> usize {
         let views = dataset.views_of(Partition::Train).count();
-        self.iterations.max(self.visits.unwrap_or(0) * views)
+        let visits = self.visits.unwrap_or(0) * views;
+        self.iterations.max(visits.div_ceil(self.batch))
     }
 
     /// Sets whether parts that the scene does not need are left out.
@@ -136,6 +146,7 @@ impl TrainConfig {
     pub(crate) fn schedule(&self) -> ScheduleConfig {
         ScheduleConfig {
             iterations: self.iterations,
+            batch: self.batch,
             seed: self.seed,
             sh_degree: self.sh_degree,
             sh_interval: self.sh_interval,

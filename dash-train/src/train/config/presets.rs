@@ -34,6 +34,7 @@ impl TrainConfig {
         Self {
             preset: Preset::Default,
             iterations: 15_000,
+            batch: 1,
             visits: Some(4),
             seed: 0,
             sh_degree: 3,

@@ -183,6 +183,7 @@ impl TrainConfig {
     fn counts(&self) -> Vec<Check<'_>> {
         let mut values = vec![
             ("iterations", self.iterations),
+            ("batch", self.batch),
             ("checkpoint_interval", self.checkpoint_interval),
             ("validation_interval", self.validation_interval),
             (

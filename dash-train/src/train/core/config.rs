@@ -6,8 +6,10 @@ use serde::{Deserialize, Serialize};
 /// What a run does at which step, and what it starts from.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ScheduleConfig {
-    /// Optimisation steps, one view each.
+    /// Optimisation steps, of `batch` views each.
     pub iterations: usize,
+    /// Views of a step.
+    pub batch: usize,
     /// Seed of everything random.
     pub seed: u64,
     /// Largest spherical-harmonics degree, 0 to 3.

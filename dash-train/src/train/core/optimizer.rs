@@ -27,12 +27,24 @@ pub struct Rate {
     /// Part of the parameter's typical gradient that is added to Adam's denominator. Adam takes steps
     /// of one length however small a gradient is; with this, elements that hardly matter hardly move.
     pub damping: f32,
+    /// Views whose mean gradient it is. Steps are longer by their square root, and Adam forgets as much as in a step for each
+    /// of them. Source: gsplat; Malladi et al. 2022.
+    pub views: usize,
 }
 
 impl Rate {
     /// Plain Adam.
     pub fn plain(rate: f32) -> Self {
-        Self { rate, damping: 0.0 }
+        Self {
+            rate,
+            damping: 0.0,
+            views: 1,
+        }
+    }
+
+    /// The same for a mean over views.
+    pub fn of_views(self, views: usize) -> Self {
+        Self { views, ..self }
     }
 }
 
@@ -55,18 +67,20 @@ impl Moments {
 
     /// The next step of Adam on the parameter, flattened.
     fn parameter(self, value: Tensor<1>, gradient: Tensor<1>, rate: Rate) -> Parameter {
+        let views = rate.views as f64;
+        let (beta1, beta2) = (BETA1.powf(views), BETA2.powf(views));
         let damping = (rate.damping > 0.0).then(|| {
             let (squares, steps) = match self.steps {
                 0 => (gradient.clone().powi_scalar(2), None),
                 steps => (self.second.clone(), Some(steps)),
             };
-            let correction = steps.map_or(1.0, |steps| 1.0 - BETA2.powf(steps as f64));
+            let correction = steps.map_or(1.0, |steps| 1.0 - beta2.powf(steps as f64));
             typical_gradient(squares, correction) * rate.damping
         });
         let settings = AdamStep {
-            learning_rate: f64::from(rate.rate),
-            beta1: BETA1,
-            beta2: BETA2,
+            learning_rate: f64::from(rate.rate) * views.sqrt(),
+            beta1,
+            beta2,
             epsilon: EPSILON,
             step: self.steps + 1,
             skip_zero_grad: false,

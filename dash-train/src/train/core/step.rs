@@ -1,6 +1,6 @@
 //! One step of training.
 
-use burn::tensor::Gradients;
+use burn::tensor::{Gradients, Tensor};
 
 use super::densify::{self, DensityStatistics, Round};
 use super::forward::Forward;
@@ -62,28 +62,35 @@ pub fn step<M: Method>(run: &mut Run<M>, hooks: &mut Hooks<M>) -> Result<StepRep
     run.scene.settings.sh_degree = (run.step / sh_interval).min(config.sh_degree);
 
     let dataset = run.dataset.clone();
-    let index = next_view(run, hooks);
-    announce_views(run, index);
-    let view = &dataset.views[index];
     run.updates_scene = true;
-    for extension in &mut hooks.extensions {
-        extension.before_forward(run, view);
+    let mut passes = Vec::with_capacity(run.config.batch);
+    for _ in 0..run.config.batch {
+        let index = next_view(run, hooks);
+        announce_views(run, index);
+        let view = &dataset.views[index];
+        for extension in &mut hooks.extensions {
+            extension.before_forward(run, view);
+        }
+        let waited = waiting(run);
+        passes.push((view, forward(run, hooks, view)?));
+        run.waited_secs += waiting(run) - waited;
     }
-    let waited = waiting(run);
-    let forward = forward(run, hooks, view)?;
-    run.waited_secs += waiting(run) - waited;
-    let mut gradients = forward.loss.backward();
-    let losses = [forward.loss.clone(), forward.mse.clone()];
-    let reading = guard::look(run, &gradients, losses, &view.name);
+    let loss = mean(passes.iter().map(|(_, forward)| forward.loss.clone()));
+    let mse = mean(passes.iter().map(|(_, forward)| forward.mse.clone()));
+    let mut gradients = loss.backward();
+    let names: Vec<&str> = passes.iter().map(|(view, _)| view.name.as_str()).collect();
+    let reading = guard::look(run, &gradients, [loss, mse], &names.join(", "));
     let [n_read, n_skipped] = reading.as_ref().map_or([0; 2], Reading::counts);
     if let Some(reading) = &reading {
         run.last_means = reading.means();
     }
     match reading.filter(|reading| !reading.is_sound()) {
         None => {
-            gather(run, &forward, view, &mut gradients)?;
-            M::after_backward(run, view, &forward)?;
-            drop(forward);
+            for (view, forward) in &passes {
+                gather(run, forward, view, &mut gradients)?;
+                M::after_backward(run, view, forward)?;
+            }
+            drop(passes);
             for extension in &mut hooks.extensions {
                 extension.after_backward(run, &mut gradients);
             }
@@ -124,6 +131,14 @@ pub fn step<M: Method>(run: &mut Run<M>, hooks: &mut Hooks<M>) -> Result<StepRep
     })
 }
 
+/// The mean over a step's views; of a single one itself.
+fn mean(values: impl ExactSizeIterator<Item = Tensor<1>>) -> Tensor<1> {
+    let n = values.len() as f32;
+    let sum = values.reduce(|sum, value| sum + value);
+    let sum = sum.expect("a step has a view");
+    if n > 1.0 { sum / n } else { sum }
+}
+
 /// The index of the view to train on.
 fn next_view<M: Method>(run: &mut Run<M>, hooks: &mut Hooks<M>) -> usize {
     let mut extensions = hooks.extensions.iter_mut();
@@ -161,6 +176,11 @@ fn gather<M>(
     let Some(v_splats) = forward.leaf.grad_remove(gradients) else {
         return Ok(());
     };
+    // That of the view's own loss.
+    let v_splats = match run.config.batch {
+        1 => v_splats,
+        views => v_splats * views as f32,
+    };
     let (splats, n_static) = (&forward.static_splats, forward.static_splats.dims()[0]);
     let gathered = &mut run.static_state.gathered;
     gathered.add_gradients(v_splats.clone(), 0, splats.clone(), half_size)?;
@@ -180,13 +200,16 @@ fn update<M: Method>(run: &mut Run<M>, gradients: &mut Gradients) {
         let rates = run.rates.at(progress, run.extent);
         // Taken, not cloned: what nobody else holds is changed in place.
         let mut optimizer = std::mem::take(&mut run.optimizer);
-        let rate = |name: &str| Rate::plain(rates(name) * M::rate_factor(run, name));
+        let views = run.config.batch;
+        let rate =
+            |name: &str| Rate::plain(rates(name) * M::rate_factor(run, name)).of_views(views);
         let static_set = run.scene.static_set.clone();
         let static_set = optimizer.take("scene.static_set", static_set, gradients, rate);
         run.scene.static_set = static_set;
         let mut dynamic = run.scene.dynamic.take();
         if let Some(own) = dynamic.take() {
-            let rate = |name: &str| Rate::plain(rates(name) * M::rate_factor(run, name));
+            let rate =
+                |name: &str| Rate::plain(rates(name) * M::rate_factor(run, name)).of_views(views);
             dynamic = Some(optimizer.take("scene.dynamic", own, gradients, rate));
         }
         optimizer.step_taken();

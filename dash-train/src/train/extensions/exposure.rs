@@ -90,8 +90,10 @@ pub struct Exposure {
     config: ExposureConfig,
     /// `None` where cameras have no exposure of their own.
     responses: Option<Responses>,
-    /// The row of the step's camera, and its gains and offsets as a leaf `[2, C]` of the graph.
-    present: Option<(usize, Tensor<2>)>,
+    /// Of each of the step's views the row of its camera, and its gains and offsets as a leaf `[2, C]` of the graph.
+    present: Vec<(usize, Tensor<2>)>,
+    /// Whether the last of them is of the view that is drawn.
+    is_exposed: bool,
 }
 
 impl Exposure {
@@ -100,7 +102,8 @@ impl Exposure {
         Self {
             config,
             responses: None,
-            present: None,
+            present: Vec::new(),
+            is_exposed: false,
         }
     }
 }
@@ -126,32 +129,39 @@ impl<M> Extension<M> for Exposure {
         self.responses = (!cameras.is_empty()).then(|| Responses::none(cameras, &device));
     }
 
+    fn before_step(&mut self, _run: &mut Run<M>) -> Result<(), Error> {
+        self.present.clear();
+        Ok(())
+    }
+
     fn before_forward(&mut self, _run: &mut Run<M>, view: &View) {
-        self.present = None;
+        self.is_exposed = false;
         // One camera alone is what all have in common.
         let responses = self.responses.as_ref().filter(|r| r.rows.len() > 1);
         let row = responses.and_then(|r| r.rows.get(&view.camera_index));
         if let (Some(responses), Some(&row)) = (responses, row) {
             let values = responses.values.clone().narrow(0, row, 1);
             let leaf = Tensor::from_inner(values.reshape([2, CHANNELS])).require_grad();
-            self.present = Some((row, leaf));
+            self.present.push((row, leaf));
+            self.is_exposed = true;
         }
     }
 
     fn splats(&mut self, _run: &Run<M>, splats: Tensor<2>) -> Tensor<2> {
-        let Some((_, leaf)) = &self.present else {
+        let Some((_, leaf)) = self.present.last().filter(|_| self.is_exposed) else {
             return splats;
         };
         expose(splats, leaf.clone()).expect("a response is two rows of three")
     }
 
     fn after_backward(&mut self, run: &mut Run<M>, gradients: &mut Gradients) {
-        if let Some((row, leaf)) = self.present.take()
-            && let Some(gradient) = leaf.grad_remove(gradients)
-            && let Some(responses) = &mut self.responses
-        {
-            let rate = Rate::plain(self.config.rate);
-            responses.update(row, gradient, rate, run.optimizer.stop.as_ref());
+        for (row, leaf) in std::mem::take(&mut self.present) {
+            if let Some(gradient) = leaf.grad_remove(gradients)
+                && let Some(responses) = &mut self.responses
+            {
+                let rate = Rate::plain(self.config.rate);
+                responses.update(row, gradient, rate, run.optimizer.stop.as_ref());
+            }
         }
     }
 

@@ -105,7 +105,8 @@ impl Run<Dash> {
     pub(super) fn update_motion(&mut self, gradients: &mut Gradients) {
         let left = self.motion_left();
         if let Some(motion) = self.method.motion.take() {
-            let rate = |name: &str| self.method.motion_rate(left, name);
+            let views = self.config.batch;
+            let rate = |name: &str| self.method.motion_rate(left, name).of_views(views);
             self.method.motion = Some(self.optimizer.step("motion", motion, gradients, rate));
         }
     }
@@ -137,8 +138,8 @@ impl Dash {
             Rate::plain(config.grid_rate * left)
         } else {
             Rate {
-                rate: config.network_rate * left,
                 damping: self.damping,
+                ..Rate::plain(config.network_rate * left)
             }
         }
     }

@@ -17,10 +17,40 @@ fn after_steps(gradient: [f32; 3], damping: f32) -> Vec<f32> {
     for _ in 0..3 {
         let slope = Tensor::<1>::from_data(gradient, &device);
         let loss = (module.values.val() * slope).sum();
-        let rate = Rate { rate: 0.1, damping };
+        let rate = Rate {
+            damping,
+            ..Rate::plain(0.1)
+        };
         module = optimizer.step("", module, &mut loss.backward(), |_| rate);
     }
     to_host(module.values.val())
+}
+
+#[test]
+fn a_step_of_a_mean_over_views_forgets_as_much_as_a_step_for_each() {
+    let device = Device::flex();
+    let of = |values: &[f32]| upload(values.to_vec(), &device);
+    let gradient = || of(&[0.5, -2.0, 0.0]);
+    let one = Rate::plain(0.1);
+    let (mut value, mut moments) = (of(&[1.0; 3]), Moments::of(&of(&[0.0; 3])));
+    for _ in 0..4 {
+        (value, moments) = moments.step(value, gradient(), one, None);
+    }
+    let fresh = Moments::of(&value);
+    let (at_once, of_four) = fresh.step(of(&[1.0; 3]), gradient(), one.of_views(4), None);
+    for (a, b) in [
+        (moments.first, of_four.first),
+        (moments.second, of_four.second),
+    ] {
+        for (a, b) in to_host(a).into_iter().zip(to_host(b)) {
+            assert!((a - b).abs() <= 1e-5 * a.abs(), "{a} {b}");
+        }
+    }
+    // Twice the rate, against the sign.
+    let steps: Vec<f32> = to_host(at_once).iter().map(|value| value - 1.0).collect();
+    for (step, expected) in steps.into_iter().zip([-0.2, 0.2, 0.0]) {
+        assert!((step - expected).abs() < 1e-5, "{step} {expected}");
+    }
 }
 
 #[test]
@@ -80,8 +110,8 @@ fn what_is_taken_together_steps_as_each_by_itself() {
         [first, to_host(module.second.val())]
     };
     let rates = |name: &str| Rate {
-        rate: if name.ends_with("first") { 0.1 } else { 0.2 },
         damping: if name.starts_with("b") { 0.5 } else { 0.0 },
+        ..Rate::plain(if name.ends_with("first") { 0.1 } else { 0.2 })
     };
     let (mut a, mut b) = (pair(1.0), pair(2.0));
     let mut optimizer = Optimizer::default();

@@ -9,6 +9,7 @@ use crate::dataset::Dataset;
 use crate::synth;
 use crate::train::config::tests::small;
 use crate::train::core::densify::{reset_due, round_due, was_reset};
+use crate::train::core::{DensityStatistics, Set};
 use crate::train::{Keep, Preset, TrainConfig, Trainer};
 
 #[test]
@@ -73,7 +74,7 @@ fn paper_controls_static_gaussians_as_3dgs_and_dynamic_ones_from_the_decompositi
 }
 
 /// The largest ways that a mean and a log scale go in the first step, in units of their rates (and the extent).
-fn first_steps(dataset: &Dataset, set: [&str; 2]) -> [f32; 2] {
+fn first_steps(dataset: &Dataset, set: &[&str]) -> [f32; 2] {
     let mut config = TrainConfig::preset(Preset::Quick);
     config.keep(Keep::All);
     config.initial_points[0] = 50;
@@ -123,11 +124,41 @@ fn means_are_faster_in_monocular_captures_and_scales_in_synchronised_ones() {
         (&monocular, none, [1.0, 1.0]),
         (&monocular, both, [2.5, 1.0]),
     ] {
-        let found = first_steps(dataset, set);
+        let found = first_steps(dataset, &set);
         for (found, expected) in found.into_iter().zip(expected) {
             assert!((found / expected - 1.0).abs() < 1e-2, "{found} {expected}");
         }
     }
+}
+
+#[test]
+fn a_step_of_four_views_is_twice_as_long_and_sees_each_of_them() {
+    let rig = synth::loaded(12, 8, [16, 16]);
+    let [alone, four] = ["batch=1", "batch=4"].map(|batch| first_steps(&rig, &[batch]));
+    for (four, alone) in four.into_iter().zip(alone) {
+        assert!((four / alone - 2.0).abs() < 1e-2, "{four} {alone}");
+    }
+    let trained = |batch: &str| {
+        let config = small(&[batch, "iterations=8"]);
+        let dataset = Arc::new(rig.clone());
+        let mut trainer = Trainer::new(config, dataset, &Device::flex()).expect("valid");
+        let reports: Vec<_> = (0..4).map(|_| trainer.step().expect("finite")).collect();
+        (trainer, reports)
+    };
+    let (mut one, _) = trained("batch=1");
+    let (mut three, reports) = trained("batch=3");
+    assert!(
+        reports
+            .iter()
+            .all(|report| report.loss.is_finite() && report.n_read == 1)
+    );
+    // Every view counts in the statistics of density control.
+    let seen = |trainer: &mut Trainer| {
+        let gathered = &trainer.run.state(Set::Static).gathered;
+        let statistics = DensityStatistics::of(gathered);
+        statistics.parts().1.iter().max().copied()
+    };
+    assert_eq!((seen(&mut one), seen(&mut three)), (Some(4), Some(12)));
 }
 
 /// Launches of a step of the 4D stage, at most.

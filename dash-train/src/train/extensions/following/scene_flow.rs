@@ -137,6 +137,7 @@ impl SceneFlow {
         let rate = Rate {
             rate: RATE * (1.0 - (1.0 - RATE_LEFT) * progress),
             damping: DAMPING,
+            views: run.config.batch,
         };
         present.offsets = run
             .optimizer
