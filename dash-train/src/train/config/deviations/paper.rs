@@ -10,6 +10,7 @@ const NO_LIMIT: &str =
 /// The preset `paper` against the paper and 3DGS.
 pub(super) const PAPER: &[Said] = &[
     open("iterations", "As long as 3DGS trains."),
+    same("batch", "1"),
     same("sh_degree", "3"),
     // 1,000 of 30,000 steps.
     same("sh_interval", "0.033333335"),

@@ -7,6 +7,7 @@ const NO_LIMIT: &str = "Memory ends somewhere.";
 /// The preset `reference` against the released code.
 pub(super) const RELEASED: &[Said] = &[
     same("iterations", "50000"),
+    same("batch", "1"),
     same("sh_degree", "3"),
     // 1,000 of 50,000 steps.
     same("sh_interval", "0.02"),
