@@ -30,6 +30,6 @@ fn run() -> Result<(), Failure> {
         shots: &frozen,
         on_shot: &mut |_| {},
     };
-    write_video(job, PictureLayer::Full, &task.run.join("frozen.mp4"))?;
+    write_video(job, PictureLayer::Full, 30.0, &task.run.join("frozen.mp4"))?;
     Ok(())
 }

@@ -31,6 +31,6 @@ fn run() -> Result<(), Failure> {
         shots: &shots,
         on_shot: &mut |_| {},
     };
-    write_video(job, PictureLayer::Full, &task.run.join("spiral.mp4"))?;
+    write_video(job, PictureLayer::Full, 30.0, &task.run.join("spiral.mp4"))?;
     Ok(())
 }

@@ -54,7 +54,7 @@ pub struct BenchmarkArgs {
     #[command(flatten)]
     values: ValueArgs,
     /// Optimisation steps of each run
-    #[arg(long, value_name = "N")]
+    #[arg(long, value_name = "N", value_parser = values::count, allow_negative_numbers = true)]
     iterations: Option<usize>,
     /// Cameras to leave out of training and testing: CAMERA of every scene, or SCENE:CAMERA
     #[arg(long, value_name = "LIST", value_delimiter = ',')]

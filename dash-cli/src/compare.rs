@@ -29,7 +29,7 @@ use crate::work::On;
 /// Train several methods on the same data for the same time or the same steps, and compare them
 #[derive(Args)]
 #[command(group = ArgGroup::new("length").required(true), after_help = "Examples:
-  dash compare out/room --budget 60 --out out/compare
+  dash compare out/room --budget 60s --out out/compare
   dash compare out/room --iterations 3000 --methods dash,hash,grid4d+dec,grid4d --out out/equal-steps
   dash compare zju313 --methods dash,hexplane,static --budget 120 --downscale 2 --out out/zju
 

@@ -1,7 +1,8 @@
 //! `dash config`: the values of a preset, or the reference of all keys.
 
 use clap::Args;
-use dash_train::train::config::{deviations, reference};
+use dash_train::train::config::deviations;
+use dash_train::train::reference;
 use dash_train::train::{Preset, TrainConfig};
 
 use crate::failure::Failure;

@@ -26,7 +26,7 @@ pub struct DataArgs {
     /// count from 0 [default: all, of published Technicolor scenes the published ones]
     #[arg(long, value_name = "FIRST-LAST|all[/N]")]
     pub frames: Option<FrameRange>,
-    /// Make images smaller by this factor [default: 1]
+    /// Divide width and height of images by this factor; about 500 pixels on the longer side suit a CPU [default: 1]
     #[arg(long, value_name = "K", value_parser = values::downscale)]
     pub downscale: Option<f64>,
     /// Memory that the dataset's images may take, such as 2GiB; those that don't fit are decoded when

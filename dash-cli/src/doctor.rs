@@ -70,6 +70,11 @@ pub fn run(args: &DoctorArgs, shared: &Shared) -> Result<String, Failure> {
         if !is_drawn {
             let path = path.display();
             tracing::warn!("{path} is not written: no camera and no point could be read");
+        } else {
+            tracing::info!(
+                "{}: cameras and points, from above and from the side",
+                path.display()
+            );
         }
     }
     let text = if args.json {

@@ -25,9 +25,6 @@ const COMPARED: usize = 4;
 /// Digits of the names of files.
 const DIGITS: usize = 4;
 #[cfg(feature = "fourdgs")]
-/// Frames per second of a clip.
-const FRAME_RATE: f64 = 30.0;
-#[cfg(feature = "fourdgs")]
 /// How far Gaussians of a clip may be off, of the scene's diagonal: half a pixel of a picture of 1,000.
 const MAX_ERROR: f64 = 0.0005;
 
@@ -75,7 +72,7 @@ pub struct ExportArgs {
     /// Colour coefficients up to this degree, zeros where the scene has none [default: the scene's degree]
     #[arg(long, value_name = "0..3", value_parser = clap::value_parser!(u8).range(0..=3))]
     sh_degree: Option<u8>,
-    /// Of a .4dgs or a web page: frames per second [default: 30]
+    /// Of a .4dgs or a web page: frames per second [default: as recorded, where videos tell; else 30]
     #[arg(long, value_name = "N", value_parser = values::frame_rate)]
     fps: Option<f64>,
     /// Of a .4dgs: how far a Gaussian's centre, or an end of its axes, may be off, as a share of the scene's diagonal [default: 0.0005]
@@ -303,7 +300,7 @@ fn fidelity(
         n => format!("{n} held-out cameras"),
     };
     Ok(format!(
-        "; {db:.1} dB from the scene's own pictures ({cameras})"
+        "; its pictures agree with the scene's own at {db:.1} dB ({cameras})"
     ))
 }
 
@@ -321,6 +318,7 @@ fn max_error(text: &str) -> Result<f64, String> {
 fn clip(args: &ExportArgs, out: &Path, shared: &Shared) -> Result<String, Failure> {
     use dash_model::TimeWindows;
     use dash_train::four_dgs::{ClipOptions, write_clip};
+    use dash_train::render::FRAME_RATE;
 
     if args.time.is_some() || args.format.is_some() || args.sh_degree.is_some() {
         return Err(Failure::usage(format!(
@@ -330,12 +328,10 @@ fn clip(args: &ExportArgs, out: &Path, shared: &Shared) -> Result<String, Failur
     }
     let device = shared.device.unwrap_or_default().device()?;
     let (found, data) = shown(&args.run, &device)?;
+    let (n_frames, own_rate) = frames_of(&data, args.frames.map(usize::from))?;
     let options = ClipOptions {
-        n_frames: match args.frames {
-            Some(n_frames) => usize::from(n_frames),
-            None => frames_of(&data)?,
-        },
-        frame_rate: args.fps.unwrap_or(FRAME_RATE),
+        n_frames,
+        frame_rate: args.fps.or(own_rate).unwrap_or(FRAME_RATE),
         max_error: args.max_error.unwrap_or(MAX_ERROR),
     };
     let written = match &found {
@@ -374,14 +370,19 @@ fn clip(_args: &ExportArgs, out: &Path, _shared: &Shared) -> Result<String, Fail
     )))
 }
 
-/// The frames of a dataset.
+/// The frames of a clip, those of its dataset where no number is wanted, and how many make a second of the recording.
 #[cfg(feature = "fourdgs")]
-fn frames_of(data: &DataConfig) -> Result<usize, Failure> {
+fn frames_of(data: &DataConfig, wanted: Option<usize>) -> Result<(usize, Option<f64>), Failure> {
     if !data.dataset.is_dir() {
+        if let Some(n_frames) = wanted {
+            return Ok((n_frames, None));
+        }
         return Err(Failure::usage(format!(
             "{}: the run's dataset, which says how many frames there are, is gone; give --frames N",
             data.dataset.display()
         )));
     }
-    Ok(dataset_of(data, None, true)?.n_frames)
+    let dataset = dataset_of(data, None, true)?;
+    let n_frames = wanted.unwrap_or(dataset.n_frames);
+    Ok((n_frames, dataset.frame_rate_of(n_frames)))
 }

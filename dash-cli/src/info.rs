@@ -48,6 +48,7 @@ pub fn run(args: &InfoArgs, shared: &Shared) -> Result<String, Failure> {
         finished_or_not(
             &RunFolder::open(path)?,
             &shared.device.unwrap_or_default().device()?,
+            shared.verbose,
         )?
     } else {
         let options = LoadOptions {
@@ -61,7 +62,7 @@ pub fn run(args: &InfoArgs, shared: &Shared) -> Result<String, Failure> {
     Ok(table.text())
 }
 
-fn finished_or_not(run: &RunFolder, device: &Device) -> Result<Table, Failure> {
+fn finished_or_not(run: &RunFolder, device: &Device, verbose: bool) -> Result<Table, Failure> {
     let config = run.config()?;
     let mut table = Table::default();
     table
@@ -105,13 +106,24 @@ fn finished_or_not(run: &RunFolder, device: &Device) -> Result<Table, Failure> {
             bytes(storage_bytes(&run.scene_path())?)
         ),
     );
-    for decision in &config.decisions {
-        let name = if decision.left_out {
-            "left out"
-        } else {
-            "kept"
-        };
-        table.row(name, told(decision));
+    let (left_out, kept): (Vec<&Decision>, Vec<&Decision>) = config
+        .decisions
+        .iter()
+        .partition(|decision| decision.left_out);
+    if !config.decisions.is_empty() {
+        let all = config.decisions.len();
+        let text = format!(
+            "{} of {all} parts that were tried; -v lists them",
+            left_out.len()
+        );
+        table.row("left out", text);
+    }
+    if verbose {
+        for (name, decisions) in [("left out", left_out), ("kept", kept)] {
+            for decision in decisions {
+                table.row(name, told(decision));
+            }
+        }
     }
     if let Some(results) = read_results(run)? {
         add_scores(&mut table, &results);

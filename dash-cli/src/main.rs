@@ -45,7 +45,6 @@ mod windows;
 mod work;
 
 use std::io::{IsTerminal, Write};
-use std::num::NonZeroUsize;
 use std::process::ExitCode;
 
 use clap::{Args, Parser, Subcommand};
@@ -81,13 +80,14 @@ const EXAMPLE: &str = "Examples, from nothing to pictures:
 
 /// Options of every command.
 #[derive(Args)]
+#[command(next_help_heading = "Options of every command")]
 struct Shared {
     /// Where to compute: auto (a GPU if there is one), wgpu, cuda[:N] or cuda:all (GPU), ndarray or flex (CPU)
     #[arg(long, global = true, value_name = "DEVICE")]
     device: Option<DeviceChoice>,
     /// CPU threads; all that there are when left out
-    #[arg(long, global = true, value_name = "N")]
-    threads: Option<NonZeroUsize>,
+    #[arg(long, global = true, value_name = "N", value_parser = values::count, allow_negative_numbers = true)]
+    threads: Option<usize>,
     /// On a GPU: the same bits on every run, at some cost in time. The CPU always gives them
     #[arg(long, global = true)]
     deterministic: bool,
@@ -161,9 +161,9 @@ fn run(cli: &Cli) -> Result<String, Failure> {
 }
 
 /// Starts as many threads as were asked for, else as the machine has.
-fn start_threads(threads: Option<NonZeroUsize>) -> Result<(), Failure> {
+fn start_threads(threads: Option<usize>) -> Result<(), Failure> {
     rayon::ThreadPoolBuilder::new()
-        .num_threads(threads.map_or(0, NonZeroUsize::get))
+        .num_threads(threads.unwrap_or(0))
         .stack_size(STACK_BYTES)
         .build_global()
         .map_err(|e| {

@@ -10,6 +10,7 @@ use crate::Shared;
 use crate::failure::Failure;
 use crate::progress::TrainProgress;
 use crate::summary;
+use crate::values;
 
 /// Make a synthetic clip, train on it, score it, and write pictures and a video
 #[derive(Args)]
@@ -23,7 +24,7 @@ pub struct QuickstartArgs {
     #[arg(long, value_name = "DIR", default_value = "out/quickstart")]
     out: PathBuf,
     /// Optimisation steps [default: the preset `quick`'s]
-    #[arg(long, value_name = "N")]
+    #[arg(long, value_name = "N", value_parser = values::count, allow_negative_numbers = true)]
     iterations: Option<usize>,
     /// What to render
     #[arg(long, value_enum, value_name = "NAME", default_value_t)]

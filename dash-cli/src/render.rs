@@ -6,8 +6,8 @@ use std::path::{Path, PathBuf};
 use clap::Args;
 use dash_train::cameras::{CameraFile, DatasetTerms};
 use dash_train::render::{
-    PictureFormat, PictureLayer, RenderJob, Shot, at_times, file_shots, spiral_shots, test_shots,
-    write_pictures, write_video,
+    FRAME_RATE, PictureFormat, PictureLayer, RenderJob, Shot, at_times, file_shots, spiral_shots,
+    test_shots, write_pictures, write_video,
 };
 use dash_train::train::{DataConfig, RunFolder};
 use dash_train::windows::{WindowedClip, Windows};
@@ -67,6 +67,9 @@ pub struct RenderArgs {
     /// What to show; a video shows one
     #[arg(long, value_enum, value_delimiter = ',', default_value = "full")]
     layers: Vec<PictureLayer>,
+    /// Of a video: frames per second [default: test views play as recorded, where their videos tell; else 30]
+    #[arg(long, value_name = "N", value_parser = values::frame_rate)]
+    fps: Option<f64>,
     /// File format of pictures
     #[arg(long, value_enum, default_value = "png")]
     format: PictureFormat,
@@ -126,6 +129,12 @@ pub fn run(args: &RenderArgs, shared: &Shared) -> Result<String, Failure> {
         .into_iter()
         .collect();
     let video = values::has_extension(&out, "mp4");
+    if args.fps.is_some() && !video {
+        return Err(Failure::usage(format!(
+            "--fps: expected a video to go with it, found --out {}; name an .mp4, or leave --fps out",
+            out.display()
+        )));
+    }
     if video && layers.len() != 1 {
         return Err(Failure::usage(format!(
             "--layers: {} holds one layer, found {}; give one, or a folder to --out",
@@ -154,7 +163,7 @@ pub fn run(args: &RenderArgs, shared: &Shared) -> Result<String, Failure> {
             Box::new(clip)
         }
     };
-    let shots = shots(args, &source)?;
+    let (shots, own_rate) = shots(args, &source)?;
     let mut progress = Progress::new(shots.len(), shared);
     let job = RenderJob {
         scene: &*scene,
@@ -162,7 +171,10 @@ pub fn run(args: &RenderArgs, shared: &Shared) -> Result<String, Failure> {
         on_shot: &mut |done| progress.at(done, || "pictures".into()),
     };
     let written = match (video, layers.as_slice()) {
-        (true, &[layer]) => write_video(job, layer, &out),
+        (true, &[layer]) => {
+            let frame_rate = args.fps.or(own_rate).unwrap_or(FRAME_RATE);
+            write_video(job, layer, frame_rate, &out)
+        }
         _ => write_pictures(job, &layers, args.format, &out),
     };
     progress.finish();
@@ -187,12 +199,14 @@ fn refuse_other_videos(out: &Path) -> Result<(), Failure> {
     }
 }
 
-fn shots(args: &RenderArgs, source: &Source) -> Result<Vec<Shot>, Failure> {
+/// What to draw, and how many of these make a second of the recording, where that is known.
+fn shots(args: &RenderArgs, source: &Source) -> Result<(Vec<Shot>, Option<f64>), Failure> {
     let named = args.cameras.as_deref().unwrap_or("test");
     let elsewhere = args.dataset.as_deref();
     let frames = args.frames.map(|n| n as usize);
     let data = source.data()?;
     let path = args.scene.display();
+    let mut own_rate = None;
     let shots = match (named, &data) {
         ("test" | "spiral", None) => {
             return Err(Failure::usage(format!(
@@ -210,10 +224,14 @@ fn shots(args: &RenderArgs, source: &Source) -> Result<Vec<Shot>, Failure> {
             if let Some(time) = args.time {
                 shots.iter_mut().for_each(|shot| shot.time = time);
             }
-            return Ok(shots);
+            return Ok((shots, None));
         }
         ("test", Some(data)) => {
             let dataset = dataset_of(data, elsewhere, true)?;
+            own_rate = match (args.time, frames) {
+                (Some(_), _) => None,
+                (None, n) => dataset.frame_rate_of(n.unwrap_or(dataset.n_frames)),
+            };
             let shots = test_shots(&dataset);
             if shots.is_empty() {
                 return Err(Failure::new(format!(
@@ -222,6 +240,11 @@ fn shots(args: &RenderArgs, source: &Source) -> Result<Vec<Shot>, Failure> {
                 )));
             }
             shots
+        }
+        (name, _) if !name.contains('.') && !Path::new(name).exists() => {
+            return Err(Failure::usage(format!(
+                "--cameras {name}: expected test, spiral or a file of cameras, found no file of this name"
+            )));
         }
         (file, data) => {
             let file = CameraFile::read(Path::new(file))?;
@@ -232,7 +255,7 @@ fn shots(args: &RenderArgs, source: &Source) -> Result<Vec<Shot>, Failure> {
             file_shots(file, terms.as_ref())?
         }
     };
-    Ok(match (args.time, frames) {
+    let shots = match (args.time, frames) {
         (Some(time), _) => {
             let mut shots = at_times(&shots, 1);
             shots.iter_mut().for_each(|shot| shot.time = time);
@@ -240,7 +263,8 @@ fn shots(args: &RenderArgs, source: &Source) -> Result<Vec<Shot>, Failure> {
         }
         (None, Some(n)) => at_times(&shots, n),
         (None, None) => shots,
-    })
+    };
+    Ok((shots, own_rate))
 }
 
 /// What the run's dataset says to a `transforms*.json`; nothing where it is gone.

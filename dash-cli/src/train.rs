@@ -2,6 +2,7 @@
 
 mod resume;
 
+use std::cell::Cell;
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -56,7 +57,7 @@ pub struct TrainArgs {
     #[command(flatten)]
     values: ValueArgs,
     /// Optimisation steps
-    #[arg(long, value_name = "N")]
+    #[arg(long, value_name = "N", value_parser = values::count, allow_negative_numbers = true)]
     iterations: Option<usize>,
     /// How long training may take, such as 20min: as many steps as short trials find to fit, their time included.
     /// Scores come after it
@@ -143,7 +144,9 @@ pub fn run_with(args: &TrainArgs, shared: &Shared, door: Option<Door>) -> Result
     let asked = stop::Asked::default();
     let stop = || asked.now();
     let watchers = args.watch.start(&run, &dataset, &device, door)?;
+    let has_trained = Cell::new(false);
     let on_step = &mut |report: &StepReport, secs| {
+        has_trained.set(true);
         progress.step(report, secs);
         watchers.step(report, secs, config.train.iterations);
     };
@@ -186,7 +189,21 @@ pub fn run_with(args: &TrainArgs, shared: &Shared, door: Option<Door>) -> Result
     drop(trainer);
     watchers.finish(&run, config.train.iterations, &device)?;
     let device = (&device, config.data.device.as_str());
-    let told = finish(&run, &config, &dataset, device, secs, &perceptual)?;
+    let process = match has_trained.get() {
+        true => Process::Trained,
+        false => {
+            tracing::info!("all {} steps were done before", config.train.iterations);
+            Process::Evaluates
+        }
+    };
+    let told = finish(
+        &run,
+        &config,
+        &dataset,
+        device,
+        (secs, process),
+        &perceptual,
+    )?;
     Ok(told + &waiting.unwrap_or_default())
 }
 
@@ -244,14 +261,14 @@ fn train_windows(
 fn resume(args: &TrainArgs) -> String {
     format!(
         "go on with `dash train {} --out {} --resume`",
-        args.dataset.display(),
-        args.out.display()
+        values::word(&args.dataset),
+        values::word(&args.out)
     )
 }
 
 /// What is left to do of a run that is trained.
 fn score(args: &TrainArgs) -> String {
-    let run = args.out.display();
+    let run = values::word(&args.out);
     format!("the scene is trained: score it with `dash eval {run}`")
 }
 
@@ -340,7 +357,7 @@ fn finish(
     config: &RunConfig,
     dataset: &Dataset,
     device: (&burn::tensor::Device, &str),
-    secs: f64,
+    (secs, process): (f64, Process),
     perceptual: &PerceptualFiles,
 ) -> Result<String, Failure> {
     let root = run.root().display();
@@ -363,13 +380,10 @@ fn finish(
         return Ok(format!("{}\nwritten to {root}", table.text()));
     }
     let perceptual = perceptual.load(device.0)?;
-    let results = evaluate_run(
-        run,
-        dataset,
-        Partition::Test,
-        device,
-        Process::Trained,
-        &perceptual,
-    )?;
-    Ok(format!("{}\nwritten to {root}", summary::results(&results)))
+    let results = evaluate_run(run, dataset, Partition::Test, device, process, &perceptual)?;
+    let look = format!("dash view {}", values::word(run.root()));
+    Ok(format!(
+        "{}\nwritten to {root}; look at it: {look}",
+        summary::results(&results)
+    ))
 }

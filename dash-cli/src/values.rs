@@ -70,6 +70,22 @@ impl FromStr for Color {
     }
 }
 
+/// How many: at least 1.
+pub fn count(text: &str) -> Result<usize, String> {
+    let number = text.parse().ok().filter(|number| *number > 0);
+    number.ok_or_else(|| format!("expected a whole number of at least 1, found `{text}`"))
+}
+
+/// A path as a word of a shell's command.
+pub fn word(path: &Path) -> String {
+    let text = path.display().to_string();
+    let is_plain = |c: char| c.is_alphanumeric() || "/._-+:@%,".contains(c);
+    match !text.is_empty() && text.chars().all(is_plain) {
+        true => text,
+        false => format!("'{}'", text.replace('\'', "'\\''")),
+    }
+}
+
 /// A time in the clip.
 pub fn time(text: &str) -> Result<f32, String> {
     match text.parse() {
@@ -209,6 +225,19 @@ pub fn yes_or_no(text: &str) -> Result<bool, String> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn paths_are_words_of_a_shell() {
+        for (path, expected) in [
+            ("runs/room-1", "runs/room-1"),
+            ("out/my room", "'out/my room'"),
+            ("it's", "'it'\\''s'"),
+            ("r\u{e4}ume/1", "r\u{e4}ume/1"),
+            ("$HOME", "'$HOME'"),
+        ] {
+            assert_eq!(word(Path::new(path)), expected);
+        }
+    }
 
     #[test]
     fn folders_of_datasets_are_no_clips() {

@@ -50,7 +50,7 @@ pub struct ViewArgs {
     /// Where the run's dataset is, if it was moved
     #[arg(long, value_name = "DIR")]
     dataset: Option<PathBuf>,
-    /// Frames per second [default: a .4dgs's own, else 30]
+    /// Frames per second [default: as recorded, where the run's videos tell; a .4dgs's own; else 30]
     #[arg(long, value_name = "N", value_parser = values::frame_rate)]
     fps: Option<f64>,
 }
@@ -173,11 +173,13 @@ impl Desk {
         let cameras = named(&captured.dataset, &captured.by_camera);
         let poses: Vec<Camera> = cameras.iter().map(|c| c.camera.clone()).collect();
         let n_frames = captured.dataset.n_frames;
+        let frame_rate = captured.dataset.frame_rate.unwrap_or(content.frame_rate);
         self.captured = Some(captured);
         Ok(Content {
             focus: Some(focus_point(&poses)),
             cameras,
             n_frames,
+            frame_rate,
             ..content
         })
     }
@@ -196,6 +198,12 @@ impl Desk {
             false if values::is_splat_file(path) => {
                 let scene = splat_scene(path, &self.device)?;
                 Content::new(&name, Source::Scene(Box::new(scene)), 1)
+            }
+            false if !path.exists() => {
+                return Err(Failure::new(format!(
+                    "{}: expected a run, a file of Gaussians or a folder of them, found nothing; check the path",
+                    path.display()
+                )));
             }
             false => {
                 return Err(Failure::usage(format!(
@@ -358,7 +366,13 @@ impl Host for Desk {
             shots: &shots,
             on_shot: &mut |_| {},
         };
-        write_video(job, PictureLayer::Full, &file).map_err(told)?;
+        write_video(
+            job,
+            PictureLayer::Full,
+            self.fps.unwrap_or(FRAME_RATE),
+            &file,
+        )
+        .map_err(told)?;
         Ok(file)
     }
 }

@@ -29,8 +29,9 @@ use crate::work::{self, On, WorkArgs};
 #[command(after_help = "Example:
   dash plan train recording --window 60 --out runs/recording
 
-Each window is a run on some of the clip's frames, runs/recording/window-NNN. `dash render`, `dash view` and `dash info`
-take each of them; the first two take the folder of all, too, as one clip in which windows fade into each other.")]
+Each window is a run on some of the clip's frames, runs/recording/window-NNN. Every command that takes a run
+takes each of them. `dash render`, `dash view`, `dash eval` and `dash export` take the folder of all, too, as one clip in which windows
+fade into each other.")]
 pub struct PlanTrainArgs {
     /// The dataset's folder, in any of the layouts of `dash train`
     dataset: PathBuf,
@@ -49,7 +50,7 @@ pub struct PlanTrainArgs {
     #[command(flatten)]
     values: ValueArgs,
     /// Optimisation steps of each window [default: they share the steps of the whole clip, 1,000 each at least]
-    #[arg(long, value_name = "N")]
+    #[arg(long, value_name = "N", value_parser = values::count, allow_negative_numbers = true)]
     iterations: Option<usize>,
     /// Seed of everything random [default: 0]
     #[arg(long, value_name = "S")]

@@ -1,4 +1,4 @@
-//! Datasets, losses, training, evaluation, and the `dash` command line.
+//! Datasets, losses, training, evaluation, and reports; the program `dash` is made of it.
 //!
 //! # Map
 //! - `dataset`, `ply`, `files`: readers for datasets; `cameras`: camera files and paths.

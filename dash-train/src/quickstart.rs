@@ -7,7 +7,7 @@ use crate::dataset::Partition;
 use crate::device::DeviceChoice;
 use crate::reconstruct::{ReconstructConfig, Reconstruction, reconstruct};
 use crate::render::{
-    PictureFormat, PictureLayer, RenderJob, spiral_shots, test_shots, write_overview,
+    FRAME_RATE, PictureFormat, PictureLayer, RenderJob, spiral_shots, test_shots, write_overview,
     write_pictures, write_video,
 };
 use crate::synth::{self, SceneKind, SynthConfig};
@@ -90,7 +90,12 @@ fn show(done: &Reconstruction) -> Result<(), Error> {
             shots: &spiral_shots(&done.dataset, VIDEO_FRAMES),
             on_shot: &mut |_| {},
         };
-        write_video(video, PictureLayer::Full, &root.join("spiral.mp4"))?;
+        write_video(
+            video,
+            PictureLayer::Full,
+            FRAME_RATE,
+            &root.join("spiral.mp4"),
+        )?;
     } else {
         tracing::warn!("no ffmpeg on this machine: no video");
     }

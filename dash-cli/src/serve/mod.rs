@@ -87,7 +87,7 @@ impl ServeArgs {
         let name = run.file_name().unwrap_or(run.as_os_str());
         let about = About::of_run(
             &name.to_string_lossy(),
-            (dataset.n_frames, FRAME_RATE),
+            (dataset.n_frames, dataset.frame_rate.unwrap_or(FRAME_RATE)),
             focus_point(&poses),
             &cameras,
         );

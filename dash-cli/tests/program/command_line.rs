@@ -362,13 +362,6 @@ fn a_dataset_that_was_moved_is_found_where_it_is_named() {
 
 #[test]
 fn videos_are_written_where_ffmpeg_is_there() {
-    if std::process::Command::new("ffmpeg")
-        .arg("-version")
-        .output()
-        .is_err()
-    {
-        return;
-    }
     let scratch = Scratch::with_room("blender");
     scratch.train("run");
     scratch.ok(&[
@@ -385,6 +378,21 @@ fn videos_are_written_where_ffmpeg_is_there() {
     let spiral = ["render", "run", "--cameras", "spiral", "--frames", "2"];
     scratch.ok(&[&spiral[..], &["--out", "CLIP.MP4"]].concat());
     assert!(scratch.path("CLIP.MP4").is_file());
+    scratch.ok(&[&spiral[..], &["--fps", "12", "--out", "slow.mp4"]].concat());
+    let rate = |name: &str| {
+        let asked = ["-v", "error", "-of", "csv=p=0", "-show_entries"];
+        let mut probe = std::process::Command::new("ffprobe");
+        probe
+            .args(asked)
+            .arg("stream=r_frame_rate")
+            .arg(scratch.path(name));
+        String::from_utf8(probe.output().expect("it runs").stdout).expect("text")
+    };
+    assert_eq!(
+        (rate("clip.mp4").trim(), rate("slow.mp4").trim()),
+        ("30/1", "12/1")
+    );
+    scratch.is_wrong_usage(&[&spiral[..], &["--fps", "12", "--out", "pictures"]].concat());
 }
 
 #[test]

@@ -30,10 +30,8 @@ fn arguments(run: &str) -> Vec<&str> {
     args.extend(TINY);
     for assignment in [
         "checkpoint_interval=3",
-        "densify.static.interval=10",
-        "densify.static.opacity_reset_interval=40",
-        "densify.dynamic.interval=10",
-        "densify.dynamic.opacity_reset_interval=40",
+        "densify.interval=10",
+        "densify.opacity_reset_interval=40",
         "extensions.averaging.share=0.25",
     ] {
         args.extend(["--set", assignment]);

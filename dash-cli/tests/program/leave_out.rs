@@ -43,7 +43,7 @@ fn where_nothing_moves_there_is_no_byte_of_a_4d_field() {
         let path = format!("{checkpoint}/optimizer.safetensors");
         assert!(!holds(&scratch, &path, part), "moments of {part}");
     }
-    let told = scratch.ok(&["info", "run"]);
+    let told = scratch.ok(&["info", "run", "-v"]);
     let line = told.lines().find(|line| line.contains("4D field"));
     let line = line.unwrap_or_else(|| panic!("no line on the field:\n{told}"));
     assert!(line.starts_with("left out"), "{line}");
@@ -70,7 +70,7 @@ fn what_moves_keeps_its_field_and_the_run_says_why() {
     let levels = "method.field.resolution=[16,16]";
     let scratch = trained("bounce", &["--set", tables, "--set", levels]);
     assert!(holds(&scratch, "run/scene/scene.safetensors", "dynamic."));
-    let told = scratch.ok(&["info", "run"]);
+    let told = scratch.ok(&["info", "run", "-v"]);
     let line = told.lines().find(|line| line.contains("4D field"));
     let line = line.unwrap_or_else(|| panic!("no line on the field:\n{told}"));
     assert!(line.starts_with("kept"), "{line}");
@@ -96,5 +96,5 @@ fn what_moves_keeps_its_field_and_the_run_says_why() {
 fn with_keep_all_nothing_is_decided() {
     let scratch = trained("static", &["--keep", "all"]);
     assert!(!holds(&scratch, "run/config.toml", "decisions"));
-    assert!(!scratch.ok(&["info", "run"]).contains("left out"));
+    assert!(!scratch.ok(&["info", "run", "-v"]).contains("left out"));
 }

@@ -61,6 +61,7 @@ impl Reader for TripodReader {
             n_frames,
             n_cameras: 1,
             stated_span: None,
+            frame_rate: None,
         })
     }
 }

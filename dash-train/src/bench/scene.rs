@@ -173,6 +173,7 @@ fn clip([width, height]: [usize; 2], frames: usize) -> Dataset {
         n_frames: frames,
         n_cameras: CAMERAS,
         stated_span: None,
+        frame_rate: None,
         background: None,
     }
 }

@@ -69,6 +69,8 @@ pub struct Capture {
     pub n_cameras: usize,
     /// As [`Dataset::stated_span`](super::Dataset::stated_span).
     pub stated_span: Option<[f64; 2]>,
+    /// As [`Dataset::frame_rate`](super::Dataset::frame_rate).
+    pub frame_rate: Option<f64>,
 }
 
 /// A folder that may be a dataset, with its listing.

@@ -23,6 +23,8 @@ use crate::Error;
 
 /// Folder with the motion masks of synthetic scenes.
 const MOTION_FOLDER: &str = "motion_masks";
+/// Fewest pixels of a side that `--downscale` may leave.
+const LEAST_SIDE: usize = 3;
 /// Most threads that decode ahead.
 const MAX_FRAME_THREADS: usize = 4;
 
@@ -236,15 +238,32 @@ impl<'a> Loader<'a> {
             path,
             inverted: self.options.invert_masks,
         });
-        let shrink = |side: usize| (side as f64 / self.options.downscale).round().max(1.0) as usize;
         Ok(Recipe {
             source: view.source.clone(),
-            size: (shrink(view.camera.width), shrink(view.camera.height)),
+            size: self.loaded_size((view.camera.width, view.camera.height))?,
             camera: view.camera.clone(),
             lens: view.lens.clone(),
             has_alpha,
             counted,
         })
+    }
+
+    /// The size at which an image of this one is loaded.
+    fn loaded_size(&self, size: (usize, usize)) -> Result<(usize, usize), Error> {
+        let downscale = self.options.downscale;
+        let shrink = |side: usize| (side as f64 / downscale).round().max(1.0) as usize;
+        let (width, height) = (shrink(size.0), shrink(size.1));
+        if downscale > 1.0 && width.min(height) < LEAST_SIDE {
+            return Err(Error::LoadOption {
+                option: "--downscale",
+                expected: format!(
+                    "a factor that leaves images of {}x{} at least {LEAST_SIDE} pixels a side",
+                    size.0, size.1
+                ),
+                found: format!("{downscale}, which leaves {width}x{height}"),
+            });
+        }
+        Ok((width, height))
     }
 
     fn view(

@@ -82,6 +82,8 @@ pub struct Dataset {
     /// The first and the last time of `transforms*.json` before they were stretched over [0, 1]; `None` where
     /// times are as stated, or frames are only numbered.
     pub stated_span: Option<[f64; 2]>,
+    /// Frames per second of the loaded times, where the capture's videos or files of poses tell.
+    pub frame_rate: Option<f64>,
     /// The colour behind transparent pixels: white when images have alpha, `None` otherwise.
     pub background: Option<[f32; 3]>,
 }
@@ -98,6 +100,13 @@ impl Dataset {
     pub fn pixels(&self) -> usize {
         let pixels = |view: &View| (view.camera.width * view.camera.height) as f64;
         median(self.views.iter().map(pixels)).unwrap_or(0.0) as usize
+    }
+
+    /// Frames per second at which `n_frames` times, evenly over the clip, last as long as the recording.
+    pub fn frame_rate_of(&self, n_frames: usize) -> Option<f64> {
+        let spans = self.n_frames.checked_sub(1).filter(|spans| *spans > 0)?;
+        let share = n_frames.checked_sub(1).filter(|share| *share > 0)? as f64 / spans as f64;
+        Some(self.frame_rate? * share)
     }
 
     /// Whether the capture is static: it has one time only.
@@ -228,5 +237,6 @@ fn load_in(loader: &Loader, formats: &[&dyn Format]) -> Result<Dataset, Error> {
         n_frames: capture.n_frames,
         n_cameras: capture.n_cameras,
         stated_span: capture.stated_span,
+        frame_rate: capture.frame_rate,
     })
 }

@@ -100,6 +100,11 @@ impl LoadOptions {
                 found: range.to_string(),
             });
         }
+        if let (Some(FrameRange::Between { last, .. }), Some(end)) = (self.frames, numbers.last())
+            && last > *end
+        {
+            tracing::warn!("--frames: the clip ends at {end}, before {last}");
+        }
         let most = self.max_frames.unwrap_or(usize::MAX);
         let strided = in_range.into_iter().step_by(self.frame_stride);
         Ok(strided.take(most).collect())
@@ -120,7 +125,11 @@ impl LoadOptions {
             .iter()
             .find(|name| !names.contains(&name.as_str()))
         {
-            return Err(refuse(unknown.clone()));
+            return Err(Error::LoadOption {
+                option: "--drop-cameras",
+                expected: format!("some of the cameras {}", shown(names)),
+                found: format!("{unknown}, which is none of them"),
+            });
         }
         let kept: Vec<bool> = names
             .iter()

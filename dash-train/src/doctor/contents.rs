@@ -152,7 +152,13 @@ fn times(dataset: &Dataset) -> Option<Finding> {
         .map_or_else(String::new, |[first, last]| {
             format!(" (stretched; stated from {first} to {last})")
         });
-    let range = format!("{} times from {first:.3} to {last:.3}{stated}", times.len());
+    let rate = dataset
+        .frame_rate
+        .map_or_else(String::new, |rate| format!(", {rate:.2} in a second"));
+    let range = format!(
+        "{} times from {first:.3} to {last:.3}{stated}{rate}",
+        times.len()
+    );
     if times.len() > 3 && *widest > gap * usual {
         let text = format!(
             "{range}, with none between {:.3} and {:.3}, {:.0} times the usual step",

@@ -213,6 +213,7 @@ mod tests {
             n_frames: 0,
             n_cameras: 0,
             stated_span: None,
+            frame_rate: None,
             background: None,
         };
         CurveProbe {

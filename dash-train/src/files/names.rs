@@ -12,8 +12,8 @@ pub(crate) const UNREAD_EXTENSIONS: [&str; 8] =
     ["webp", "bmp", "tif", "tiff", "gif", "exr", "heic", "avif"];
 
 /// Extensions of videos.
-pub(crate) const VIDEO_EXTENSIONS: [&str; 9] = [
-    "mp4", "m4v", "mov", "mkv", "webm", "avi", "ts", "mts", "m2ts",
+pub(crate) const VIDEO_EXTENSIONS: [&str; 12] = [
+    "mp4", "m4v", "mov", "mkv", "webm", "avi", "ts", "mts", "m2ts", "mxf", "mpg", "mpeg",
 ];
 
 /// Compares names with runs of digits taken as numbers: `cam2` before `cam10`.

@@ -9,7 +9,7 @@ mod picture;
 mod shots;
 
 pub use dash_model::{NO_SURFACE_ALPHA, Picture};
-pub use output::{PictureFormat, RenderJob, write_pictures, write_video};
+pub use output::{FRAME_RATE, PictureFormat, RenderJob, write_pictures, write_video};
 pub use overview::write_overview;
 pub(crate) use picture::render_timed;
 pub use picture::{PictureLayer, render, render_over_time};

@@ -13,8 +13,8 @@ use crate::files::is_occupied;
 use crate::video::{VideoWriter, rgb8, write_exr_plane, write_exr_rgb, write_png};
 use crate::{Error, SceneOverTime};
 
-/// Frame rate of videos.
-const FRAMES_PER_SEC: f64 = 30.0;
+/// Frames per second of videos of what has no rate of its own.
+pub const FRAME_RATE: f64 = 30.0;
 /// The list of the pictures' cameras beside them.
 const CAMERAS_FILE: &str = "cameras.json";
 
@@ -142,12 +142,17 @@ fn refuse_other_list(path: &Path, cameras: &[CameraEntry]) -> Result<(), Error> 
     }
 }
 
-/// Renders every shot as a frame of the MP4 video `out`. An existing file is replaced once the video is complete.
+/// Renders every shot as a frame of the MP4 video `out`, `frame_rate` of them a second. An existing file is replaced once the video is complete.
 ///
 /// # Errors
 /// When ffmpeg is missing, `out` can't be written, the shots differ in size, or a kernel refuses
 /// its input.
-pub fn write_video(job: RenderJob<'_>, layer: PictureLayer, out: &Path) -> Result<(), Error> {
+pub fn write_video(
+    job: RenderJob<'_>,
+    layer: PictureLayer,
+    frame_rate: f64,
+    out: &Path,
+) -> Result<(), Error> {
     let Some(first) = job.shots.first() else {
         return Err(Error::run(
             out,
@@ -166,7 +171,7 @@ pub fn write_video(job: RenderJob<'_>, layer: PictureLayer, out: &Path) -> Resul
             ),
         ));
     }
-    let mut writer = VideoWriter::create(out, size.0, size.1, FRAMES_PER_SEC)?;
+    let mut writer = VideoWriter::create(out, size.0, size.1, frame_rate)?;
     for (index, shot) in job.shots.iter().enumerate() {
         let drawn = job.scene.drawn_at(shot.time)?;
         let picture = render_mixed(&drawn, &shot.camera, layer.drawn_from())?;

@@ -3,7 +3,7 @@
 //! flickers; a mirror and a pane of glass show what moves elsewhere.
 
 use super::motion::Motion;
-use super::people::{ARM_M, Carried, LEG_M, Part, Walk};
+use super::people::{ARM_M, Carried, LEG_M, Limb, Walk};
 use super::room::Builder;
 use super::scene::{Lamp, Look, ROOM_BACK_M, ROOM_HALF_WIDTH_M, Role};
 use super::shape::Shape;
@@ -109,13 +109,13 @@ impl Builder {
             period: 0.32,
         };
         let mut parts = vec![
-            ("torso", torso, striped, [shirt, 0xe9e4d8], Part::Torso),
+            ("torso", torso, striped, [shirt, 0xe9e4d8], Limb::Torso),
             (
                 "head",
                 Shape::Sphere { radius: 0.13 },
                 Pattern::Plain,
                 [skin; 2],
-                Part::Head,
+                Limb::Head,
             ),
         ];
         for side in [-1.0, 1.0] {
@@ -126,38 +126,38 @@ impl Builder {
                     limb(0.085, LEG_M),
                     plain,
                     [trousers; 2],
-                    Part::Thigh(side),
+                    Limb::Thigh(side),
                 ),
                 (
                     "shin",
                     limb(0.065, LEG_M),
                     plain,
                     [trousers; 2],
-                    Part::Shin(side),
+                    Limb::Shin(side),
                 ),
                 (
                     "upper arm",
                     limb(0.055, ARM_M),
                     plain,
                     [shirt; 2],
-                    Part::UpperArm(side),
+                    Limb::UpperArm(side),
                 ),
                 (
                     "forearm",
                     limb(0.045, ARM_M),
                     plain,
                     [skin; 2],
-                    Part::Forearm(side),
+                    Limb::Forearm(side),
                 ),
             ]);
         }
         for (part, shape, pattern, colors, of) in parts {
             let side = match of {
-                Part::Torso | Part::Head => "",
-                Part::Thigh(side)
-                | Part::Shin(side)
-                | Part::UpperArm(side)
-                | Part::Forearm(side) => {
+                Limb::Torso | Limb::Head => "",
+                Limb::Thigh(side)
+                | Limb::Shin(side)
+                | Limb::UpperArm(side)
+                | Limb::Forearm(side) => {
                     if side < 0.0 {
                         " left"
                     } else {

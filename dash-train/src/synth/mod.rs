@@ -68,7 +68,7 @@ mod tests;
 pub use cloud::{CloudPoint, OUTLIER_EVERY, POINT_NOISE_M, cloud, cloud_size};
 pub use config::{MAX_SIDE, MIN_SIDE, SceneKind, SynthConfig, SynthLayout};
 pub use motion::{Drift, Motion, Pose};
-pub use people::{Carried, Part, Walk};
+pub use people::{Carried, Limb, Walk};
 pub use render::render;
 pub use rendered::Rendered;
 pub use rig::{focal_px, rig};

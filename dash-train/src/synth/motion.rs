@@ -1,6 +1,6 @@
 //! Rigid motions over the clip's time in [0, 1].
 
-use super::people::{Carried, Part, Walk, eased};
+use super::people::{Carried, Limb, Walk, eased};
 use glam::{DMat3, DVec3};
 use std::f64::consts::{PI, TAU};
 
@@ -86,7 +86,7 @@ pub enum Motion {
     /// A swing of its group.
     Drift(Drift),
     /// A part of somebody who walks; the place is not used.
-    Walk(&'static Walk, Part),
+    Walk(&'static Walk, Limb),
     /// In the hands of somebody who walks; the place is not used.
     Carried(&'static Carried),
     /// A door; the place is its hinge.

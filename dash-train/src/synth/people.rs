@@ -14,7 +14,7 @@ const STROLL_M: f64 = 16.0;
 const HIP_M: f64 = 0.90;
 const SHOULDER_M: f64 = 1.42;
 const HANDS_M: DVec3 = DVec3::new(0.0, 1.10, 0.40);
-/// Lengths of both parts of legs and arms, in metres.
+/// Lengths of both limbs of legs and arms, in metres.
 pub(super) const LEG_M: f64 = 0.43;
 pub(super) const ARM_M: f64 = 0.29;
 
@@ -28,9 +28,9 @@ pub struct Walk {
     pub carries: [f64; 2],
 }
 
-/// A part of a body. Sides are -1 for the left and 1 for the right.
+/// A limb of a body. Sides are -1 for the left and 1 for the right.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub enum Part {
+pub enum Limb {
     /// Hips to shoulders.
     Torso,
     /// The head.
@@ -117,12 +117,12 @@ impl Walk {
         rises.min(falls)
     }
 
-    /// Where a part of the body is.
-    pub(super) fn pose(&self, part: Part, time: f64) -> Pose {
+    /// Where a limb of the body is.
+    pub(super) fn pose(&self, limb: Limb, time: f64) -> Pose {
         let body = self.body(time);
         let phase = PI * self.distance(time) / STEP_M;
-        let pace = (self.speed(time) / STROLL_M).min(1.0);
-        let swing = 0.55 * pace * phase.sin();
+        let effort = (self.speed(time) / STROLL_M).min(1.0);
+        let swing = 0.55 * effort * phase.sin();
         let held = self.carrying(time);
         let at = |x: f64, y: f64| body.then_from(&Pose::new(DVec3::new(x, y, 0.0), 0.0));
         let thigh = |side: f64| turned(&at(0.1 * side, HIP_M), side * swing);
@@ -130,17 +130,17 @@ impl Walk {
             let forward = (1.0 - held) * -0.8 * side * swing + held * 0.55;
             turned(&at(0.23 * side, SHOULDER_M), forward)
         };
-        match part {
-            Part::Torso => at(0.0, 0.5 * (HIP_M + SHOULDER_M)),
-            Part::Head => at(0.0, SHOULDER_M + 0.2),
-            Part::Thigh(side) => below(&thigh(side), LEG_M),
-            Part::Shin(side) => {
+        match limb {
+            Limb::Torso => at(0.0, 0.5 * (HIP_M + SHOULDER_M)),
+            Limb::Head => at(0.0, SHOULDER_M + 0.2),
+            Limb::Thigh(side) => below(&thigh(side), LEG_M),
+            Limb::Shin(side) => {
                 let knee = end(&thigh(side), LEG_M);
-                let bent = 0.45 * pace * (1.0 - side * phase.cos());
+                let bent = 0.45 * effort * (1.0 - side * phase.cos());
                 below(&turned(&knee, -bent), LEG_M)
             }
-            Part::UpperArm(side) => below(&arm(side), ARM_M),
-            Part::Forearm(side) => {
+            Limb::UpperArm(side) => below(&arm(side), ARM_M),
+            Limb::Forearm(side) => {
                 let elbow = end(&arm(side), ARM_M);
                 below(&turned(&elbow, 0.25 + held * 0.75), ARM_M)
             }
@@ -209,33 +209,33 @@ mod tests {
 
     #[test]
     fn limbs_hang_together_and_nothing_jumps() {
-        let ends = |part: Part, length: f64, time: f64| {
-            let pose = WALK.pose(part, time);
+        let ends = |limb: Limb, length: f64, time: f64| {
+            let pose = WALK.pose(limb, time);
             let half = pose.rotation * DVec3::new(0.0, 0.5 * length, 0.0);
             [pose.position + half, pose.position - half]
         };
-        let parts = [
-            Part::Torso,
-            Part::Head,
-            Part::Shin(1.0),
-            Part::Forearm(-1.0),
+        let limbs = [
+            Limb::Torso,
+            Limb::Head,
+            Limb::Shin(1.0),
+            Limb::Forearm(-1.0),
         ];
         for step in 0..1000 {
             let time = f64::from(step) / 1000.0;
             for side in [-1.0, 1.0] {
                 for (upper, lower, length) in [
-                    (Part::Thigh(side), Part::Shin(side), LEG_M),
-                    (Part::UpperArm(side), Part::Forearm(side), ARM_M),
+                    (Limb::Thigh(side), Limb::Shin(side), LEG_M),
+                    (Limb::UpperArm(side), Limb::Forearm(side), ARM_M),
                 ] {
                     let joint = ends(upper, length, time)[1];
                     assert!((joint - ends(lower, length, time)[0]).length() < 1e-9);
                 }
             }
-            for part in parts {
-                let [a, b] = [time, time + 1e-3].map(|time| WALK.pose(part, time).position);
+            for limb in limbs {
+                let [a, b] = [time, time + 1e-3].map(|time| WALK.pose(limb, time).position);
                 assert!(
                     (a - b).length() < 0.08,
-                    "{part:?} at {time}: {}",
+                    "{limb:?} at {time}: {}",
                     (a - b).length()
                 );
             }

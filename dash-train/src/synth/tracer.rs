@@ -29,7 +29,7 @@ const TILE_PX: usize = 8;
 const DEPTH_SLACK_M: f64 = 1e-6;
 
 /// An object as one camera sees it.
-struct View {
+struct InView {
     index: usize,
     changes: bool,
     /// The camera's centre in object coordinates.
@@ -56,9 +56,9 @@ impl Extent {
 }
 
 /// The objects in reach of a tile, those that start nearer first.
-struct TileViews<'a> {
-    changing: Vec<&'a View>,
-    resting: Vec<&'a View>,
+struct TileObjects<'a> {
+    changing: Vec<&'a InView>,
+    resting: Vec<&'a InView>,
 }
 
 /// Renders an instant as one camera sees it.
@@ -66,7 +66,7 @@ pub(super) struct Tracer<'a> {
     instant: &'a Instant<'a>,
     camera: &'a Camera,
     world_from_camera: DMat3,
-    views: Vec<View>,
+    views: Vec<InView>,
     /// Per column and per row, how far the rays lean.
     right: Vec<Leans>,
     down: Vec<Leans>,
@@ -94,7 +94,7 @@ impl<'a> Tracer<'a> {
     ) -> Self {
         let camera_from_world = DMat3::from_cols_array_2d(&camera.rotation).transpose();
         let eye = DVec3::from(camera.position());
-        let mut views: Vec<View> = instant
+        let mut views: Vec<InView> = instant
             .posed
             .iter()
             .enumerate()
@@ -102,7 +102,7 @@ impl<'a> Tracer<'a> {
             .map(|(index, posed)| {
                 let object_from_camera = posed.object_from_world * camera_from_world.transpose();
                 let origin = posed.pose.to_object(eye);
-                View {
+                InView {
                     index,
                     changes: posed.changes,
                     origin,
@@ -216,7 +216,7 @@ impl<'a> Tracer<'a> {
     }
 
     /// The columns of a tile in a band, and what can be seen in it.
-    fn tile(&self, tile: usize, rows: &Range<usize>) -> (Range<usize>, TileViews<'_>) {
+    fn tile(&self, tile: usize, rows: &Range<usize>) -> (Range<usize>, TileObjects<'_>) {
         let columns = tile * TILE_PX..((tile + 1) * TILE_PX).min(self.camera.width);
         let overlaps = |[low, high]: [f64; 2], pixels: &Range<usize>| {
             low < pixels.end as f64 && high > pixels.start as f64
@@ -228,14 +228,14 @@ impl<'a> Tracer<'a> {
                 overlaps(view.extent.columns, &columns) && overlaps(view.extent.rows, rows)
             })
             .partition(|view| view.changes);
-        (columns, TileViews { changing, resting })
+        (columns, TileObjects { changing, resting })
     }
 
     /// The hits of a pixel's rays; `None` where only resting objects are hit. `rest_depths` bounds the depths of the
     /// resting objects, where they have been rendered.
     fn look(
         &self,
-        views: &TileViews<'_>,
+        views: &TileObjects<'_>,
         x: usize,
         y: usize,
         rest_depths: Option<[f32; 2]>,
@@ -259,7 +259,7 @@ impl<'a> Tracer<'a> {
     /// Keeps the nearer of `nearest` and what a ray of a pixel hits of `views`.
     fn trace(
         &self,
-        views: &[&View],
+        views: &[&InView],
         mut nearest: Option<Seen>,
         x: usize,
         y: usize,

@@ -46,6 +46,7 @@ impl SlowClip {
             n_frames: self.n_frames,
             n_cameras: 1,
             stated_span: None,
+            frame_rate: None,
             background: None,
         }
     }

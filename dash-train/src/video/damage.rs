@@ -8,7 +8,7 @@ use std::ops::Range;
 
 use rayon::prelude::*;
 
-use super::decode::{Part, decode};
+use super::decode::{Portion, decode};
 use super::index::VideoIndex;
 use crate::Error;
 
@@ -81,7 +81,7 @@ impl VideoIndex {
 
     /// Whether the first `n_packets` coded pictures of a group decode by themselves.
     fn decodes(&self, number: usize, n_packets: usize) -> bool {
-        let part = Part {
+        let part = Portion {
             max_frames: None,
             max_packets: Some(n_packets),
             ..self.part(self.group(number))

@@ -1,4 +1,4 @@
-//! Frames of a part of a video, decoded by `ffmpeg`.
+//! Frames of a portion of a video, decoded by `ffmpeg`.
 
 use std::ffi::OsStr;
 use std::io::{self, BufRead, BufReader, Read};
@@ -25,9 +25,9 @@ pub(crate) struct VideoFrame {
     pub(crate) rgb: Vec<u8>,
 }
 
-/// A part of a video.
+/// A portion of a video.
 #[derive(Debug, Clone, Default, PartialEq)]
-pub(super) struct Part {
+pub(super) struct Portion {
     /// Seconds into the file from which decoding starts: a moment after a key frame's.
     pub(super) seek: Option<f64>,
     pub(super) frames: Which,
@@ -71,10 +71,10 @@ pub(crate) fn frame_size(path: &Path, skip_broken: bool) -> Result<(usize, usize
 /// [`frame_size`] of a track.
 pub(super) fn size_of(track: &Track, skip_broken: bool) -> Result<(usize, usize), Error> {
     let mut size = None;
-    let first = Part {
+    let first = Portion {
         max_frames: Some(1),
         lenient: skip_broken,
-        ..Part::default()
+        ..Portion::default()
     };
     decode(track, &first, |frame| {
         size = Some((frame.width, frame.height));
@@ -83,30 +83,30 @@ pub(super) fn size_of(track: &Track, skip_broken: bool) -> Result<(usize, usize)
     size.ok_or_else(|| Error::video_decode(&track.path, "it has no frames"))
 }
 
-/// Calls `on_frame` with the frames of a part, in order, and returns their number.
+/// Calls `on_frame` with the frames of a portion, in order, and returns their number.
 ///
 /// # Errors
 /// When `ffmpeg` is missing or cannot decode the file, or `on_frame` fails.
 pub(super) fn decode(
     track: &Track,
-    part: &Part,
+    portion: &Portion,
     on_frame: impl FnMut(VideoFrame) -> Result<(), Error>,
 ) -> Result<usize, Error> {
-    decode_with(&ffmpeg_program(), track, part, on_frame)
+    decode_with(&ffmpeg_program(), track, portion, on_frame)
 }
 
 fn decode_with(
     program: &OsStr,
     track: &Track,
-    part: &Part,
+    portion: &Portion,
     mut on_frame: impl FnMut(VideoFrame) -> Result<(), Error>,
 ) -> Result<usize, Error> {
     let path = &track.path;
     for option in PASSTHROUGH {
-        let (n_frames, complaint) = run(program, track, option, part, &mut on_frame)?;
+        let (n_frames, complaint) = run(program, track, option, portion, &mut on_frame)?;
         match complaint {
             Some(complaint) if n_frames == 0 && complaint.contains(&option[1..]) => {}
-            Some(_) if n_frames > 0 && part.lenient => return Ok(n_frames),
+            Some(_) if n_frames > 0 && portion.lenient => return Ok(n_frames),
             Some(reason) => return Err(Error::video_decode(path, reason)),
             None if n_frames == 0 => return Err(Error::video_decode(path, "it has no frames")),
             None => return Ok(n_frames),
@@ -123,16 +123,16 @@ fn run(
     program: &OsStr,
     track: &Track,
     passthrough: &str,
-    part: &Part,
+    portion: &Portion,
     on_frame: &mut impl FnMut(VideoFrame) -> Result<(), Error>,
 ) -> Result<(usize, Option<String>), Error> {
     let path = &track.path;
-    let mut copier = part
+    let mut copier = portion
         .max_packets
-        .map(|n| copy_packets(program, track, part.seek, n))
+        .map(|n| copy_packets(program, track, portion.seek, n))
         .transpose()?;
     let copied = copier.as_mut().and_then(Child::stdout);
-    let mut command = decoder(program, track, passthrough, part, copied);
+    let mut command = decoder(program, track, passthrough, portion, copied);
     let mut process = start(&mut command).map_err(reading(path))?;
     // The command holds the copier's output open.
     drop(command);
@@ -168,16 +168,16 @@ fn run(
     Ok((n_frames, Some(reason)))
 }
 
-/// `ffmpeg` that writes the frames of a part, from the file or from `copied` pictures of it.
+/// `ffmpeg` that writes the frames of a portion, from the file or from `copied` pictures of it.
 fn decoder(
     program: &OsStr,
     track: &Track,
     passthrough: &str,
-    part: &Part,
+    portion: &Portion,
     copied: Option<ChildStdout>,
 ) -> Command {
     let mut command = ffmpeg(program);
-    if !part.lenient {
+    if !portion.lenient {
         command.arg("-xerror");
     }
     // With more threads, ffmpeg 5 conceals damage silently.
@@ -191,7 +191,7 @@ fn decoder(
         Stdio::from(copied)
     } else {
         command.args(["-protocol_whitelist", "file"]);
-        seek(&mut command, part.seek);
+        seek(&mut command, portion.seek);
         command
             .args(["-copyts", "-i"])
             .arg(file_argument(&track.path));
@@ -200,12 +200,12 @@ fn decoder(
     // The copier passes on no other stream.
     let stream = if is_copied { 0 } else { track.stream };
     command.args(["-map", &format!("0:{stream}"), passthrough, "passthrough"]);
-    let mut filters = Vec::from_iter(part.frames.filter());
-    filters.extend(track.picture.filters(is_copied, part.size));
+    let mut filters = Vec::from_iter(portion.frames.filter());
+    filters.extend(track.picture.filters(is_copied, portion.size));
     if !filters.is_empty() {
         command.args(["-vf", &filters.join(",")]);
     }
-    if let Some(max) = part.max_frames {
+    if let Some(max) = portion.max_frames {
         command.args(["-frames:v", &max.to_string()]);
     }
     // PPM is raw rgb24 behind a header with the size.
@@ -218,7 +218,7 @@ fn decoder(
     command
 }
 
-/// `ffmpeg` that copies the first `n` coded pictures of a part without decoding them.
+/// `ffmpeg` that copies the first `n` coded pictures of a portion without decoding them.
 fn copy_packets(
     program: &OsStr,
     track: &Track,
@@ -281,8 +281,13 @@ mod tests {
     #[test]
     fn a_missing_ffmpeg_is_one_error_that_says_how_to_install_it() {
         let program = "ffmpeg-that-does-not-exist".as_ref();
-        let error = decode_with(program, &track("cam00.mp4"), &Part::default(), |_| Ok(()))
-            .expect_err("no such program");
+        let error = decode_with(
+            program,
+            &track("cam00.mp4"),
+            &Portion::default(),
+            |_| Ok(()),
+        )
+        .expect_err("no such program");
         assert!(matches!(error, Error::NoFfmpegToRead { .. }));
         let message = error.to_string();
         assert!(

@@ -4,7 +4,7 @@ use std::ops::Range;
 use std::path::Path;
 
 use super::clock::{Clock, clock};
-use super::decode::{Part, VideoFrame, Which, decode, size_of};
+use super::decode::{Portion, VideoFrame, Which, decode, size_of};
 use super::probe::{Packet, Packets, Track};
 use crate::Error;
 
@@ -128,7 +128,7 @@ impl VideoIndex {
         mut on_frame: impl FnMut(usize, VideoFrame) -> Result<(), Error>,
     ) -> Result<(), Error> {
         let mut next = range.start;
-        let part = Part {
+        let part = Portion {
             size,
             ..self.part(range.clone())
         };
@@ -151,13 +151,13 @@ impl VideoIndex {
     }
 
     /// What `ffmpeg` is to be told so that it gives these frames.
-    pub(super) fn part(&self, range: Range<usize>) -> Part {
+    pub(super) fn part(&self, range: Range<usize>) -> Portion {
         if range.is_empty() || range.end > self.stamps.len() {
-            return Part::default();
+            return Portion::default();
         }
         let number = self.entries.partition_point(|&entry| entry <= range.start);
         let number = number.saturating_sub(1);
-        Part {
+        Portion {
             seek: self.seek(self.entries[number]),
             max_frames: Some(range.len()),
             // What is damaged is not even read.
@@ -166,7 +166,7 @@ impl VideoIndex {
                 true => Which::Times(self.span(&range)),
                 false => Which::Numbers(range),
             },
-            ..Part::default()
+            ..Portion::default()
         }
     }
 

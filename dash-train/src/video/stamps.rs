@@ -3,6 +3,8 @@
 //! Stamps that don't rise are ignored. Stamps count from the first frame, since their start depends on the
 //! program that wrote the file.
 
+use crate::numbers::median;
+
 /// Stamps agree if they differ by at most this share of the median frame interval.
 const TOLERANCE: f64 = 0.5;
 /// Frames are missing where an interval is more than this many times the median.
@@ -50,10 +52,7 @@ fn usual_gap(stamps: &[f64]) -> Option<f64> {
     if stamps.len() < 2 || !stamps.is_sorted_by(|a, b| a < b) {
         return None;
     }
-    let mut gaps: Vec<f64> = gaps(stamps).collect();
-    let middle = gaps.len() / 2;
-    let (_, median, _) = gaps.select_nth_unstable_by(middle, f64::total_cmp);
-    Some(*median)
+    median(gaps(stamps))
 }
 
 pub(super) fn gaps(stamps: &[f64]) -> impl Iterator<Item = f64> {

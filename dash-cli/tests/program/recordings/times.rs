@@ -40,6 +40,7 @@ const H264_B: &[&str] = &[
     "-c:v", "libx264", "-preset", "veryfast", "-pix_fmt", "yuv420p", "-g", "6", "-bf", "2",
 ];
 const MPEG4_B: &[&str] = &["-c:v", "mpeg4", "-q:v", "2", "-g", "6", "-bf", "2"];
+const MPEG2_B: &[&str] = &["-c:v", "mpeg2video", "-q:v", "2", "-g", "6", "-bf", "2"];
 const NTSC: [&str; 3] = ["24000/1001", "30000/1001", "60000/1001"];
 
 const KINDS: &[Kind] = &[
@@ -100,13 +101,20 @@ const KINDS: &[Kind] = &[
     ("avi", "H.264 with B-frames", H264_B, &["30", "60000/1001"]),
     ("ts", "H.264", H264, &["24", "30", "60000/1001"]),
     ("ts", "H.264 with B-frames", H264_B, &["25", "60"]),
-    (
-        "ts",
-        "MPEG-2 with B-frames",
-        &["-c:v", "mpeg2video", "-bf", "2", "-g", "6"],
-        &NTSC,
-    ),
+    ("ts", "MPEG-2 with B-frames", MPEG2_B, &NTSC),
     ("m2ts", "H.264 with B-frames", H264_B, &["50", "30000/1001"]),
+    (
+        "mxf",
+        "MPEG-2 with B-frames",
+        MPEG2_B,
+        &["25", "30000/1001"],
+    ),
+    (
+        "mpg",
+        "MPEG-2 with B-frames",
+        MPEG2_B,
+        &["25", "30000/1001"],
+    ),
 ];
 
 /// A rate such as `30000/1001` as a number.
@@ -125,6 +133,8 @@ fn assert_whole(footage: &Footage, fps: f64, context: &str) {
         .load(false)
         .unwrap_or_else(|e| panic!("{context}: {e}"));
     assert_eq!((dataset.n_cameras, dataset.n_frames), (2, N), "{context}");
+    let found = dataset.frame_rate.expect("videos have stamps");
+    assert!((found / fps - 1.0).abs() < 1e-3, "{context}: {found}");
     for view in &dataset.views {
         let time = (view.frame as f64 / (N - 1) as f64) as f32;
         assert_eq!(

@@ -102,6 +102,7 @@ impl Reader for ColmapReader {
             n_frames: 1,
             n_cameras,
             stated_span: None,
+            frame_rate: None,
         })
     }
 }

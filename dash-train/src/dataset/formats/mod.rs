@@ -30,7 +30,7 @@ use dash_kernels::Camera;
 use super::format::{Folder, Format, Reader};
 use super::layout::Layout;
 use crate::Error;
-use crate::files;
+use crate::files::{self, VIDEO_EXTENSIONS};
 
 /// The formats that are read; the first that recognises a folder reads it.
 pub static FORMATS: [&dyn Format; 8] = [
@@ -56,6 +56,8 @@ const UNSUPPORTED: [(&str, &str, &str); 2] = [
         "put the pictures into images/CAMERA/, and write a pose for each camera into transforms.json (rig)",
     ),
 ];
+/// Folders of images whose names start so are no cameras'.
+const NO_CAMERAS: [&str; 3] = ["images", "masks", "depth"];
 /// An error about a folder of datasets names so many of them,
 const MOST_NAMED: usize = 3;
 /// and looks into so many of its entries.
@@ -136,12 +138,26 @@ fn unknown(folder: &Folder, formats: &[&dyn Format]) -> Error {
     if let Some(error) = registration(folder) {
         return error;
     }
+    let inner = datasets_in(folder, formats);
+    if inner.is_empty()
+        && let Some(error) = without_poses(folder)
+    {
+        return error;
+    }
+    if names.is_empty() || folder.has("config.toml") {
+        let (found, remedy) = match names {
+            [] => ("an empty folder", "check the path"),
+            _ => (
+                "a run",
+                "name the run's dataset; `dash info` shows what the run holds",
+            ),
+        };
+        return Error::invalid(root, "a dataset", found, remedy);
+    }
     let mut found: String = match names {
-        [] => "an empty folder".into(),
         [first @ .., _] if first.len() >= 8 => format!("{}, ..", names[..8].join(", ")),
         _ => names.join(", "),
     };
-    let inner = datasets_in(folder, formats);
     let mut remedy = "check the path, or choose the layout with --layout";
     if !inner.is_empty() {
         found += &format!(" (datasets among them: {})", inner.join(", "));
@@ -156,6 +172,39 @@ fn unknown(folder: &Folder, formats: &[&dyn Format]) -> Error {
         found,
         remedy,
     )
+}
+
+/// The error for recordings without poses: videos, or a folder of images for each camera.
+fn without_poses(folder: &Folder) -> Option<Error> {
+    let videos = |names: &[String]| {
+        let videos = names.iter();
+        videos
+            .filter(|name| files::has_extension(name, &VIDEO_EXTENSIONS))
+            .count()
+    };
+    let inner = |name: &str| Folder::list(&folder.root().join(name)).ok();
+    let in_folder = inner("videos").map_or(0, |inner| videos(inner.names()));
+    let n_videos = videos(folder.names()).max(in_folder);
+    let has_images = |name: &&String| {
+        if NO_CAMERAS.iter().any(|start| name.starts_with(start)) {
+            return false;
+        }
+        let listed = inner(name).map(|inner| files::list_images(inner.root()));
+        matches!(listed, Some(Ok(images)) if !images.is_empty())
+    };
+    let looked_into = folder.names().iter().take(MOST_LOOKED_INTO);
+    let n_folders = looked_into.filter(has_images).count();
+    let found = match (n_videos, n_folders) {
+        (2.., _) => format!("{n_videos} videos, and no poses"),
+        (_, 2..) => format!("{n_folders} folders of images, and no poses"),
+        _ => return None,
+    };
+    Some(Error::invalid(
+        folder.root(),
+        "poses beside the recordings of the cameras",
+        found,
+        "make a dataset of them: `dash prepare FOOTAGE DATASET` finds poses with COLMAP, or takes yours",
+    ))
 }
 
 /// The error for RealityScan's table of registrations, whose angles and sensor units are not read.

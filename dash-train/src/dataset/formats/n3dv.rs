@@ -208,6 +208,7 @@ fn read_llff(
         n_frames: 1,
         n_cameras,
         stated_span: None,
+        frame_rate: None,
     })
 }
 

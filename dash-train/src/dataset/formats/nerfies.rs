@@ -171,6 +171,7 @@ impl Reader for NerfiesReader {
             n_frames,
             n_cameras,
             stated_span: None,
+            frame_rate: None,
         })
     }
 }

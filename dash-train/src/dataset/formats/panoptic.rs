@@ -127,6 +127,7 @@ impl Reader for PanopticReader {
             n_frames: placed.n_frames,
             n_cameras: ids.len(),
             stated_span: None,
+            frame_rate: None,
         })
     }
 }

@@ -2,6 +2,7 @@
 
 use std::collections::BTreeMap;
 
+use super::Plan;
 use super::camera::{FrameFile, RigCamera, same_count};
 use crate::Error;
 use crate::dataset::loader::{Loader, PlannedView};
@@ -13,17 +14,16 @@ use crate::files;
 /// A camera's images by frame; `None` where it lacks one.
 type Row<'a> = Vec<Option<&'a FrameFile>>;
 
-/// The views of all cameras at all wanted frames, camera by camera, and the number of frames. `lists` has the
-/// images of each camera.
+/// The views of all cameras at all wanted frames. `lists` has the images of each camera.
 ///
 /// # Errors
 /// When cameras differ in their frames, a frame in its shape from the poses, or one is damaged.
-pub(crate) fn plan(
+pub(super) fn plan(
     loader: &Loader,
     cameras: &[RigCamera],
     lists: &[&[FrameFile]],
     held_out: &[bool],
-) -> Result<(Vec<PlannedView>, usize), Error> {
+) -> Result<Plan, Error> {
     check_order(cameras, lists)?;
     let rows = match check_frames(cameras, lists) {
         Ok(()) => lists.iter().map(|l| l.iter().map(Some).collect()).collect(),
@@ -49,7 +49,11 @@ pub(crate) fn plan(
     let n_frames = wanted.len();
     let times = times.unwrap_or_else(|| (0..n_frames).map(|k| frame_time(k, n_frames)).collect());
     let wanted: Vec<(usize, f32)> = wanted.into_iter().zip(times).collect();
-    Ok((views(loader, cameras, &rows, &wanted, held_out)?, n_frames))
+    Ok(Plan {
+        views: views(loader, cameras, &rows, &wanted, held_out)?,
+        n_frames,
+        frame_rate: None,
+    })
 }
 
 /// Refuses names whose order in time is not known, and tells the order of the first camera's where it may be another.

@@ -15,9 +15,19 @@ mod videos;
 use camera::{FrameFile, RigCamera};
 
 use super::format::Capture;
-use super::loader::Loader;
+use super::loader::{Loader, PlannedView};
 use crate::Error;
 use crate::ply::PointCloud;
+
+/// What a rig's files are to become.
+struct Plan {
+    /// Of all cameras at all wanted frames, camera by camera.
+    views: Vec<PlannedView>,
+    /// How many frames are wanted.
+    n_frames: usize,
+    /// How many of these are in a second, where that is known.
+    frame_rate: Option<f64>,
+}
 
 /// All cameras at all wanted frames, camera by camera, with the points that first Gaussians are made of. A camera
 /// that is dropped tells nothing of the others' times.
@@ -41,15 +51,16 @@ pub(crate) fn load(
         .unzip();
     let (cameras, held_out) = (cameras.as_slice(), held_out.as_slice());
     let lists: Option<Vec<&[FrameFile]>> = cameras.iter().map(|c| c.source.images()).collect();
-    let (planned, n_frames) = match lists {
+    let plan = match lists {
         Some(lists) => images::plan(loader, cameras, &lists, held_out)?,
         None => videos::plan(loader, cameras, held_out)?,
     };
     Ok(Capture {
-        views: loader.load_kept(planned)?,
+        views: loader.load_kept(plan.views)?,
         points,
-        n_frames,
+        n_frames: plan.n_frames,
         n_cameras: cameras.len(),
         stated_span: None,
+        frame_rate: plan.frame_rate,
     })
 }

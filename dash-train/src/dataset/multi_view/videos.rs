@@ -5,6 +5,7 @@ use std::sync::Arc;
 
 use rayon::prelude::*;
 
+use super::Plan;
 use super::camera::{RigCamera, same_count};
 use crate::Error;
 use crate::dataset::loader::{Loader, PlannedView};
@@ -25,21 +26,25 @@ const MOST: f64 = 0.75;
 /// A camera and the index of its video.
 type Recording<'a> = (&'a RigCamera, &'a VideoIndex);
 
-/// The views of all cameras at all wanted frames, camera by camera, and the number of frames. With `skip_broken`,
+/// The views of all cameras at all wanted frames. With `skip_broken`,
 /// unreadable videos and the lost frames of damaged ones are left out. Frames are evenly spaced in time, unless
 /// the time stamps of the reference video differ.
 ///
 /// # Errors
 /// When a video can't be read, videos differ in their frames or times, or frames differ in shape from the poses.
-pub(crate) fn plan(
+pub(super) fn plan(
     loader: &Loader,
     cameras: &[RigCamera],
     held_out: &[bool],
-) -> Result<(Vec<PlannedView>, usize), Error> {
+) -> Result<Plan, Error> {
     let skip_broken = loader.options.skip_broken;
     let videos = read(loader, cameras)?;
     let Some(reference) = reference(cameras, &videos, skip_broken) else {
-        return Ok((Vec::new(), 0));
+        return Ok(Plan {
+            views: Vec::new(),
+            n_frames: 0,
+            frame_rate: None,
+        });
     };
     let numbers: Vec<u64> = (0..).take(reference.1.n_frames()).collect();
     let kept = loader.options.wanted(&numbers)?;
@@ -80,7 +85,11 @@ pub(crate) fn plan(
             });
         }
     }
-    Ok((planned, kept.len()))
+    Ok(Plan {
+        views: planned,
+        n_frames: kept.len(),
+        frame_rate: frame_rate(reference.1.times(), &kept),
+    })
 }
 
 /// The indices of all videos; with `skip_broken`, `None` for those that can't be read.
@@ -135,6 +144,12 @@ fn reference<'a>(
             .max_by_key(|recording| n_agreeing(recording))
     };
     of_half.or_else(of_most).copied()
+}
+
+/// Frames per second of those that are kept, by their time stamps in seconds; `None` of a single one.
+fn frame_rate(stamps: &[f64], kept: &[usize]) -> Option<f64> {
+    let secs = stamps[*kept.last()?] - stamps[*kept.first()?];
+    (secs > 0.0).then(|| (kept.len() - 1) as f64 / secs)
 }
 
 /// The times in [0, 1] of the frames of the reference that are kept.

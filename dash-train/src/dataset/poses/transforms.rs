@@ -51,6 +51,8 @@ pub(crate) struct Frame {
     pub(crate) time: Option<f64>,
     /// The number of the time, in captures without `time`.
     timestep_index: Option<Value>,
+    /// The time in seconds in files by `dash prepare`; anything but a number is ignored.
+    seconds: Option<Value>,
     /// The picture of the pixels that count (nerfstudio): white where they do.
     mask_path: Option<Value>,
     /// The camera's name in files by `dash prepare`; anything but text is ignored.
@@ -99,6 +101,11 @@ impl Frame {
     /// The number of the time, where the file states one.
     pub(crate) fn timestep_index(&self) -> Option<f64> {
         self.timestep_index.as_ref()?.as_f64()
+    }
+
+    /// The time in seconds, where the file states one.
+    pub(crate) fn seconds(&self) -> Option<f64> {
+        self.seconds.as_ref()?.as_f64()
     }
 
     /// The path of the mask, where the file states one.

@@ -6,14 +6,15 @@ use crate::test_kit::Fixture;
 #[test]
 fn unknown_folders_say_what_was_looked_for() {
     let empty = Fixture::new();
+    empty.refuses(&["empty folder"]);
+    empty.write("notes.txt", "nothing");
     empty.refuses(&[
         "poses_bounds.npy",
         "transforms_train.json",
         "sparse/0",
-        "empty folder",
+        "notes.txt",
+        "--layout",
     ]);
-    empty.write("notes.txt", "nothing");
-    empty.refuses(&["notes.txt", "--layout"]);
     let missing = load(&empty.root().join("nowhere"), &LoadOptions::default());
     assert!(
         missing
@@ -21,6 +22,28 @@ fn unknown_folders_say_what_was_looked_for() {
             .to_string()
             .contains("nowhere")
     );
+}
+
+#[test]
+fn recordings_without_poses_are_told_from_folders_that_are_no_dataset() {
+    let videos = Fixture::new();
+    videos.write("left.mp4", "");
+    videos.refuses(&["left.mp4", "--layout"]);
+    videos.write("right.MOV", "");
+    videos.refuses(&["2 videos, and no poses", "dash prepare"]);
+    let inner = Fixture::new();
+    inner.write("videos/left.mp4", "");
+    inner.write("videos/right.mp4", "");
+    inner.refuses(&["2 videos, and no poses", "dash prepare"]);
+    let images = Fixture::new();
+    images.write("left/0000.png", "");
+    images.write("images_2/0000.png", "");
+    images.refuses(&["--layout"]);
+    images.write("right/0000.png", "");
+    images.refuses(&["2 folders of images, and no poses", "dash prepare"]);
+    let run = Fixture::new();
+    run.write("config.toml", "");
+    run.refuses(&["found a run", "dash info"]);
 }
 
 #[test]

@@ -147,6 +147,28 @@ fn assert_times(dataset: &Dataset, ticks: &[f32]) {
 }
 
 #[test]
+fn the_rate_of_frames_is_that_of_the_stamps() {
+    let fixture = rig(&[at_30(0..7), at_30(0..7)]);
+    let rate = |options: &LoadOptions| {
+        let dataset = fixture.load_with(options).expect("loads");
+        (dataset.frame_rate, dataset.frame_rate_of(4))
+    };
+    let every = |frame_stride: usize, max_frames: usize| LoadOptions {
+        frame_stride,
+        max_frames: Some(max_frames),
+        ..LoadOptions::default()
+    };
+    let near = |(found, of_four): (Option<f64>, Option<f64>), wanted: [f64; 2]| {
+        let found = [found.expect("known"), of_four.expect("known")];
+        let is_near = |(a, b): (f64, f64)| (a / b - 1.0).abs() < 1e-4;
+        assert!(found.into_iter().zip(wanted).all(is_near), "{found:?}");
+    };
+    near(rate(&LoadOptions::default()), [30.0, 15.0]);
+    near(rate(&every(2, 4)), [15.0, 15.0]);
+    assert_eq!(rate(&every(1, 1)), (None, None));
+}
+
+#[test]
 fn frames_that_are_not_evenly_spaced_have_the_times_of_their_stamps() {
     let ticks = [0, 20, 60, 80, 220, 300, 320, 460, 480];
     let clip = |start: u32| -> Vec<Stamped> {

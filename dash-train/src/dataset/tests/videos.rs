@@ -52,6 +52,12 @@ fn videos_are_decoded_frame_by_frame() {
             );
         }
     }
+    let tiny = LoadOptions {
+        downscale: 1000.0,
+        ..LoadOptions::default()
+    };
+    let refused = fixture.load_with(&tiny).expect_err("nothing is left");
+    assert!(refused.to_string().contains("leaves 1x1"), "{refused}");
     let some = LoadOptions {
         frame_stride: 2,
         max_frames: Some(2),

@@ -31,6 +31,8 @@ fn image_folders_become_a_dataset_with_the_same_cameras() {
     let dataset = load(&made, &LoadOptions::default()).expect("loads");
     assert_eq!(dataset.layout, Layout::Blender);
     assert_eq!((dataset.n_cameras, dataset.n_frames), (3, 4));
+    let rate = dataset.frame_rate.expect("it states seconds");
+    assert!((rate / summary.fps - 1.0).abs() < 1e-9, "{rate}");
     assert_eq!(
         dataset.points.as_ref().map(|points| points.len()),
         Some(200)

@@ -54,14 +54,14 @@ pub fn fit(frames: &[GaussianRows], max_error: f64) -> Vec<Piece> {
     let of_row = |row: usize| {
         let path: Vec<Pose> = frames.iter().map(|rows| Pose::of(rows, row)).collect();
         let mut pieces = Vec::new();
-        split(row, &path, 0..path.len(), max_error, &mut pieces);
+        cut(row, &path, 0..path.len(), max_error, &mut pieces);
         pieces
     };
     let pieces: Vec<Vec<Piece>> = (0..n).into_par_iter().map(of_row).collect();
     pieces.concat()
 }
 
-fn split(row: usize, path: &[Pose], frames: Range<usize>, max_error: f64, out: &mut Vec<Piece>) {
+fn cut(row: usize, path: &[Pose], frames: Range<usize>, max_error: f64, out: &mut Vec<Piece>) {
     if frames.is_empty() {
         return;
     }
@@ -71,8 +71,8 @@ fn split(row: usize, path: &[Pose], frames: Range<usize>, max_error: f64, out: &
         return;
     }
     let middle = frames.start + frames.len() / 2;
-    split(row, path, frames.start..middle, max_error, out);
-    split(row, path, middle..frames.end, max_error, out);
+    cut(row, path, frames.start..middle, max_error, out);
+    cut(row, path, middle..frames.end, max_error, out);
 }
 
 impl Pose {

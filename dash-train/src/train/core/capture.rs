@@ -116,6 +116,7 @@ mod tests {
             n_frames: 100,
             n_cameras: 1,
             stated_span: None,
+            frame_rate: None,
             views,
             points: None,
             background: None,

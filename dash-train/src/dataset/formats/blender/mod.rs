@@ -88,6 +88,7 @@ impl Reader for BlenderReader {
         let placed = place(loader, first, &transforms, &entries)?;
         let mut time_of = placed.pictures.iter();
         entries.retain(|_| time_of.next().is_some_and(Option::is_some));
+        let frame_rate = frame_rate(&entries, placed.n_frames);
         let (camera_of, camera_names) = cameras(&entries);
         let n_cameras = camera_names.len();
         let is_timed = entries.iter().any(|entry| entry.time.is_some());
@@ -128,6 +129,7 @@ impl Reader for BlenderReader {
             n_frames: placed.n_frames,
             n_cameras,
             stated_span: placed.stated_span,
+            frame_rate,
         })
     }
 }
@@ -182,6 +184,15 @@ fn place(
         unposed::warn_of_more(loader, first, &posed, placed.n_frames == 1);
     }
     Ok(placed)
+}
+
+/// Frames per second, where the file states seconds.
+fn frame_rate(entries: &[Entry], n_frames: usize) -> Option<f64> {
+    let seconds = entries.iter().map(|entry| entry.seconds);
+    let seconds = seconds.collect::<Option<Vec<f64>>>()?;
+    let first = seconds.iter().copied().reduce(f64::min)?;
+    let last = seconds.into_iter().reduce(f64::max)?;
+    (last > first && n_frames > 1).then(|| (n_frames - 1) as f64 / (last - first))
 }
 
 /// Whether one file lists all views.

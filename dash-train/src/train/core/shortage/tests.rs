@@ -58,6 +58,7 @@ fn dataset(train: &[Camera], test: &[Camera], points: &[[f32; 3]]) -> Dataset {
         n_frames: n,
         n_cameras: n,
         stated_span: None,
+        frame_rate: None,
         views,
         points: (!points.is_empty()).then(|| PointCloud {
             positions: points.to_vec(),

@@ -48,17 +48,17 @@ pub(super) fn find(run: &Run<Dash>, ahead: &Ahead) -> Result<Vec<(usize, Vec3)>,
     };
     let earlier = before.get(1).unwrap_or(last);
     // Ways in the time from the last frame to the new one.
-    let pace = |k: usize| (time - known[0]) / (known[k] - known[k + 1]);
-    let last_pace = if before.len() > 1 { pace(0) } else { 0.0 };
+    let ratio = |k: usize| (time - known[0]) / (known[k] - known[k + 1]);
+    let last_ratio = if before.len() > 1 { ratio(0) } else { 0.0 };
     let ways: Vec<Vec3> = last
         .iter()
         .zip(earlier)
-        .map(|(&last, &earlier)| (last - earlier) * last_pace)
+        .map(|(&last, &earlier)| (last - earlier) * last_ratio)
         .collect();
     let rows = run.scene.static_set.to_rows();
     let speeds: Vec<f32> = (0..rows.len())
         .map(|row| {
-            let of = |k: usize| (before[k][row] - before[k + 1][row]).length() * pace(k).abs();
+            let of = |k: usize| (before[k][row] - before[k + 1][row]).length() * ratio(k).abs();
             (0..known.len() - 1).map(of).fold(reach[row], f32::max)
         })
         .collect();

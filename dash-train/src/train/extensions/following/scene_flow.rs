@@ -302,11 +302,11 @@ impl SceneFlow {
         let Some((b, earlier)) = inwards.next() else {
             return last.clone();
         };
-        let pace = (times[place] - times[a]) / (times[a] - times[b]);
+        let ratio = (times[place] - times[a]) / (times[a] - times[b]);
         let slow = (SLOW * self.width).powi(2);
         let pairs = last.iter().zip(earlier);
         let ahead = pairs.map(|(&last, &earlier)| {
-            let way = (last - earlier) * pace;
+            let way = (last - earlier) * ratio;
             let squared = way.length_squared();
             last + way * (KEPT_VELOCITY * squared / (squared + slow))
         });

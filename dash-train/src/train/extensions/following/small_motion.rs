@@ -7,6 +7,7 @@ use std::collections::BTreeMap;
 
 use crate::Error;
 use crate::dataset::{Dataset, View};
+use crate::numbers::median;
 use crate::train::core::{Run, TimeSpan};
 use crate::train::extensions::blocks::Blocks;
 
@@ -106,9 +107,7 @@ fn changed(start: &[f32], now: &[f32]) -> Vec<bool> {
     let differences: Vec<f32> = pairs
         .map(|(a, b)| (0..3).map(|c| (a[c] - b[c]).abs()).fold(0.0, f32::max))
         .collect();
-    let mut sorted = differences.clone();
-    let middle = sorted.len() / 2;
-    let typical = *sorted.select_nth_unstable_by(middle, f32::total_cmp).1;
+    let typical = median(differences.iter().copied()).unwrap_or(0.0);
     let change = LEAST_CHANGE.max(ABOVE_TYPICAL * typical);
     differences.iter().map(|&d| d > change).collect()
 }
@@ -162,6 +161,7 @@ mod tests {
             n_frames: 3,
             n_cameras: 5,
             stated_span: None,
+            frame_rate: None,
             views: views.collect(),
             points: None,
             background: None,

@@ -78,11 +78,11 @@ pub(in super::super) fn displaced(frame: usize) -> Vec3 {
 }
 
 /// Frames of a rig; the body goes so many times as far as [`displaced`] says.
-fn dataset(pace: f32) -> Dataset {
+fn dataset(speed: f32) -> Dataset {
     let views = (0..CAMERAS * FRAMES).map(|i| {
         let (k, frame) = (i % CAMERAS, i / CAMERAS);
         let camera = camera(k);
-        let pixels = picture(&camera, pace * displaced(frame), false);
+        let pixels = picture(&camera, speed * displaced(frame), false);
         let pixels = pixels.iter().flatten().map(|v| (v * 255.0).round() as u8);
         let time = frame as f32 / (FRAMES - 1) as f32;
         let mut view = View::from_rgb8("made", camera, time, pixels.collect());
@@ -96,6 +96,7 @@ fn dataset(pace: f32) -> Dataset {
         n_frames: FRAMES,
         n_cameras: CAMERAS,
         stated_span: None,
+        frame_rate: None,
         views: views.collect(),
         points: None,
         background: None,
@@ -106,13 +107,13 @@ fn dataset(pace: f32) -> Dataset {
 pub(in super::super) const SCALE: f32 = 110.0 / 4.0 / WIDTH as f32;
 
 /// A run of the body, at rest so far; a world unit appears as large as `scale`.
-pub(in super::super) fn trainer(scale: f32, pace: f32) -> Trainer {
+pub(in super::super) fn trainer(scale: f32, speed: f32) -> Trainer {
     let mut config = TrainConfig::preset(Preset::Quick);
     config.iterations = 400;
     config.sh_degree = 0;
     config.initial_points[0] = 50;
     let mut trainer =
-        Trainer::new(config, Arc::new(dataset(pace)), &Device::flex()).expect("valid");
+        Trainer::new(config, Arc::new(dataset(speed)), &Device::flex()).expect("valid");
     let points: Vec<[f32; 3]> = cloud().iter().map(Vec3::to_array).collect();
     let colors: Vec<[f32; 3]> = (0..N).map(color).collect();
     let mut rows = GaussianRows::from_points(&points, &colors, 0, 0.05);
