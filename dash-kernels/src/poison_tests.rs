@@ -14,12 +14,8 @@ use crate::rows::{join_rows, take_rows};
 use crate::space_time::{Bounds, space_time};
 use crate::splats::N_COLUMNS;
 use crate::ssim::ssim;
-use crate::testing::{assert_finite, devices, normals, poison, rng, tensor, to_f32, values};
+use crate::testing::{assert_finite, devices, poison, random, tensor, values};
 use crate::trajectory::{Polyline, squared_extent};
-
-fn random(seed: u64, n: usize) -> Vec<f32> {
-    to_f32(&normals(&mut rng(seed), n))
-}
 
 /// A tensor whose gradient is asked for.
 fn tracked<const R: usize>(data: &[f32], shape: [usize; R], device: &Device) -> Tensor<R> {

@@ -101,9 +101,7 @@ impl CoverageVjp for CubeBackend {
             &client,
             count,
             dim,
-            arg(&logits),
-            arg(&splats),
-            arg(&motion),
+            GaussiansLaunch::new(arg(&logits), arg(&splats), arg(&motion)),
             arg(&covered),
             arg(&costs),
             arg(&slopes),
@@ -111,8 +109,10 @@ impl CoverageVjp for CubeBackend {
             WeightsLaunch::new(weights.opacity / n as f32, weights.nearness),
             n as u32,
             n_cubes as u32,
-            moves,
-            counts_nearness,
+            Counts {
+                motion: moves,
+                nearness: counts_nearness,
+            },
         );
         (total(&costs, n_cubes), slopes)
     }
@@ -266,11 +266,23 @@ fn nearness(
     select(is_finite(typical) && typical > 0.0f32, weight, 0.0f32)
 }
 
+#[derive(CubeType, CubeLaunch)]
+struct Gaussians {
+    logits: Box<[f32]>, // [N]
+    splats: Box<[f32]>, // [N, C]
+    motion: Box<[f32]>, // [N]
+}
+
+/// What counts.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+struct Counts {
+    motion: bool,
+    nearness: bool,
+}
+
 #[cube(launch)]
 fn floater_kernel(
-    logits: &[f32],     // [N]
-    splats: &[f32],     // [N, C]
-    motion: &[f32],     // [N]
+    gaussians: Gaussians,
     covered: &[f32],    // [cubes, 2]
     costs: &mut [f32],  // [cubes]
     slopes: &mut [f32], // [N]
@@ -278,13 +290,12 @@ fn floater_kernel(
     weights: Weights,
     n: u32,
     n_cubes: u32,
-    #[comptime] moves: bool,
-    #[comptime] counts_nearness: bool,
+    #[comptime] counts: Counts,
 ) {
     let mut sums = Shared::<[f32]>::new_slice(UNITS);
     let unit = UNIT_POS as usize;
     let mut typical = 0.0f32;
-    if comptime!(counts_nearness) {
+    if comptime!(counts.nearness) {
         let mut all = 0.0f32;
         let mut near = 0.0f32;
         for cube in 0..n_cubes as usize {
@@ -296,10 +307,18 @@ fn floater_kernel(
     let mut cost = 0.0f32;
     let mut row = CUBE_POS * UNITS + unit;
     while row < n as usize {
-        let logit = logits[row];
+        let logit = gaussians.logits[row];
         let mut weight = weights.opacity;
-        if comptime!(counts_nearness) {
-            weight += weights.nearness * nearness(splats, motion, row, typical, &picture, moves);
+        if comptime!(counts.nearness) {
+            weight += weights.nearness
+                * nearness(
+                    &gaussians.splats,
+                    &gaussians.motion,
+                    row,
+                    typical,
+                    &picture,
+                    counts.motion,
+                );
         }
         let sound = is_finite(logit);
         let opacity = select(sound, 1.0f32 / (1.0f32 + (-logit).exp()), 0.0f32);

@@ -52,11 +52,13 @@ impl Deform for CubeBackend {
             values.arg(),
             arg(&offsets),
             arg(&memory),
-            columns.mean_factor,
-            n as u32,
-            basis.len() as u32,
-            parts.quats as u32,
-            parts.scales as u32,
+            SizesLaunch::new(
+                columns.mean_factor,
+                n as u32,
+                basis.len() as u32,
+                parts.quats as u32,
+                parts.scales as u32,
+            ),
             width,
             Places::of(columns),
             has_path,
@@ -167,24 +169,35 @@ fn add_row(
     }
 }
 
+/// How many there are of everything.
+#[derive(CubeType, CubeLaunch)]
+struct Sizes {
+    /// Factor of the means' offsets.
+    mean_factor: f32,
+    /// Gaussians.
+    n: u32,
+    /// Functions of a path.
+    n_functions: u32,
+    /// Where quaternions begin in the output.
+    from_quats: u32,
+    /// Where scales begin.
+    from_scales: u32,
+}
+
 #[cube(launch)]
 fn deform_kernel(
-    canonical: Ellipsoids,
-    coefficients: &[f32], // [N, B * 3]
-    basis: &[f32],        // [B]
-    offsets: &[f32],      // [N, width]
-    deformed: &mut [f32], // means [N, 3], then quaternions and scales
-    mean_factor: f32,
-    n: u32,
-    n_functions: u32,
-    from_quats: u32,
-    from_scales: u32,
+    canonical: Ellipsoids, // means [N, 3], quaternions [N, 4], scales [N, 3]
+    coefficients: &[f32],  // [N, B * 3]
+    basis: &[f32],         // [B]
+    offsets: &[f32],       // [N, width]
+    deformed: &mut [f32],  // means [N, 3], then quaternions and scales
+    sizes: Sizes,
     #[comptime] width: usize,
     #[comptime] places: Places,
     #[comptime] has_path: bool,
 ) {
     let i = ABSOLUTE_POS;
-    if i >= n as usize {
+    if i >= sizes.n as usize {
         terminate!();
     }
     #[unroll]
@@ -192,16 +205,16 @@ fn deform_kernel(
         let at = i * MEAN + k;
         let mut mean = canonical.means[at];
         if comptime!(has_path) {
-            mean += displaced(coefficients, basis, i, k, n_functions as usize);
+            mean += displaced(coefficients, basis, i, k, sizes.n_functions as usize);
         }
-        deformed[at] = mean + mean_factor * offsets[i * width + k];
+        deformed[at] = mean + sizes.mean_factor * offsets[i * width + k];
     }
     if comptime!(places.quats.is_some()) {
         add_row(
             &canonical.quats,
             offsets,
             deformed,
-            from_quats as usize,
+            sizes.from_quats as usize,
             i,
             QUAT,
             width,
@@ -213,7 +226,7 @@ fn deform_kernel(
             &canonical.scales,
             offsets,
             deformed,
-            from_scales as usize,
+            sizes.from_scales as usize,
             i,
             SCALE,
             width,
@@ -224,7 +237,7 @@ fn deform_kernel(
 
 #[cube(launch)]
 fn deform_vjp_kernel(
-    gradients: Ellipsoids,
+    gradients: Ellipsoids, // of the outputs, of their shapes
     v_offsets: &mut [f32], // [N, width]
     mean_factor: f32,
     n: u32,

@@ -4,16 +4,12 @@ use rand::Rng;
 use super::{cpu, displacement, reference};
 use crate::testing::{
     assert_agrees, assert_close, assert_same_for_any_thread_count, central_differences, devices,
-    normals, rng, tensor, to_f32, to_f64, values,
+    normals, random, rng, tensor, to_f64, values,
 };
 
 fn basis(seed: u64, n: usize) -> Vec<f32> {
     let mut rng = rng(seed);
     (0..n).map(|_| rng.random_range(-1.0..=1.0)).collect()
-}
-
-fn random(seed: u64, n: usize) -> Vec<f32> {
-    to_f32(&normals(&mut rng(seed), n))
 }
 
 #[test]

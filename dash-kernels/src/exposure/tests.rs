@@ -4,12 +4,8 @@ use super::{CHANNELS, RESPONSE, cpu, expose, reference};
 use crate::splats::{N_COLUMNS, RED};
 use crate::testing::{
     assert_agrees, assert_close, assert_same_for_any_thread_count, central_differences, devices,
-    normals, rng, tensor, to_f32, to_f64, values,
+    normals, random, rng, tensor, to_f64, values,
 };
-
-fn random(seed: u64, n: usize) -> Vec<f32> {
-    to_f32(&normals(&mut rng(seed), n))
-}
 
 #[test]
 fn reference_vjp_matches_central_differences() {

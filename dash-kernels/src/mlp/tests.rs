@@ -3,7 +3,7 @@ use burn::tensor::{Device, Tensor};
 use super::{MlpLayout, cpu, mlp, reference};
 use crate::testing::{
     assert_agrees, assert_close, assert_same_for_any_thread_count, central_differences, devices,
-    normals, rng, tensor, to_f32, to_f64, values,
+    random, tensor, to_f64, values,
 };
 
 /// One layer and several, widths on both sides of what is summed side by side.
@@ -18,10 +18,6 @@ const FORMS: [&[usize]; 6] = [
 
 fn layout(widths: &[usize]) -> MlpLayout {
     MlpLayout::new(widths).expect("good widths")
-}
-
-fn random(seed: u64, n: usize) -> Vec<f32> {
-    to_f32(&normals(&mut rng(seed), n))
 }
 
 /// Input, parameters (as large as keeps sums near one) and the output's gradient.

@@ -81,11 +81,13 @@ impl FieldSmoothnessVjp for CubeBackend {
             places.arg(),
             GradientsLaunch::new(arg(&v_own), arg(&v_cost), arg(&v_others)),
             arg(&v_features),
-            n as u32,
-            rows.len() as u32,
-            width as u32,
-            (n_all * width) as u32,
-            2.0 / rows.len() as f32,
+            SizesLaunch::new(
+                n as u32,
+                rows.len() as u32,
+                width as u32,
+                (n_all * width) as u32,
+                2.0 / rows.len() as f32,
+            ),
             has,
         );
         v_features
@@ -130,29 +132,40 @@ struct Gradients {
     v_others: Box<[f32]>, // [R, F]
 }
 
+/// How many there are of everything.
+#[derive(CubeType, CubeLaunch)]
+struct Sizes {
+    /// Points.
+    n: u32,
+    /// Points with another beside them.
+    m: u32,
+    /// Features of a point.
+    width: u32,
+    /// Values in all.
+    length: u32,
+    /// Factor of a difference.
+    factor: f32,
+}
+
 #[cube(launch)]
 fn smoothness_vjp_kernel(
-    features: &[f32], // [N + M + R, F]
-    rows: &[u32],     // [M]
-    places: &[u32],   // [N]
-    gradients: Gradients,
+    features: &[f32],       // [N + M + R, F]
+    rows: &[u32],           // [M]
+    places: &[u32],         // [N]
+    gradients: Gradients,   // [N, F], [1], [R, F]
     v_features: &mut [f32], // [N + M + R, F]
-    n: u32,
-    m: u32,
-    width: u32,
-    length: u32,
-    factor: f32,
+    sizes: Sizes,
     #[comptime] has: [bool; 3],
 ) {
     let at = ABSOLUTE_POS;
-    if at >= length as usize {
+    if at >= sizes.length as usize {
         terminate!();
     }
-    let (n, m, width) = (n as usize, m as usize, width as usize);
+    let (n, m, width) = (sizes.n as usize, sizes.m as usize, sizes.width as usize);
     let (row, column) = (at / width, at % width);
     let mut v_cost = 0.0f32;
     if comptime!(has[1]) {
-        v_cost = factor * gradients.v_cost[0usize];
+        v_cost = sizes.factor * gradients.v_cost[0usize];
     }
     let mut v = 0.0f32;
     if row < n {

@@ -3,7 +3,7 @@ use burn::tensor::Tensor;
 use super::{Beside, Bounds, cpu, reference, space_time, space_time_beside};
 use crate::testing::{
     assert_agrees, assert_close, assert_same_for_any_thread_count, central_differences, devices,
-    normals, rng, tensor, to_f32, to_f64, values,
+    normals, random, rng, tensor, to_f64, values,
 };
 
 /// One and a half wide about the origin along x, two along y, three from -2 along z.
@@ -13,10 +13,6 @@ fn bounds(clamp: bool) -> Bounds {
         scale: [1.0 / 1.5, 0.5, 1.0 / 3.0],
         clamp,
     }
-}
-
-fn random(seed: u64, n: usize) -> Vec<f32> {
-    to_f32(&normals(&mut rng(seed), n))
 }
 
 #[test]

@@ -59,6 +59,11 @@ pub fn normals(rng: &mut Pcg64, n: usize) -> Vec<f64> {
         .collect()
 }
 
+/// Values of a standard normal distribution, by seed, in the precision of the kernels.
+pub fn random(seed: u64, n: usize) -> Vec<f32> {
+    to_f32(&normals(&mut rng(seed), n))
+}
+
 /// Values between `low` and `high`.
 pub fn uniform(rng: &mut Pcg64, n: usize, low: f32, high: f32) -> Vec<f32> {
     (0..n).map(|_| rng.random_range(low..high)).collect()

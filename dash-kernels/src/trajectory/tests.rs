@@ -3,7 +3,7 @@ use burn::tensor::Tensor;
 use super::{Polyline, cpu, reference, squared_extent};
 use crate::testing::{
     assert_agrees, assert_close, assert_same_for_any_thread_count, central_differences, devices,
-    normals, rng, tensor, to_f32, to_f64, values,
+    normals, random, rng, tensor, to_f64, values,
 };
 
 /// Anchors at both ends, on knots and between them.
@@ -21,10 +21,6 @@ const FORMS: [(usize, f32); 9] = [
 
 fn polyline(n_spans: usize, anchor: f32) -> Polyline {
     Polyline::new(n_spans, anchor).expect("a time in [0, 1]")
-}
-
-fn random(seed: u64, n: usize) -> Vec<f32> {
-    to_f32(&normals(&mut rng(seed), n))
 }
 
 #[test]

@@ -17,6 +17,24 @@ const WITH_TIME: [[usize; 3]; 3] = [[0, 1, 3], [1, 2, 3], [0, 2, 3]];
 ///
 /// # Source
 /// Xu et al. 2024 (Grid4D), directional attention. Its biases start as they do there, uniform in +-1 / sqrt(fan-in).
+///
+/// # Example
+/// ```
+/// use burn::tensor::{Device, Tensor};
+/// use dash_model::{DeformationConfig, DeformationField, HashEncoderConfig, Representation, SpaceBox};
+/// use rand::SeedableRng;
+///
+/// let grid = HashEncoderConfig::new(4, 10, [4, 4, 4, 2], [32, 32, 32, 8]);
+/// let mut config = DeformationConfig::new(grid, 16);
+/// config.representation = Representation::Grid4d;
+/// config.temporal = Some(config.encoder.clone());
+/// let (device, mut rng) = (Device::flex(), rand_pcg::Pcg64::seed_from_u64(1));
+/// let field = DeformationField::new(&config, SpaceBox::fixed(1.0), &mut rng, &device)?;
+/// let means = Tensor::<2>::from_data([[0.1, 0.2, 0.3], [-0.5, 0.0, 0.5]], &device);
+/// let features = field.features(means, None, 0.5)?;
+/// assert_eq!(field.decode(features)?.means.dims(), [2, 3]);
+/// # Ok::<(), dash_model::ModelError>(())
+/// ```
 #[derive(Module, Debug)]
 pub struct Grid4d {
     /// Over x, y, z.

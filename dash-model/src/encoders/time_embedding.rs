@@ -20,6 +20,24 @@ const MAX_RESOLUTION: u32 = 1 << 16;
 /// # Source
 /// Bae et al. 2024 (E-D3DGS): an embedding per Gaussian, temporal embeddings of two resolutions, each with a decoder of its
 /// own. There the coarse one is interpolated from the fine one.
+///
+/// # Example
+/// ```
+/// use burn::tensor::{Device, Tensor};
+/// use dash_model::{DeformationConfig, DeformationField, HashEncoderConfig, Representation, SpaceBox};
+/// use rand::SeedableRng;
+///
+/// let grid = HashEncoderConfig::new(4, 10, [4, 4, 4, 2], [32, 32, 32, 8]);
+/// let mut config = DeformationConfig::new(grid, 16);
+/// config.representation = Representation::Embedding;
+/// let (device, mut rng) = (Device::flex(), rand_pcg::Pcg64::seed_from_u64(1));
+/// let field = DeformationField::new(&config, SpaceBox::fixed(1.0), &mut rng, &device)?;
+/// let means = Tensor::<2>::from_data([[0.1, 0.2, 0.3], [-0.5, 0.0, 0.5]], &device);
+/// let own = Tensor::zeros([2, config.embedding_width()], &device);
+/// let features = field.features(means, Some(own), 0.5)?;
+/// assert_eq!(field.decode(features)?.means.dims(), [2, 3]);
+/// # Ok::<(), dash_model::ModelError>(())
+/// ```
 #[derive(Module, Debug)]
 pub struct TimeEmbedding {
     /// Features at the vertices of the coarse grid `[R, W]`, then of the fine one.

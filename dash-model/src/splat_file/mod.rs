@@ -75,6 +75,18 @@ pub fn read_splats(path: &Path) -> Result<SplatFile, ModelError> {
 ///
 /// # Errors
 /// [`ModelError::Io`]; [`ModelError::Format`] where the name says no kind.
+///
+/// # Example
+/// ```
+/// use dash_model::{GaussianRows, read_splats, write_splats};
+///
+/// let rows = GaussianRows::from_points(&[[0.0, 0.0, 1.0]], &[[0.9, 0.3, 0.1]], 0, 0.1);
+/// let path = std::env::temp_dir().join(format!("one-{}.spz", std::process::id()));
+/// write_splats(&path, &rows, 0.01)?;
+/// assert_eq!(read_splats(&path)?.rows.len(), 1);
+/// # std::fs::remove_file(path).expect("it was written");
+/// # Ok::<(), dash_model::ModelError>(())
+/// ```
 pub fn write_splats(path: &Path, rows: &GaussianRows, near_plane: f64) -> Result<(), ModelError> {
     match SplatFormat::of(path) {
         Some(SplatFormat::Ply) => write_splat_ply(path, rows, near_plane),

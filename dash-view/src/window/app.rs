@@ -87,7 +87,7 @@ pub struct App {
     pace: Pace,
     /// The full size of the picture in the window, pixels.
     pub full: [usize; 2],
-    asked: Option<Request>,
+    pub(super) asked: Option<Request>,
     pub shown: Option<Shown>,
     pub message: Option<Message>,
     pub show_panel: bool,

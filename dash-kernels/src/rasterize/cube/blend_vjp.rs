@@ -70,8 +70,7 @@ fn blend_window<A: FloatAdd>(
         arg(&saved.splats),
         lists_arg(lists),
         lists.slots.arg(),
-        saved.pixels.values.arg(),
-        arg(v_image),
+        PicturesLaunch::new(saved.pixels.values.arg(), arg(v_image)),
         v_slots.arg(),
         arg(v_splats),
         frame(lists, &saved.options, &saved.splats),
@@ -234,17 +233,16 @@ fn store(
     }
 }
 
-/// Adds up the units' sums of a batch of splats that ends before `batch_end`; a unit owns a value.
+/// Adds up the units' sums of the last splats of a list, a batch of them; a unit owns a value.
 #[cube]
 fn add_up_batch<A: FloatAdd>(
     splats: &[f32],               // [N, C]
     sums: &Shared<[f32]>,         // [BATCH_VALUES, units + 1]
     v_slots: &mut [f32],          // [slots per window, N_DIFFERENTIABLE]
     v_splats: &[Atomic<A::Word>], // [N, C]
-    list: &TileList,
     lists: &Lists,
     slots: &[u32], // [capacity]
-    batch_end: usize,
+    list: &TileList,
     window: &Window,
     #[comptime] units: usize,
 ) {
@@ -253,13 +251,13 @@ fn add_up_batch<A: FloatAdd>(
         let own = UNIT_POS as usize + comptime!(turn * units);
         let step = own / N_DIFFERENTIABLE;
         let value = own % N_DIFFERENTIABLE;
-        if own < BATCH_VALUES && batch_end > list.start + step {
+        if own < BATCH_VALUES && list.end > list.start + step {
             let mut sum = 0.0f32;
             #[unroll]
             for other in 0..units {
                 sum += sums[own * comptime!(units + 1) + other];
             }
-            let place = batch_end - step - 1;
+            let place = list.end - step - 1;
             if list.overflowed {
                 // Of all splats few reach the tile, and all tiles wait for each other here.
                 if sum != 0.0f32 {
@@ -277,13 +275,19 @@ fn add_up_batch<A: FloatAdd>(
     }
 }
 
+/// What is drawn, as the forward pass left it, and its gradient.
+#[derive(CubeType, CubeLaunch)]
+struct Pictures {
+    forward: Box<[u32]>, // [H, W, 2]
+    v_image: Box<[f32]>, // [H, W, 5]
+}
+
 #[cube(launch)]
 fn blend_tiles_vjp<A: FloatAdd>(
     splats: &[f32], // [N, C]
     lists: Lists,
-    slots: &[u32],                // [capacity]
-    forward: &[u32],              // [H, W, 2]
-    v_image: &[f32],              // [H, W, 5]
+    slots: &[u32], // [capacity]
+    pictures: Pictures,
     v_slots: &mut [f32],          // [slots per window, N_DIFFERENTIABLE]
     v_splats: &[Atomic<A::Word>], // [N, C]
     frame: Frame,
@@ -306,7 +310,14 @@ fn blend_tiles_vjp<A: FloatAdd>(
     let (column, first_row) = first_pixel(tile, &frame, per_unit);
     let x = f32::cast_from(column) + 0.5f32;
     let y = f32::cast_from(first_row) + 0.5f32;
-    let mut pixels = read_pixels(forward, v_image, column, first_row, &frame, per_unit);
+    let mut pixels = read_pixels(
+        &pictures.forward,
+        &pictures.v_image,
+        column,
+        first_row,
+        &frame,
+        per_unit,
+    );
     let mut own_last = 0u32;
     #[unroll]
     for k in 0..per_unit {
@@ -337,8 +348,13 @@ fn blend_tiles_vjp<A: FloatAdd>(
         }
         // A value is added up by one unit after all units have summed theirs.
         sync_cube();
+        let unread = TileList {
+            start: list.start,
+            end: batch_end,
+            overflowed: list.overflowed,
+        };
         add_up_batch::<A>(
-            splats, &sums, v_slots, v_splats, &list, &lists, slots, batch_end, &window, units,
+            splats, &sums, v_slots, v_splats, &lists, slots, &unread, &window, units,
         );
         // All are added up before the next batch overwrites them.
         sync_cube();

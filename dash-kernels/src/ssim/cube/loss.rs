@@ -97,46 +97,15 @@ fn loss_kernel(
     blur_gradients_along_rows(&pixels, &mut blurred);
     // Neighbours' rows are blurred.
     sync_cube();
-    let plane = comptime!(REACH * TILE);
     let mut absolute = 0.0f32;
     let mut squared = 0.0f32;
     let mut item = UNIT_POS as usize;
     while item < comptime!(TILE * TILE) {
-        let row = tile.top + (item / TILE) as i32;
-        let column = tile.left + (item % TILE) as i32;
-        if is_inside(row, column, &frame) {
-            let v_mean = blurred_from(&blurred, item, TILE);
-            let v_square = blurred_from(&blurred, item + plane, TILE);
-            let v_product = blurred_from(&blurred, item + comptime!(2 * plane), TILE);
-            let a = pixel(image, row, column, tile.channel, frame.wide, &frame) - tile.shift_x;
-            let b = pixel(target, row, column, tile.channel, frame.channels, &frame) - tile.shift_y;
-            let place = row as u32 * frame.width + column as u32;
-            let first = place * frame.wide;
-            let at = (first + tile.channel) as usize;
-            let value = image[at];
-            let error = value - target[(place * frame.channels + tile.channel) as usize];
-            absolute += f32::abs(error);
-            squared += error * error;
-            let v = v_mean + 2.0f32 * a * v_square + b * v_product;
-            let mut v = select(is_finite(value), finite_or_zero(v), 0.0f32);
-            if is_finite(error) {
-                if error > 0.0f32 {
-                    v += v_absolute;
-                }
-                if error < 0.0f32 {
-                    v -= v_absolute;
-                }
-            }
-            v_image[at] = v;
-            // Nobody else writes the channels that the target lacks.
-            if tile.channel == 0u32 {
-                let mut channel = frame.channels;
-                while channel < frame.wide {
-                    v_image[(first + channel) as usize] = 0.0f32;
-                    channel += 1u32;
-                }
-            }
-        }
+        let (own_absolute, own_squared) = score_pixel(
+            image, target, v_image, &blurred, item, &tile, &frame, v_absolute,
+        );
+        absolute += own_absolute;
+        squared += own_squared;
         item += UNITS;
     }
     let unit = UNIT_POS as usize;
@@ -151,6 +120,60 @@ fn loss_kernel(
         sums[first + 1] = pixels[UNITS];
         sums[first + 2] = pixels[comptime!(2 * UNITS)];
     }
+}
+
+/// Writes the gradient of a pixel of the tile, from the moments' gradients blurred along rows. Returns its absolute and its squared
+/// error; 0 outside the image.
+#[cube]
+fn score_pixel(
+    image: &[f32],           // [H, W, C + E]
+    target: &[f32],          // [H, W, C]
+    v_image: &mut [f32],     // [H, W, C + E]
+    blurred: &Shared<[f32]>, // [3, REACH, TILE]
+    item: usize,
+    tile: &Tile,
+    frame: &Frame,
+    v_absolute: f32,
+) -> (f32, f32) {
+    let plane = comptime!(REACH * TILE);
+    let mut absolute = 0.0f32;
+    let mut squared = 0.0f32;
+    let row = tile.top + (item / TILE) as i32;
+    let column = tile.left + (item % TILE) as i32;
+    if is_inside(row, column, frame) {
+        let v_mean = blurred_from(blurred, item, TILE);
+        let v_square = blurred_from(blurred, item + plane, TILE);
+        let v_product = blurred_from(blurred, item + comptime!(2 * plane), TILE);
+        let a = pixel(image, row, column, tile.channel, frame.wide, frame) - tile.shift_x;
+        let b = pixel(target, row, column, tile.channel, frame.channels, frame) - tile.shift_y;
+        let place = row as u32 * frame.width + column as u32;
+        let first = place * frame.wide;
+        let at = (first + tile.channel) as usize;
+        let value = image[at];
+        let error = value - target[(place * frame.channels + tile.channel) as usize];
+        absolute = f32::abs(error);
+        squared = error * error;
+        let v = v_mean + 2.0f32 * a * v_square + b * v_product;
+        let mut v = select(is_finite(value), finite_or_zero(v), 0.0f32);
+        if is_finite(error) {
+            if error > 0.0f32 {
+                v += v_absolute;
+            }
+            if error < 0.0f32 {
+                v -= v_absolute;
+            }
+        }
+        v_image[at] = v;
+        // Nobody else writes the channels that the target lacks.
+        if tile.channel == 0u32 {
+            let mut channel = frame.channels;
+            while channel < frame.wide {
+                v_image[(first + channel) as usize] = 0.0f32;
+                channel += 1u32;
+            }
+        }
+    }
+    (absolute, squared)
 }
 
 /// Gradients of the moments in the tile's reach, from moments blurred along rows, and the sum of the similarities of this
