@@ -89,10 +89,7 @@ fn main() -> Result<(), Failure> {
 
 fn run() -> Result<(), Failure> {
     let mut task = task(SynthLayout::N3dv)?;
-    let set = [
-        "densify.static.interval=20",
-        "densify.static.opacity_reset_interval=none",
-    ];
+    let set = ["densify.interval=20", "densify.opacity_reset_interval=none"];
     for assignment in set {
         task.config.train.set(assignment)?;
     }

@@ -45,7 +45,7 @@ run zju313-masked-size "$DATA/zju313" --preset quick --iterations 100 --downscal
 run scene5-quick "$DATA/mujoco/scene5" --preset quick --iterations 300 --downscale 4
 run nr_nerf-quick "$DATA/nr_nerf" --preset quick --iterations 200 --downscale 4
 run beer_can-quick "$DATA/beer_can" --preset quick --iterations 100 --downscale 8
-for method in dash w/o-dec w/o-ctrl w/o-reg hexplane grid4d grid4d+dec embedding static; do
+for method in dash w/o-dec w/o-ctrl w/o-reg hash hexplane hexplane+dec grid4d grid4d+dec embedding static; do
     run "tiny-$(echo $method | tr -d /)" "$WORK/tiny" --preset quick --iterations 60 --method $method
 done
 

@@ -17,7 +17,7 @@ const STEPS: usize = 500;
 const WGPU_STEPS: usize = 240;
 /// Steps that reset opacities of the static and of the dynamic set, as [`config`] has them: the decomposition waits until
 /// step 216, so that each frame has 12 steps.
-const RESETS: [usize; 2] = [240, 301];
+const RESETS: [usize; 2] = [255, 301];
 
 /// `quick`, with every event of a run within [`STEPS`] steps.
 fn config(seed: u64) -> TrainConfig {
@@ -28,12 +28,10 @@ fn config(seed: u64) -> TrainConfig {
         "method.stages=[0.1, 0.35]",
         "extensions.following.min_steps=0",
         "densify.static.during=[0.033, 0.6]",
-        "densify.static.interval=20",
-        "densify.static.opacity_reset_interval=120",
+        "densify.interval=20",
+        "densify.opacity_reset_interval=85",
         "densify.static.max_gaussians=6000",
         "densify.dynamic.during=[0.37, 0.7]",
-        "densify.dynamic.interval=20",
-        "densify.dynamic.opacity_reset_interval=85",
         "densify.dynamic.max_gaussians=3000",
         "extensions.demotion.interval=150",
         "method.motion_field.log2_hashmap_size=10",

@@ -6,10 +6,8 @@ use serde::{Deserialize, Serialize};
 
 use crate::train::TrainConfig;
 use crate::train::paper::Decomposition;
-use crate::train::paper::published::{EMBEDDING, GRID4D, HEXPLANE, Published, Scale, Schedule};
-
-/// Steps after which no run goes on.
-const NEVER: usize = 1 << 40;
+use crate::train::paper::published::{EMBEDDING, GRID4D, HEXPLANE, Published, Schedule};
+use crate::train::paper::scale::Scale;
 
 /// A method for dynamic scenes: DASH, its ablations, and the Gaussian-based systems that the paper
 /// compares it with, all with this project's rasterizer and density control. Other methods have their authors' sizes,
@@ -129,8 +127,8 @@ impl Method {
                 deform_everything(&mut config, Decomposition::AllWithMotion);
             }
             Self::WithoutControl => {
-                config.densify.dynamic.interval = NEVER;
-                config.densify.dynamic.opacity_reset_interval = None;
+                let [_, end] = config.densify.dynamic.during;
+                config.densify.dynamic.during = [end; 2];
             }
             Self::WithoutRegulariser => config.method.smoothness = 0.0,
             Self::Hash => field_alone(&mut config, &GRID4D.schedule),
@@ -186,8 +184,7 @@ fn field_alone(config: &mut TrainConfig, schedule: &Schedule) {
     densify.dynamic.during = [from.max(warmup), until];
     let interval = schedule.opacity_reset_interval;
     let interval = interval.map(|interval| schedule.interval(interval, iterations));
-    densify.static_set.opacity_reset_interval = interval;
-    densify.dynamic.opacity_reset_interval = interval;
+    densify.opacity_reset_interval = interval;
     let extensions = &mut config.extensions;
     extensions.following = None;
     // Learning rates and steadiness of motion following.
@@ -319,9 +316,12 @@ mod tests {
         let preset = TrainConfig::preset(Preset::Quick);
         let of = |method: Method| {
             let config = method.of(&preset);
-            let dynamic = config.densify.dynamic;
-            let reset = dynamic.opacity_reset_interval;
-            (config.method.stages[0], dynamic.during, reset)
+            let reset = config.densify.opacity_reset_interval;
+            (
+                config.method.stages[0],
+                config.densify.dynamic.during,
+                reset,
+            )
         };
         // 6,000 of 50,000 steps are 720 of 6,000.
         assert_eq!(of(Method::Grid4d), (0.06, [0.06, 0.3], Some(720)));

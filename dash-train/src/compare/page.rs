@@ -101,7 +101,7 @@ fn preset(method: Method, preset: Preset) -> Vec<String> {
     };
     let (rates, densify) = (&config.optimizer, &config.densify);
     let [from, until] = densify.static_set.during;
-    let reset = densify.dynamic.opacity_reset_interval;
+    let reset = densify.opacity_reset_interval;
     let reset = reset.map(|steps| format!("{steps} of {}", config.iterations));
     values.extend([
         cells(3),

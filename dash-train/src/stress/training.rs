@@ -228,9 +228,8 @@ fn config(steps: usize, settings: &[&str]) -> Result<TrainConfig, Error> {
         "method.motion_field.log2_hashmap_size=10",
         "method.field.log2_hashmap_size=10",
         "method.field.hidden=16",
-        "densify.static.interval=20",
+        "densify.interval=20",
         "densify.static.max_gaussians=1500",
-        "densify.dynamic.interval=20",
         "densify.dynamic.max_gaussians=800",
     ]
     .iter()

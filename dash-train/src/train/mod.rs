@@ -5,7 +5,8 @@
 //! - `paper`: DASH as a [`Method`]: stages, coarse motion, decomposition, smoothness.
 //! - `extensions`: ideas beyond the paper, one file or folder each.
 //! - `config`: the configuration and its presets.
-//! - `trainer`: a run in memory; `budget`: how many steps of one fit into a time; `run`: a run on disk.
+//! - `trainer`: a run in memory; `budget`: how many steps of one fit into a time; `run`: a run on disk;
+//!   `reference`: the page of all keys.
 //!
 //! Arrows go down this list, from its end to its start.
 //!
@@ -18,6 +19,7 @@ pub mod config;
 pub mod core;
 pub mod extensions;
 pub mod paper;
+mod reference;
 mod run;
 mod trainer;
 
@@ -28,6 +30,7 @@ pub use core::{
     Decision, Densify, Extension, Finished, MAX_SKIPPED_IN_A_ROW, Method, NonFinite, Place,
     SkippedStep, StepReport,
 };
+pub use reference::reference;
 pub use run::{
     DataConfig, LogLine, RunConfig, RunFolder, StageEnds, TrainOptions, latest_checkpoint,
     read_config, train,

@@ -73,11 +73,7 @@ impl Trainer {
         }
         let mut extensions = config.extensions.build();
         extensions.extend(additions.extensions);
-        let densify = additions.densify.unwrap_or_else(|| {
-            Box::new(Adaptive {
-                prunes_oversized: config.extensions.scale_limit.is_none(),
-            })
-        });
+        let densify = additions.densify.unwrap_or_else(|| Box::new(Adaptive));
         let hooks = Hooks::new(extensions, densify, &mut run);
         Ok(Self { config, run, hooks })
     }

@@ -43,10 +43,8 @@ impl TrainConfig {
             near_plane: None,
             initial_points: [20_000, 100_000],
             checkpoint_interval: 1_000,
-            validation_interval: 500,
             method: our_method(),
             optimizer: OptimizerConfig {
-                means: 1.6e-4,
                 means_final: 1.6e-6,
                 grid: 5e-3,
                 network: 1e-3,
@@ -55,16 +53,14 @@ impl TrainConfig {
             densify: DensifySets {
                 gradient_threshold: 2e-4,
                 pixels: None,
+                interval: 100,
+                opacity_reset_interval: Some(3_000),
                 static_set: DensifyConfig {
                     during: [500.0 / 15_000.0, 0.6],
-                    interval: 100,
-                    opacity_reset_interval: Some(3_000),
                     max_gaussians: 300_000,
                 },
                 dynamic: DensifyConfig {
                     during: [0.37, 0.7],
-                    interval: 100,
-                    opacity_reset_interval: Some(3_000),
                     max_gaussians: 100_000,
                 },
             },
@@ -88,19 +84,18 @@ impl TrainConfig {
         self.optimizer.means_final = 1.6e-5;
         let DensifySets {
             pixels,
+            opacity_reset_interval,
             static_set,
             dynamic,
             ..
         } = &mut self.densify;
         *pixels = Some(20_000);
-        static_set.opacity_reset_interval = None;
+        *opacity_reset_interval = None;
         static_set.max_gaussians = 10_000;
-        dynamic.opacity_reset_interval = None;
         dynamic.max_gaussians = 4_000;
         // What each Gaussian learns of its own, before the 4D field joins in, tears bodies apart.
         self.extensions.following = Some(FollowingConfig {
             handover: 0.95,
-            flow_handover: 0.8,
             min_steps: 800,
         });
         self.extensions.gaps = Some(GapsConfig {
@@ -176,7 +171,6 @@ impl TrainConfig {
             ..self.method.clone()
         };
         self.optimizer = OptimizerConfig {
-            means: 1.6e-4,
             means_final: 1.6e-6,
             // As in `default`: it depends on the output's unit, which is ours.
             grid: 5e-3,
@@ -188,21 +182,19 @@ impl TrainConfig {
         let static_set = DensifyConfig {
             // Rounds from step 600 on, the first hundred after 500, and until 15,000.
             during: [600.0 / 30_000.0, 0.5],
-            interval: 100,
-            opacity_reset_interval: Some(3_000),
             // Three times what the paper reports of a whole scene, 106,600.
             max_gaussians: 300_000,
         };
         self.densify = DensifySets {
             gradient_threshold: 2e-4,
             pixels: None,
+            interval: 100,
+            opacity_reset_interval: Some(3_000),
             dynamic: DensifyConfig {
                 // From the decomposition on, and as long as the static set's.
                 during: [self.method.stages[1], 0.5],
                 // As many as that scene has in all.
                 max_gaussians: 100_000,
-                // Rounds and resets as often as the static set's.
-                ..static_set.clone()
             },
             static_set,
         };
@@ -246,7 +238,6 @@ impl TrainConfig {
             ..self.method.clone()
         };
         self.optimizer = OptimizerConfig {
-            means: 1.6e-4,
             means_final: 1.6e-6,
             grid: 8e-3,
             network: 1.6e-4,
@@ -255,14 +246,14 @@ impl TrainConfig {
         let static_set = DensifyConfig {
             // Rounds from step 600 to 6,800.
             during: [600.0 / 50_000.0, 7_000.0 / 50_000.0],
-            interval: 200,
-            // Every 200,000 of 50,000 steps.
-            opacity_reset_interval: None,
             max_gaussians: 300_000,
         };
         self.densify = DensifySets {
             gradient_threshold: 2e-4,
             pixels: None,
+            interval: 200,
+            // Every 200,000 of 50,000 steps.
+            opacity_reset_interval: None,
             dynamic: DensifyConfig {
                 // With all others until step 6,800, then by themselves until 7,950.
                 during: [4_000.0 / 50_000.0, 8_000.0 / 50_000.0],
@@ -314,7 +305,6 @@ fn our_extensions() -> ExtensionsConfig {
         prune: Some(PruneConfig::default()),
         following: Some(FollowingConfig {
             handover: 0.7,
-            flow_handover: 0.8,
             min_steps: 1_000,
         }),
         gaps: Some(GapsConfig {
@@ -322,15 +312,8 @@ fn our_extensions() -> ExtensionsConfig {
             steadiness: 20.0,
         }),
         exposure: Some(ExposureConfig { rate: 2e-3 }),
-        rest_cost: Some(RestCostConfig {
-            field: 0.1,
-            gaussians: 2.5,
-            flow: [0.3, 10.0],
-        }),
-        floaters: Some(FloatersConfig {
-            opacity: 0.01,
-            nearness: 0.016,
-        }),
+        rest_cost: Some(RestCostConfig {}),
+        floaters: Some(FloatersConfig {}),
         scale_limit: Some(ScaleLimitConfig {}),
         demotion: Some(DemotionConfig { interval: 500 }),
         crowding: None,

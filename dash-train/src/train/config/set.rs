@@ -2,6 +2,7 @@
 
 use toml::{Table, Value};
 
+use super::shown::shown;
 use super::{Preset, TrainConfig};
 use crate::Error;
 
@@ -39,9 +40,7 @@ fn all_keys() -> Table {
     config.extensions.crowding = quick.extensions.crowding;
     config.near_plane = Some(0.01);
     config.densify.pixels = quick.densify.pixels;
-    for set in [&mut config.densify.static_set, &mut config.densify.dynamic] {
-        set.opacity_reset_interval.get_or_insert(3_000);
-    }
+    config.densify.opacity_reset_interval.get_or_insert(3_000);
     Table::try_from(config).unwrap_or_default()
 }
 
@@ -76,6 +75,25 @@ fn put(table: &mut Table, known: &Table, path: &str, mut value: Value) -> Result
     if let (Value::Float(_), Value::Integer(whole)) = (example, &value) {
         value = Value::Float(*whole as f64);
     }
+    if let Some(kind) = kind_of(example)
+        && kind_of(&value) != Some(kind)
+    {
+        let (example, value) = (shown(example), shown(&value));
+        return Err(format!(
+            "expected {kind} such as {example}, found `{value}`"
+        ));
+    }
     table.insert(key.into(), value);
     Ok(())
+}
+
+/// What a value is, in words; `None` where a key takes values of several kinds.
+fn kind_of(value: &Value) -> Option<&'static str> {
+    match value {
+        Value::Float(_) => Some("a number"),
+        Value::Integer(whole) if *whole >= 0 => Some("a whole number of at least 0"),
+        Value::Integer(_) => Some("a negative number"),
+        Value::Array(_) => Some("two numbers"),
+        _ => None,
+    }
 }

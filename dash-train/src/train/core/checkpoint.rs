@@ -43,8 +43,6 @@ pub(crate) struct State<C> {
     rng: Pcg64,
     sampler: ViewSampler,
     optimizer_steps: BTreeMap<String, u64>,
-    /// Of the static and of the dynamic set.
-    crowds: [Option<usize>; 2],
     method: serde_json::Value,
     /// By name, in the order of their hooks.
     extensions: Vec<(String, serde_json::Value)>,
@@ -94,7 +92,6 @@ pub(crate) fn save<M: Method, C: Serialize>(
         rng: run.rng.clone(),
         sampler: run.sampler.clone(),
         optimizer_steps,
-        crowds: [run.static_state.crowd, run.dynamic_state.crowd],
         method: method.values,
         extensions,
         dataset: Fingerprint::of(&run.dataset.views),
@@ -182,7 +179,6 @@ pub(crate) fn restore<M: Method, C>(
             .map_err(|found| damaged(&path, found))?;
     let (path, tensors) = read("statistics")?;
     restore_statistics(run, tensors).map_err(|found| damaged(&path, found))?;
-    [run.static_state.crowd, run.dynamic_state.crowd] = state.crowds;
     run.rng = state.rng;
     run.sampler = state.sampler;
     run.step = state.step;

@@ -3,6 +3,8 @@
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
+use super::ranges::Ranges;
+
 /// What a run does at which step, and what it starts from.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ScheduleConfig {
@@ -37,14 +39,14 @@ impl ScheduleConfig {
     }
 }
 
-/// Adam learning rates. The rates of quaternions (1e-3), log scales (5e-3), opacity logits (0.05) and colours
-/// (2.5e-3, higher degrees a twentieth) are those of 3DGS and fixed.
+/// Adam learning rates. The rates of means at the start (1.6e-4 of the scene's extent; Gaussians' own trajectories have it, too), of
+/// quaternions (1e-3), log scales (5e-3), opacity logits (0.05) and colours (2.5e-3, higher degrees a twentieth) are those of 3DGS
+/// and fixed.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct OptimizerConfig {
-    /// Means and Gaussians' own trajectories at the start, in units of the scene's extent. Source: 3DGS, 1.6e-4.
-    pub means: f32,
-    /// The same at the end, reached exponentially, in units of the scene's extent. Source: 3DGS, 1.6e-6.
+    /// Means and Gaussians' own trajectories at the end, reached exponentially, in units of the scene's extent. Source: 3DGS,
+    /// 1.6e-6.
     pub means_final: f32,
     /// Hash tables and feature planes at the start. Source: ours; the released code has 8e-3.
     pub grid: f32,
@@ -66,6 +68,11 @@ pub struct DensifySets {
     /// root of their pixels. Absent: both are as they are. Source: ours.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub pixels: Option<usize>,
+    /// Steps between rounds. Source: 3DGS, 100.
+    pub interval: usize,
+    /// Steps between opacity resets, of which none comes before density control of a set starts; absent: none. Source: 3DGS, 3,000.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub opacity_reset_interval: Option<usize>,
     /// Of the static set.
     #[serde(rename = "static")]
     pub static_set: DensifyConfig,
@@ -81,12 +88,43 @@ pub struct DensifySets {
 pub struct DensifyConfig {
     /// Shares of the run at which it starts and ends. Source: 3DGS, rounds from step 600 to 14,900 of 30,000.
     pub during: [f32; 2],
-    /// Steps between rounds. Source: 3DGS, 100.
-    pub interval: usize,
-    /// Steps between opacity resets, of which none comes before density control starts; absent: none. Source: 3DGS, 3,000.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub opacity_reset_interval: Option<usize>,
     /// Most Gaussians of this set. Dynamic ones may also have what static ones leave of theirs; static ones, in a run
-    /// in which nothing may move, those of the dynamic ones.
+    /// in which nothing may move, those of the dynamic ones. Source: ours; 3DGS has no limit.
     pub max_gaussians: usize,
+}
+
+impl OptimizerConfig {
+    /// The ranges of its keys.
+    pub(crate) fn check(&self, ranges: &mut Ranges) {
+        ranges.not_negative("means_final", self.means_final);
+        ranges.not_negative("grid", self.grid);
+        ranges.not_negative("network", self.network);
+        ranges.not_negative("field_final", self.field_final);
+    }
+}
+
+impl DensifySets {
+    /// The ranges of its keys.
+    pub(crate) fn check(&self, ranges: &mut Ranges) {
+        ranges.not_negative("gradient_threshold", self.gradient_threshold);
+        if let Some(pixels) = self.pixels {
+            ranges.at_least_one("pixels", pixels);
+        }
+        ranges.at_least_one("interval", self.interval);
+        if let Some(interval) = self.opacity_reset_interval {
+            ranges.at_least_one("opacity_reset_interval", interval);
+        }
+        for (name, set) in [("static", &self.static_set), ("dynamic", &self.dynamic)] {
+            ranges.section(name, |ranges| {
+                for share in set.during {
+                    ranges.not_negative("during", share);
+                }
+                ranges.in_order("during", set.during);
+            });
+        }
+        let fewest = self.static_set.max_gaussians;
+        ranges.section("static", |ranges| {
+            ranges.at_least_one("max_gaussians", fewest)
+        });
+    }
 }

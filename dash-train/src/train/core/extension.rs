@@ -4,11 +4,12 @@ use std::any::Any;
 
 use burn::tensor::{Gradients, Tensor};
 
+use super::densify::Rules;
 use super::finished::Finished;
 use super::forward::Forward;
 use super::run::Run;
 use super::saved::Saved;
-use super::sets::RowEdit;
+use super::sets::{RowEdit, Set};
 use crate::Error;
 use crate::dataset::View;
 
@@ -69,6 +70,9 @@ pub trait Extension<M>: Any + Send {
 
     /// Once the parameters have moved, before density control.
     fn after_update(&mut self, _run: &mut Run<M>) {}
+
+    /// Before a round of density control of a set of `n` Gaussians.
+    fn density_rules(&self, _set: Set, _n: usize, _rules: &mut Rules) {}
 
     /// After density control; [`Run::step`] counts the step.
     ///

@@ -4,6 +4,9 @@ use dash_model::HashEncoder;
 
 use super::config::OptimizerConfig;
 
+/// Rate of means at the start, in units of the extent. Source: 3DGS, 1.6e-4.
+pub(crate) const MEANS: f32 = 1.6e-4;
+
 /// The learning rates of the scene's parameters in a run. Extensions may change them before the first step.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Rates {
@@ -35,8 +38,8 @@ impl Rates {
     /// Those of a configuration and of 3DGS (embeddings: E-D3DGS).
     pub fn of(config: &OptimizerConfig) -> Self {
         Self {
-            means: [config.means, config.means_final],
-            trajectories: config.means,
+            means: [MEANS, config.means_final],
+            trajectories: MEANS,
             quats: 1e-3,
             scales: 5e-3,
             opacities: 0.05,

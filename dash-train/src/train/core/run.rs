@@ -37,9 +37,6 @@ const FIRST_SCALE: f32 = 0.01;
 pub struct SetState {
     /// Gradients of screen positions since the last round.
     pub gathered: ViewSums,
-    /// Number of Gaussians above which the gradient threshold rises in proportion to their number, so that each of
-    /// many has to pay for more; `None`: it never does.
-    pub crowd: Option<usize>,
 }
 
 /// Everything that a run consists of, beside its extensions and its density control.
@@ -160,7 +157,6 @@ impl<M> Run<M> {
             method: method(&facts),
             static_state: SetState {
                 gathered: ViewSums::new(rows.len(), &device),
-                crowd: None,
             },
             dynamic_state: SetState::default(),
             region: region.space,

@@ -2,7 +2,7 @@
 
 use burn::tensor::{Gradients, Tensor};
 
-use super::densify::{self, DensityStatistics, Round};
+use super::densify::{self, DensityStatistics, Round, Rules};
 use super::forward::Forward;
 use super::guard::{self, Reading};
 use super::hooks::Hooks;
@@ -234,16 +234,19 @@ fn control_density<M: Method>(run: &mut Run<M>, hooks: &mut Hooks<M>) {
         let (max_gaussians, scale) = (M::capacity(run, set), run.scale());
         let (step, since) = (run.step, M::began(run, set));
         let statistics = DensityStatistics::of(&run.state(set).gathered);
+        let mut rules = Rules {
+            gradient_threshold: run.config.densify.gradient_threshold,
+            prunes_oversized: true,
+        };
+        for extension in &hooks.extensions {
+            extension.density_rules(set, rows.len(), &mut rules);
+        }
         let round = Round {
             set,
             step,
             rows: &rows,
             statistics: &statistics,
-            gradient_threshold: densify::threshold(
-                run.config.densify.gradient_threshold,
-                run.state(set).crowd,
-                rows.len(),
-            ),
+            rules,
             max_gaussians,
             was_reset: densify::was_reset(&run.config, &config, since, step),
             scale,

@@ -17,7 +17,7 @@ use serde::{Deserialize, Serialize};
 use crate::Error;
 use crate::dataset::View;
 use crate::train::core::visibility::gradient_of;
-use crate::train::core::{Extension, Run, to_host};
+use crate::train::core::{Extension, Ranges, Run, Section, to_host};
 use crate::train::paper::Dash;
 
 /// Least share of all Gaussians, with a backdrop's, that must change colour. Of fewer no picture gets better, and the head costs.
@@ -44,6 +44,12 @@ pub struct AppearanceConfig {
     /// Change of colour over the clip, as a share of white, from which on a Gaussian that rests is dynamic, in captures of
     /// synchronised cameras. One that moves must change by twice as much. Source: ours.
     pub change: f32,
+}
+
+impl Section for AppearanceConfig {
+    fn check(&self, ranges: &mut Ranges) {
+        ranges.positive("change", self.change);
+    }
 }
 
 /// See [`AppearanceConfig`].

@@ -12,7 +12,7 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use crate::Error;
-use crate::train::core::{Extension, Method, Run, Saved, Set, to_host};
+use crate::train::core::{Extension, Method, Ranges, Run, Saved, Section, Set, to_host};
 
 /// Steps between two that count: neighbours hardly differ.
 const INTERVAL: usize = 10;
@@ -95,6 +95,12 @@ pub struct AveragingConfig {
     /// Share of the run, at its end, over whose steps the mean is taken; not before density control is over. In these
     /// steps no Gaussian comes, goes or changes sets. Source: ours; 3DGS takes the last step.
     pub share: f32,
+}
+
+impl Section for AveragingConfig {
+    fn check(&self, ranges: &mut Ranges) {
+        ranges.share("share", self.share);
+    }
 }
 
 /// See [`AveragingConfig`].

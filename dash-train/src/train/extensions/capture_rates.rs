@@ -6,7 +6,7 @@
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use crate::train::core::{Extension, Run};
+use crate::train::core::{Extension, Ranges, Run, Section};
 
 /// `[extensions.capture_rates]`
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
@@ -16,6 +16,13 @@ pub struct CaptureRatesConfig {
     pub monocular: f32,
     /// Factor of the rates of scales and tables where synchronised cameras do. Source: ours.
     pub synchronized: f32,
+}
+
+impl Section for CaptureRatesConfig {
+    fn check(&self, ranges: &mut Ranges) {
+        ranges.positive("monocular", self.monocular);
+        ranges.positive("synchronized", self.synchronized);
+    }
 }
 
 /// See [`CaptureRatesConfig`].

@@ -5,7 +5,7 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use crate::Error;
-use crate::train::core::{Extension, Run};
+use crate::train::core::{Extension, Ranges, Rules, Run, Saved, Section, Set};
 use crate::train::paper::Dash;
 
 /// Share of the Gaussians that the decomposition made dynamic which is no crowd yet.
@@ -19,13 +19,24 @@ pub struct CrowdingConfig {
     pub free: usize,
 }
 
+impl Section for CrowdingConfig {
+    fn check(&self, ranges: &mut Ranges) {
+        ranges.at_least_one("free", self.free);
+    }
+}
+
 /// See [`CrowdingConfig`].
-pub struct Crowding(CrowdingConfig);
+pub struct Crowding {
+    config: CrowdingConfig,
+    /// Dynamic Gaussians above which the threshold rises.
+    crowd: usize,
+}
 
 impl Crowding {
     /// From its section.
     pub fn new(config: CrowdingConfig) -> Self {
-        Self(config)
+        let crowd = config.free;
+        Self { config, crowd }
     }
 }
 
@@ -34,16 +45,27 @@ impl Extension<Dash> for Crowding {
         "crowding"
     }
 
-    fn init(&mut self, run: &mut Run<Dash>) {
-        run.dynamic_state.crowd = Some(self.0.free);
-    }
-
     fn before_step(&mut self, run: &mut Run<Dash>) -> Result<(), Error> {
         if run.has_just_decomposed() {
             let (_, n) = run.scene.counts();
             let free = (FREE_SHARE * n as f32) as usize;
-            run.dynamic_state.crowd = Some(free.max(self.0.free));
+            self.crowd = free.max(self.config.free);
         }
+        Ok(())
+    }
+
+    fn density_rules(&self, set: Set, n: usize, rules: &mut Rules) {
+        if set == Set::Dynamic {
+            rules.gradient_threshold *= (n as f32 / self.crowd as f32).max(1.0);
+        }
+    }
+
+    fn save(&self) -> Saved {
+        Saved::of_values(&self.crowd)
+    }
+
+    fn restore(&mut self, _run: &Run<Dash>, saved: Saved) -> Result<(), String> {
+        self.crowd = saved.read()?;
         Ok(())
     }
 }
@@ -59,10 +81,12 @@ mod tests {
     use crate::synth;
     use crate::train::{Preset, TrainConfig, Trainer};
 
-    /// The crowd once a decomposition made `n` Gaussians dynamic.
-    fn crowd_after(n: usize, set: &str) -> Option<usize> {
+    /// Factors of both sets' thresholds for these numbers of Gaussians, once a decomposition made `n` of them dynamic.
+    fn factors_after(n: usize, counts: [usize; 3]) -> [[f32; 3]; 2] {
         let mut config = TrainConfig::preset(Preset::Quick);
-        config.set(set).expect("a known key");
+        config
+            .set("extensions.crowding.free=400")
+            .expect("a known key");
         let dataset = Arc::new(synth::loaded(6, 4, [32, 24]));
         let mut trainer = Trainer::new(config, dataset, &Device::flex()).expect("valid");
         let run = &mut trainer.run;
@@ -75,18 +99,29 @@ mod tests {
             gaussians: Gaussians::from_rows(&rows, device),
             field: field.expect("valid"),
         });
-        if let Some(crowding) = trainer.hooks.get_mut::<Crowding>() {
-            crowding.before_step(&mut trainer.run).expect("counts");
-        }
-        trainer.run.dynamic_state.crowd
+        let crowding = trainer.hooks.get_mut::<Crowding>().expect("on");
+        crowding.before_step(&mut trainer.run).expect("counts");
+        let saved = crowding.save();
+        let mut resumed = Crowding::new(CrowdingConfig { free: 400 });
+        resumed.restore(&trainer.run, saved).expect("a number");
+        let base = 2e-4;
+        Set::BOTH.map(|set| {
+            counts.map(|n| {
+                let mut rules = Rules {
+                    gradient_threshold: base,
+                    prunes_oversized: true,
+                };
+                resumed.density_rules(set, n, &mut rules);
+                rules.gradient_threshold / base
+            })
+        })
     }
 
     #[test]
     fn half_of_what_the_decomposition_makes_dynamic_is_no_crowd() {
-        let on = "extensions.crowding.free=400";
-        let after = |n| crowd_after(n, on);
-        let expected = [1, 800, 900, 6_000].map(after);
-        assert_eq!(expected, [400, 400, 450, 3_000].map(Some));
-        assert_eq!(crowd_after(6_000, "extensions.crowding=none"), None);
+        let few = factors_after(1, [0, 400, 1_000]);
+        assert_eq!(few, [[1.0; 3], [1.0, 1.0, 2.5]]);
+        let more = factors_after(900, [400, 450, 900]);
+        assert_eq!(more, [[1.0; 3], [1.0, 1.0, 2.0]]);
     }
 }

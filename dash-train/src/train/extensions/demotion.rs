@@ -8,7 +8,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::Error;
 use crate::train::core::visibility::{largest_shares, witnesses};
-use crate::train::core::{Extension, Run, Set, to_host};
+use crate::train::core::{Extension, Ranges, Run, Section, Set, to_host};
 use crate::train::paper::Dash;
 
 /// Times at which a review looks where a Gaussian is.
@@ -31,6 +31,12 @@ const MIN_SHARE: f32 = 0.1;
 pub struct DemotionConfig {
     /// Steps of the 4D stage between two reviews. Source: ours.
     pub interval: usize,
+}
+
+impl Section for DemotionConfig {
+    fn check(&self, ranges: &mut Ranges) {
+        ranges.at_least_one("interval", self.interval);
+    }
 }
 
 /// See [`DemotionConfig`].

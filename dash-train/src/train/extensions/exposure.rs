@@ -16,7 +16,7 @@ use serde::{Deserialize, Serialize};
 use crate::Error;
 use crate::dataset::View;
 use crate::train::core::optimizer::Moments;
-use crate::train::core::{Extension, Rate, Run, Saved, to_host};
+use crate::train::core::{Extension, Ranges, Rate, Run, Saved, Section, to_host};
 
 /// Share of the run after which it is decided whether cameras differ.
 const DECIDED: f32 = 0.4;
@@ -31,6 +31,12 @@ const LEAST: f32 = 1.0 / 255.0;
 pub struct ExposureConfig {
     /// Learning rate of gains and offsets. Source: ours.
     pub rate: f32,
+}
+
+impl Section for ExposureConfig {
+    fn check(&self, ranges: &mut Ranges) {
+        ranges.positive("rate", self.rate);
+    }
 }
 
 /// What the cameras do to the colours of the scene, on the device: gains beyond 1, then offsets.

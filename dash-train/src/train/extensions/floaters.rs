@@ -10,35 +10,36 @@ use serde::{Deserialize, Serialize};
 
 use crate::Error;
 use crate::dataset::View;
-use crate::train::core::{Extension, Forward, Run};
+use crate::train::core::{Extension, Forward, Run, Section};
 
-/// `[extensions.floaters]`
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
-pub struct FloatersConfig {
-    /// Weight of the mean opacity of the static Gaussians: what no picture needs fades. In monocular captures of more than
-    /// 16 training poses it falls as 16 / poses. Source: Kheradmand et al. 2024 (MCMC), 0.01; its fall is ours.
-    pub opacity: f32,
-    /// Weight of what Gaussians cover of the picture from nearer than half of the typical distance. Source: ours.
-    pub nearness: f32,
-}
-
+/// Weight of the mean opacity of the static Gaussians: what no picture needs fades. Source: Kheradmand et al. 2024 (MCMC), 0.01.
+const OPACITY: f32 = 0.01;
+/// Weight of what Gaussians cover of the picture from nearer than half of the typical distance.
+const NEARNESS: f32 = 0.016;
 /// Up to so many poses of a monocular capture the cost of opacity has its whole weight.
 const WHOLE_WEIGHT_POSES: usize = 16;
 
-/// See [`FloatersConfig`].
+/// `[extensions.floaters]`: on or off.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct FloatersConfig {}
+
+impl Section for FloatersConfig {}
+
+/// A cost of opacity, which in monocular captures of more than 16 training poses falls as 16 / poses, and a cost of nearness.
 pub struct Floaters {
-    pub(crate) config: FloatersConfig,
     /// Factor of the cost of opacity.
     opacity_factor: f32,
+    /// Weight of nearness.
+    pub(crate) nearness: f32,
 }
 
 impl Floaters {
     /// From its section.
-    pub fn new(config: FloatersConfig) -> Self {
+    pub fn new(_: FloatersConfig) -> Self {
         Self {
-            config,
             opacity_factor: 1.0,
+            nearness: NEARNESS,
         }
     }
 }
@@ -68,8 +69,8 @@ impl<M> Extension<M> for Floaters {
         forward: &Forward,
     ) -> Result<Vec<Tensor<1>>, Error> {
         let of_static = FloaterWeights {
-            opacity: self.config.opacity * self.opacity_factor,
-            nearness: self.config.nearness,
+            opacity: OPACITY * self.opacity_factor,
+            nearness: self.nearness,
         };
         let of_dynamic = FloaterWeights {
             opacity: 0.0,
@@ -82,13 +83,11 @@ impl<M> Extension<M> for Floaters {
         };
         let mut terms = Vec::new();
         let static_set = &run.scene.static_set;
-        let costs_something = of_static.opacity > 0.0 || of_static.nearness > 0.0;
-        if costs_something && !static_set.is_empty() {
+        if !static_set.is_empty() {
             let motion = forward.motion.clone();
             terms.push(cost(static_set, &forward.static_splats, motion, of_static)?);
         }
         if let (Some(dynamic), Some(splats)) = (&run.scene.dynamic, &forward.dynamic_splats)
-            && of_dynamic.nearness > 0.0
             && !dynamic.gaussians.is_empty()
         {
             terms.push(cost(&dynamic.gaussians, splats, None, of_dynamic)?);

@@ -10,7 +10,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::Error;
 use crate::dataset::View;
-use crate::train::core::{Extension, Forward, Run};
+use crate::train::core::{Extension, Forward, Ranges, Run, Section};
 use crate::train::paper::Dash;
 
 /// Typical steps between training times above which they are ends of a gap: between one step and two.
@@ -28,6 +28,13 @@ pub struct GapsConfig {
     /// Weight of how far dynamic Gaussians are from a straight way at one speed between neighbouring training times, in
     /// units of the extent, times the photometric loss, in monocular captures. Source: ours.
     pub steadiness: f32,
+}
+
+impl Section for GapsConfig {
+    fn check(&self, ranges: &mut Ranges) {
+        ranges.factor("coarsen", self.coarsen);
+        ranges.not_negative("steadiness", self.steadiness);
+    }
 }
 
 /// See [`GapsConfig`].

@@ -32,75 +32,70 @@ pub use prune::{Prune, PruneConfig};
 pub use rest_cost::{RestCost, RestCostConfig};
 pub use scale_limit::{ScaleLimit, ScaleLimitConfig};
 
-use super::core::Extension;
+use super::core::{Extension, Ranges, Section};
 use super::paper::Dash;
 
-/// The sections `[extensions.NAME]`; an extension without a section does not run.
-#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
-pub struct ExtensionsConfig {
-    /// Learning rates by kind of capture.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub capture_rates: Option<CaptureRatesConfig>,
-    /// Leaving out what the scene does not need.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub prune: Option<PruneConfig>,
-    /// Following motion from frame to frame.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub following: Option<FollowingConfig>,
-    /// Time gaps in the training views.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub gaps: Option<GapsConfig>,
-    /// A gain and an offset per camera.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub exposure: Option<ExposureConfig>,
-    /// A cost of visible motion.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub rest_cost: Option<RestCostConfig>,
-    /// A cost of floaters.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub floaters: Option<FloatersConfig>,
-    /// A limit of scales.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub scale_limit: Option<ScaleLimitConfig>,
-    /// Demotion of resting dynamic Gaussians to static ones.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub demotion: Option<DemotionConfig>,
-    /// A gradient threshold that rises with the number of dynamic Gaussians.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub crowding: Option<CrowdingConfig>,
-    /// Colours that change over time.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub appearance: Option<AppearanceConfig>,
-    /// Weight averaging over the last steps.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub averaging: Option<AveragingConfig>,
+/// The sections, and the list of extensions in the order in which their hooks are called.
+macro_rules! extensions {
+    ($($(#[doc = $about:literal])+ $name:ident: $config:ty => $extension:ty,)+) => {
+        /// The sections `[extensions.NAME]`; an extension without a section does not run.
+        #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
+        #[serde(deny_unknown_fields)]
+        pub struct ExtensionsConfig {
+            $(
+                $(#[doc = $about])+
+                #[serde(default, skip_serializing_if = "Option::is_none")]
+                pub $name: Option<$config>,
+            )+
+        }
+
+        impl ExtensionsConfig {
+            /// The extensions that have a section, in the order in which their hooks are called.
+            pub fn build(&self) -> Vec<Box<dyn Extension<Dash>>> {
+                let mut built: Vec<Box<dyn Extension<Dash>>> = Vec::new();
+                $(
+                    if let Some(config) = &self.$name {
+                        built.push(Box::new(<$extension>::new(config.clone())));
+                    }
+                )+
+                built
+            }
+
+            /// The ranges of every section's keys.
+            pub(crate) fn check(&self, ranges: &mut Ranges) {
+                $(
+                    if let Some(config) = &self.$name {
+                        ranges.section(stringify!($name), |ranges| config.check(ranges));
+                    }
+                )+
+            }
+        }
+    };
 }
 
-impl ExtensionsConfig {
-    /// The extensions that have a section, in the order in which their hooks are called.
-    pub fn build(&self) -> Vec<Box<dyn Extension<Dash>>> {
-        fn boxed<C: Clone, E: Extension<Dash>>(
-            config: &Option<C>,
-            build: impl FnOnce(C) -> E,
-        ) -> Option<Box<dyn Extension<Dash>>> {
-            let config = config.clone()?;
-            Some(Box::new(build(config)))
-        }
-        let all = [
-            boxed(&self.capture_rates, CaptureRates::new),
-            boxed(&self.prune, Prune::new),
-            boxed(&self.following, Following::new),
-            boxed(&self.gaps, TimeGaps::new),
-            boxed(&self.exposure, Exposure::new),
-            boxed(&self.rest_cost, RestCost::new),
-            boxed(&self.floaters, Floaters::new),
-            boxed(&self.scale_limit, ScaleLimit::new),
-            boxed(&self.demotion, Demotion::new),
-            boxed(&self.crowding, Crowding::new),
-            boxed(&self.appearance, Appearance::new),
-            boxed(&self.averaging, Averaging::new),
-        ];
-        all.into_iter().flatten().collect()
-    }
+extensions! {
+    /// Learning rates by kind of capture.
+    capture_rates: CaptureRatesConfig => CaptureRates,
+    /// Leaving out what the scene does not need.
+    prune: PruneConfig => Prune,
+    /// Following motion from frame to frame.
+    following: FollowingConfig => Following,
+    /// Time gaps in the training views.
+    gaps: GapsConfig => TimeGaps,
+    /// A gain and an offset per camera.
+    exposure: ExposureConfig => Exposure,
+    /// A cost of visible motion. On or off. Source: ours.
+    rest_cost: RestCostConfig => RestCost,
+    /// A cost of floaters: of opacity, and of what is near a camera. On or off. Source: Kheradmand et al. 2024 (MCMC) for opacity, 0.01; ours.
+    floaters: FloatersConfig => Floaters,
+    /// A limit of scales: a tenth of the extent. On or off. Source: ours; 3DGS prunes above it.
+    scale_limit: ScaleLimitConfig => ScaleLimit,
+    /// Demotion of resting dynamic Gaussians to static ones.
+    demotion: DemotionConfig => Demotion,
+    /// A gradient threshold that rises with the number of dynamic Gaussians.
+    crowding: CrowdingConfig => Crowding,
+    /// Colours that change over time.
+    appearance: AppearanceConfig => Appearance,
+    /// Weight averaging over the last steps.
+    averaging: AveragingConfig => Averaging,
 }

@@ -8,7 +8,7 @@ use dash_model::Gaussians;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use crate::train::core::{Extension, Method, Run, SceneScale, Set};
+use crate::train::core::{Extension, Method, Rules, Run, SceneScale, Section, Set};
 
 /// Steps between two looks: in so many a log scale grows by a tenth at most.
 const INTERVAL: usize = 10;
@@ -23,6 +23,8 @@ const MAX_SCALE: f32 = 0.1;
 #[serde(deny_unknown_fields)]
 pub struct ScaleLimitConfig {}
 
+impl Section for ScaleLimitConfig {}
+
 /// See [`ScaleLimitConfig`].
 pub struct ScaleLimit;
 
@@ -36,6 +38,10 @@ impl ScaleLimit {
 impl<M: Method> Extension<M> for ScaleLimit {
     fn name(&self) -> &'static str {
         "scale_limit"
+    }
+
+    fn density_rules(&self, _set: Set, _n: usize, rules: &mut Rules) {
+        rules.prunes_oversized = false;
     }
 
     fn after_update(&mut self, run: &mut Run<M>) {

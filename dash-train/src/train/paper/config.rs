@@ -5,7 +5,7 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::published::{GRID4D_TEMPORAL_RESOLUTION, plane_features, temporal_levels};
-use crate::train::core::CaptureFacts;
+use crate::train::core::{CaptureFacts, Ranges};
 
 /// Features of the levels of a hash grid. Source: Instant-NGP.
 pub(crate) const FEATURES_PER_LEVEL: usize = 2;
@@ -15,25 +15,29 @@ pub(crate) const LAYERS: usize = 2;
 /// The same behind Grid4D's weighted features. Source: Grid4D, arguments/__init__.py.
 const GRID4D_LAYERS: usize = 1;
 
+/// Most units of a hidden layer.
+const MAX_UNITS: usize = 4096;
+
 /// DASH: stages, decomposition, fields.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct MethodConfig {
     /// Which Gaussians become dynamic: those that the coarse field found to move, all with the coarse motion that it found,
-    /// all right after the warm-up as in methods without either, or none as in 3DGS.
+    /// all right after the warm-up as in methods without either, or none as in 3DGS. Source: the paper, `moving`.
     pub decomposition: Decomposition,
     /// Ends of the warm-up and of the decomposition, as shares of the run. Source: released code, 0.04 and 0.08.
     pub stages: [f32; 2],
     /// Whether the fields are those of the paper or have the released code's forms: smoothstep interpolation, its sizes
-    /// of tables, offsets after activation, a fixed box.
+    /// of tables, offsets after activation, a fixed box. Source: the paper.
     pub form: Form,
-    /// How motion is measured.
+    /// How motion is measured. Source: the paper, `world`.
     pub measure: MotionMeasure,
     /// Share of the Gaussians that stays static whatever they do. Source: released code, 0.8.
     pub static_quantile: f32,
     /// Motion, in units of `measure`, below which nothing is dynamic. Source: ours.
     pub motion_floor: f32,
     /// Form of the coarse trajectories. The paper's lines are thrown away after the decomposition; polylines carry on.
+    /// Source: the paper, `linear`.
     pub trajectories: Trajectories,
     /// Weight of the motion of static Gaussians (Eq. 5), in units of the scene's diagonal. Source: released code, 0.1.
     pub static_motion: f32,
@@ -72,7 +76,7 @@ pub struct MotionFieldConfig {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct FieldConfig {
-    /// How features over space and time are stored.
+    /// How features over space and time are stored: `hash`, `hexplane`, `grid4d` or `embedding`. Source: the paper, `hash`.
     #[schemars(with = "String")]
     pub representation: Representation,
     /// Levels of its grid. Source: Instant-NGP, 16; released code 32.
@@ -85,6 +89,43 @@ pub struct FieldConfig {
     pub time_resolution: TimeResolution,
     /// Units of the decoder's hidden layers. Source: 4DGaussians, 128; released code 256.
     pub hidden: usize,
+}
+
+impl MethodConfig {
+    /// The ranges of its keys.
+    pub(crate) fn check(&self, ranges: &mut Ranges) {
+        for share in self.stages {
+            ranges.share("stages", share);
+        }
+        ranges.in_order("stages", self.stages);
+        ranges.share("static_quantile", self.static_quantile);
+        ranges.not_negative("motion_floor", self.motion_floor);
+        ranges.not_negative("static_motion", self.static_motion);
+        ranges.not_negative("smoothness", self.smoothness);
+        ranges.factor("smoothness_share", self.smoothness_share);
+        ranges.at_least_one("smoothness_interval", self.smoothness_interval);
+        let (motion, field) = (&self.motion_field, &self.field);
+        for (name, n_levels, resolution, hidden) in [
+            (
+                "motion_field",
+                motion.n_levels,
+                motion.resolution,
+                motion.hidden,
+            ),
+            ("field", field.n_levels, field.resolution, field.hidden),
+        ] {
+            ranges.section(name, |ranges| {
+                ranges.at_least_one("n_levels", n_levels);
+                ranges.at_least_one("resolution", resolution[0] as usize);
+                ranges.in_order("resolution", resolution);
+                ranges.up_to("hidden", MAX_UNITS, hidden);
+            });
+        }
+        ranges.section("motion_field", |ranges| {
+            ranges.not_negative("grid_rate", motion.grid_rate);
+            ranges.not_negative("network_rate", motion.network_rate);
+        });
+    }
 }
 
 /// Cells of a grid along time.

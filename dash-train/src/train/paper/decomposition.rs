@@ -33,7 +33,11 @@ impl Run<Dash> {
                     *moves |= changes;
                 }
                 let n_resting = mask.iter().filter(|moves| **moves).count() - n_moving;
-                tracing::info!("colours change; {n_resting} Gaussians that rest become dynamic");
+                if n_resting > 0 {
+                    tracing::info!(
+                        "{n_resting} Gaussians that rest change colour: they become dynamic"
+                    );
+                }
                 self.method.field.heads.appearance = true;
             }
         }

@@ -14,6 +14,7 @@ mod decomposition;
 mod method;
 mod motion;
 pub mod published;
+pub mod scale;
 mod smoothness;
 mod stages;
 mod state;

@@ -3,6 +3,7 @@
 use std::fs;
 use std::path::{Path, PathBuf};
 
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use crate::Error;
@@ -52,38 +53,40 @@ impl RunConfig {
 pub struct StageEnds {
     /// The warm-up.
     pub warmup: usize,
-    /// The decomposition: the split.
+    /// The decomposition.
     pub decomposition: usize,
 }
 
-/// The data of a run and how it is loaded.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+/// What is read of a dataset.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct DataConfig {
-    /// The dataset's folder.
+    /// The dataset's folder. A relative path is one from where the program was started.
     pub dataset: PathBuf,
-    /// Its layout, where it is not to be recognised by its files.
+    /// Its layout, one of those of `--layout`. Absent: recognised by its files.
+    #[schemars(with = "String")]
     pub layout: Option<Layout>,
-    /// Factor by which images are made smaller.
+    /// Factor by which images are made smaller, at least 1; 1 leaves them.
     pub downscale: f64,
-    /// Cameras of the test split, where they are not the layout's own.
+    /// Numbers of the cameras that are held out, from 0. Absent: those of the layout.
     pub test_cameras: Option<Vec<usize>>,
-    /// Names of cameras that are left out, of training and of testing.
+    /// Names of cameras that are left out, of training and of testing. Absent: none.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub drop_cameras: Vec<String>,
-    /// Which of its frames, where not the usual ones.
+    /// Which frames, as for `--frames`. Absent: those of the layout, mostly all.
     #[serde(default)]
+    #[schemars(with = "String")]
     pub frames: Option<FrameRange>,
-    /// Whether white in the dataset's `masks/` marks what does not count, instead of what does.
+    /// Whether white in the dataset's `masks/` marks what does not count, instead of what does. Absent: no.
     #[serde(default)]
     pub invert_masks: bool,
-    /// Whether views whose image cannot be read are left out.
+    /// Whether views whose image cannot be read are left out; else they are an error. Absent: no.
     #[serde(default)]
     pub skip_broken: bool,
-    /// The run whose static Gaussians are kept where they fit; a relative path is one from this run's folder.
+    /// The run whose static Gaussians are kept where they fit; a relative path is one from this run's folder. Absent: none.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub backdrop: Option<PathBuf>,
-    /// The device it ran on, as named on the command line.
+    /// The device it ran on, as named for `--device`.
     pub device: String,
 }
 

@@ -15,6 +15,8 @@ use crate::train::trainer::Trainer;
 
 /// Steps between two lines of `log.jsonl`.
 const LOG_INTERVAL: usize = 50;
+/// Steps between measurements on the validation views.
+const VALIDATION_INTERVAL: usize = 500;
 
 /// One line of `log.jsonl`.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -103,7 +105,7 @@ impl Log {
         if !(step.is_multiple_of(LOG_INTERVAL) || last) || self.count == 0 {
             return Ok(());
         }
-        let measured = step.is_multiple_of(trainer.config().validation_interval) || last;
+        let measured = step.is_multiple_of(VALIDATION_INTERVAL) || last;
         let validation_psnr = match measured {
             true => trainer.validation_psnr()?,
             false => None,

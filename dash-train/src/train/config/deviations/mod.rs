@@ -15,7 +15,7 @@ use std::fmt::Write;
 
 use toml::{Table, Value};
 
-use super::reference::{joined, shown};
+use super::shown::{joined, shown};
 use super::{Preset, TrainConfig};
 use in_code::in_code;
 use ours::OURS;

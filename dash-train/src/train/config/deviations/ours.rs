@@ -71,17 +71,16 @@ pub(super) const OURS: &[(&str, &str)] = &[
     ),
     ("method.field.hidden", SMALL_FIELD),
     ("optimizer.means_final", FEWER_STEPS),
+    ("densify.opacity_reset_interval", NO_RESETS),
     ("densify.pixels", "`quick` is for small pictures."),
     (
         "densify.static.during",
         "After step 500 of `default`; longer, since runs are shorter.",
     ),
     ("densify.static.max_gaussians", "`quick`: steps of a CPU."),
-    ("densify.static.opacity_reset_interval", NO_RESETS),
     (
         "densify.dynamic.during",
         "After a later decomposition; longer, since runs are shorter.",
     ),
     ("densify.dynamic.max_gaussians", "`quick`: steps of a CPU."),
-    ("densify.dynamic.opacity_reset_interval", NO_RESETS),
 ];

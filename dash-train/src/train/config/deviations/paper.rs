@@ -66,7 +66,6 @@ pub(super) const PAPER: &[Said] = &[
          300 frames needs more cells than one of 50, for which the released code has 25.",
     ),
     open("method.field.hidden", "4DGaussians' on Neural 3D Video."),
-    same("optimizer.means", "0.00016"),
     same("optimizer.means_final", "0.0000016"),
     open("optimizer.grid", AS_DEFAULT),
     open("optimizer.network", AS_DEFAULT),
@@ -75,16 +74,14 @@ pub(super) const PAPER: &[Said] = &[
         "As in `default`, where 0.3 was worse.",
     ),
     same("densify.gradient_threshold", "0.0002"),
+    same("densify.interval", "100"),
+    same("densify.opacity_reset_interval", "3000"),
     // Rounds at steps 600 to 14,900 of 30,000.
     same("densify.static.during", "[0.02, 0.5]"),
-    same("densify.static.interval", "100"),
-    same("densify.static.opacity_reset_interval", "3000"),
     other("densify.static.max_gaussians", "no limit", NO_LIMIT),
     open(
         "densify.dynamic.during",
         "The paper has settings of their own for dynamic Gaussians, and names none. From the decomposition on, and as long as 3DGS.",
     ),
-    open("densify.dynamic.interval", "As in 3DGS."),
-    open("densify.dynamic.opacity_reset_interval", "As in 3DGS."),
     other("densify.dynamic.max_gaussians", "no limit", NO_LIMIT),
 ];

@@ -45,7 +45,6 @@ pub(super) const RELEASED: &[Said] = &[
     same("method.field.resolution", "[8, 2048]"),
     same("method.field.time_resolution", "{ fixed = [8, 25] }"),
     same("method.field.hidden", "256"),
-    same("optimizer.means", "0.00016"),
     same("optimizer.means_final", "0.0000016"),
     same("optimizer.grid", "0.008"),
     same("optimizer.network", "0.00016"),
@@ -55,19 +54,17 @@ pub(super) const RELEASED: &[Said] = &[
         "0.0002, and 0.00001 for dynamic Gaussians by themselves",
         "One threshold for both sets. The lower one meets statistics that have stopped; with live ones a twentieth of the gradient would do.",
     ),
+    // Every 200,000 steps.
+    same("densify.opacity_reset_interval", "-"),
     // Rounds at steps 600 to 6,800 of 50,000.
     same("densify.static.during", "[0.012, 0.14]"),
-    same("densify.static.interval", "200"),
-    // Every 200,000 steps.
-    same("densify.static.opacity_reset_interval", "-"),
     other("densify.static.max_gaussians", "no limit", NO_LIMIT),
     // Until step 6,800 with all others, at 7,050 to 7,950 by themselves.
     same("densify.dynamic.during", "[0.08, 0.16]"),
     other(
-        "densify.dynamic.interval",
+        "densify.interval",
         "200, and 50 by themselves",
         "One interval for both. In the released code the rounds by themselves do nothing after the first.",
     ),
-    same("densify.dynamic.opacity_reset_interval", "-"),
     other("densify.dynamic.max_gaussians", "no limit", NO_LIMIT),
 ];

@@ -19,16 +19,13 @@ const MAX_SCALE: f32 = 0.1;
 /// Clones small and splits large Gaussians of a high screen-space gradient; prunes transparent, oversized and
 /// non-finite ones (Kerbl et al. 2023, section 5).
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Adaptive {
-    /// Whether oversized Gaussians are pruned once opacities were reset.
-    pub prunes_oversized: bool,
-}
+pub struct Adaptive;
 
 impl Densify for Adaptive {
     fn round(&mut self, round: &Round<'_>, rng: &mut Pcg64) -> Edit {
         let rows = round.rows;
-        let (clones, split) = self.grown(round);
-        let stays = |row: usize| self.stays(round, row);
+        let (clones, split) = grown(round);
+        let stays = |row: usize| stays(round, row);
         let n = rows.len();
         let mut sources: Vec<usize> = (0..n).filter(|&row| stays(row) && !split[row]).collect();
         let mut fresh = vec![false; sources.len()];
@@ -55,50 +52,48 @@ impl Densify for Adaptive {
     }
 }
 
-impl Adaptive {
-    /// The rows that are cloned, and for each row whether it is split: those of the highest gradients where there is
-    /// no room for all.
-    fn grown(&self, round: &Round<'_>) -> (Vec<usize>, Vec<bool>) {
-        let (rows, statistics) = (round.rows, round.statistics);
-        let n = rows.len();
-        let mut grow: Vec<usize> = (0..n)
-            .filter(|&row| statistics.mean(row) >= round.gradient_threshold)
-            .collect();
-        let room = round.max_gaussians.saturating_sub(n);
-        if grow.len() > room {
-            grow.sort_by(|&a, &b| {
-                statistics
-                    .mean(b)
-                    .total_cmp(&statistics.mean(a))
-                    .then(a.cmp(&b))
-            });
-            grow.truncate(room);
-            grow.sort_unstable();
-        }
-        let mut split = vec![false; n];
-        let mut clones = Vec::new();
-        for &row in &grow {
-            if largest(rows, row) <= CLONE_SCALE * round.scale.at(rows.means[row]) {
-                clones.push(row);
-            } else {
-                split[row] = true;
-            }
-        }
-        (clones, split)
+/// The rows that are cloned, and for each row whether it is split: those of the highest gradients where there is
+/// no room for all.
+fn grown(round: &Round<'_>) -> (Vec<usize>, Vec<bool>) {
+    let (rows, statistics) = (round.rows, round.statistics);
+    let n = rows.len();
+    let mut grow: Vec<usize> = (0..n)
+        .filter(|&row| statistics.mean(row) >= round.rules.gradient_threshold)
+        .collect();
+    let room = round.max_gaussians.saturating_sub(n);
+    if grow.len() > room {
+        grow.sort_by(|&a, &b| {
+            statistics
+                .mean(b)
+                .total_cmp(&statistics.mean(a))
+                .then(a.cmp(&b))
+        });
+        grow.truncate(room);
+        grow.sort_unstable();
     }
+    let mut split = vec![false; n];
+    let mut clones = Vec::new();
+    for &row in &grow {
+        if largest(rows, row) <= CLONE_SCALE * round.scale.at(rows.means[row]) {
+            clones.push(row);
+        } else {
+            split[row] = true;
+        }
+    }
+    (clones, split)
+}
 
-    fn stays(&self, round: &Round<'_>, row: usize) -> bool {
-        let rows = round.rows;
-        let finite = rows.means[row]
-            .iter()
-            .chain(&rows.log_scales[row])
-            .all(|v| v.is_finite())
-            && rows.opacity_logits[row].is_finite();
-        let oversized = round.was_reset
-            && self.prunes_oversized
-            && largest(rows, row) > MAX_SCALE * round.scale.at(rows.means[row]);
-        finite && !oversized && rows.opacity_logits[row] >= dash_model::logit(MIN_OPACITY)
-    }
+fn stays(round: &Round<'_>, row: usize) -> bool {
+    let rows = round.rows;
+    let finite = rows.means[row]
+        .iter()
+        .chain(&rows.log_scales[row])
+        .all(|v| v.is_finite())
+        && rows.opacity_logits[row].is_finite();
+    let oversized = round.was_reset
+        && round.rules.prunes_oversized
+        && largest(rows, row) > MAX_SCALE * round.scale.at(rows.means[row]);
+    finite && !oversized && rows.opacity_logits[row] >= dash_model::logit(MIN_OPACITY)
 }
 
 /// The largest scale of a Gaussian, world units.
@@ -126,8 +121,7 @@ mod tests {
     use rand::SeedableRng;
 
     use super::*;
-    use crate::train::core::densify::threshold;
-    use crate::train::core::{DensifyConfig, DensityStatistics, SceneScale, Set};
+    use crate::train::core::{DensifyConfig, DensityStatistics, Rules, SceneScale, Set};
     use crate::train::{Preset, TrainConfig};
 
     const UNIT: SceneScale = SceneScale {
@@ -171,12 +165,15 @@ mod tests {
             rows,
             statistics: &statistics(gradients),
             config: &config,
-            gradient_threshold,
+            rules: Rules {
+                gradient_threshold,
+                prunes_oversized,
+            },
             max_gaussians,
             was_reset: true,
             scale: UNIT,
         };
-        Adaptive { prunes_oversized }.round(&round, &mut Pcg64::seed_from_u64(1))
+        Adaptive.round(&round, &mut Pcg64::seed_from_u64(1))
     }
 
     #[test]
@@ -195,24 +192,6 @@ mod tests {
     fn the_limit_keeps_the_highest_gradients() {
         let edit = round(&rows(), [1.0, 1.0, 9.0, 0.0], (5, 2e-4), false);
         assert_eq!(edit.sources, [0, 1, 2, 2]);
-    }
-
-    #[test]
-    fn the_more_there_are_the_more_each_has_to_pay_for() {
-        let base = 2e-4;
-        let of = |crowd: Option<usize>, n: usize| threshold(base, crowd, n) / base;
-        assert_eq!([0, 400, 100_000].map(|n| of(None, n)), [1.0; 3]);
-        assert_eq!([0, 400, 1_000].map(|n| of(Some(400), n)), [1.0, 1.0, 2.5]);
-
-        // Two of four rows, at 2.5 times the threshold: enough where two are a crowd, not where one is.
-        let paid = 2.5 * 2.0 * base;
-        let grown = |crowd: Option<usize>| {
-            let limits = (100, threshold(base, crowd, 4));
-            round(&rows(), [paid, paid, 0.0, 0.0], limits, false)
-                .rows
-                .len()
-        };
-        assert_eq!((grown(None), grown(Some(2)), grown(Some(1))), (5, 5, 3));
     }
 
     #[test]

@@ -36,14 +36,23 @@ pub struct Round<'a> {
     pub statistics: &'a DensityStatistics,
     /// The set's configuration.
     pub config: &'a DensifyConfig,
-    /// Mean gradient above which a Gaussian is cloned or split, in units of half the image.
-    pub gradient_threshold: f32,
+    /// What extensions may change.
+    pub rules: Rules,
     /// Most Gaussians that there may be after it.
     pub max_gaussians: usize,
     /// Whether opacities have been reset, so that too large Gaussians may be pruned.
     pub was_reset: bool,
     /// What lengths are measured by.
     pub scale: SceneScale,
+}
+
+/// What extensions may change in a round.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Rules {
+    /// Mean gradient above which a Gaussian is cloned or split, in units of half the image.
+    pub gradient_threshold: f32,
+    /// Whether oversized Gaussians are pruned once opacities were reset.
+    pub prunes_oversized: bool,
 }
 
 /// The rows after a round, and where each came from.
@@ -75,18 +84,10 @@ impl SceneScale {
     }
 }
 
-/// The gradient threshold for `n` Gaussians: a base that rises with their number above a crowd.
-pub(super) fn threshold(base: f32, crowd: Option<usize>, n: usize) -> f32 {
-    match crowd {
-        None => base,
-        Some(crowd) => base * (n as f32 / crowd as f32).max(1.0),
-    }
-}
-
 /// Whether a round of a set is due at `step`.
 pub(super) fn round_due(schedule: &ScheduleConfig, config: &DensifyConfig, step: usize) -> bool {
     let [from, until] = config.during.map(|share| schedule.step_at(share));
-    step >= from && step < until && step.is_multiple_of(config.interval)
+    step >= from && step < until && step.is_multiple_of(schedule.densify.interval)
 }
 
 /// Whether opacities are reset at `step`, for rounds that began to count at `since`. Before the first round nothing would
@@ -99,12 +100,15 @@ pub(super) fn reset_due(
     step: usize,
 ) -> bool {
     let [from, until] = config.during.map(|share| schedule.step_at(share));
-    config.opacity_reset_interval.is_some_and(|interval| {
-        step > since
-            && step >= from
-            && step + interval / 2 <= until
-            && (step - since).is_multiple_of(interval)
-    })
+    schedule
+        .densify
+        .opacity_reset_interval
+        .is_some_and(|interval| {
+            step > since
+                && step >= from
+                && step + interval / 2 <= until
+                && (step - since).is_multiple_of(interval)
+        })
 }
 
 /// Whether the time of the first reset is over at `step`.
@@ -115,10 +119,13 @@ pub(super) fn was_reset(
     step: usize,
 ) -> bool {
     let from = schedule.step_at(config.during[0]);
-    config.opacity_reset_interval.is_some_and(|interval| {
-        let intervals = from.saturating_sub(since).div_ceil(interval).max(1);
-        step > since + intervals * interval
-    })
+    schedule
+        .densify
+        .opacity_reset_interval
+        .is_some_and(|interval| {
+            let intervals = from.saturating_sub(since).div_ceil(interval).max(1);
+            step > since + intervals * interval
+        })
 }
 
 /// The same Gaussians, none more opaque than [`RESET_OPACITY`].

@@ -48,7 +48,7 @@ fn dynamic_gaussians_pay_for_what_they_cover_from_near() {
     trainer.run.scene.dynamic = Some(part(&trainer, &rows));
     let mut slopes = |weight: f32| {
         let Trainer { run, hooks, .. } = &mut trainer;
-        hooks.get_mut::<Floaters>().expect("on").config.nearness = weight;
+        hooks.get_mut::<Floaters>().expect("on").nearness = weight;
         let forward = forward(run, hooks, &view).expect("renders");
         let gradients = forward.loss.backward();
         let dynamic = run.scene.dynamic.as_ref().expect("given");

@@ -17,7 +17,7 @@ fn what_a_reset_hides_has_time_to_come_back_before_the_last_round() {
     for (iterations, expected) in [(3_428, vec![]), (6_000, vec![2_000])] {
         let mut config = TrainConfig::preset(Preset::Quick);
         config.iterations = iterations;
-        let resets = "densify.static.opacity_reset_interval=2000";
+        let resets = "densify.opacity_reset_interval=2000";
         config.set(resets).expect("a known key");
         let schedule = config.schedule();
         let resets: Vec<usize> = (0..iterations)
@@ -33,7 +33,7 @@ fn no_reset_comes_before_the_first_round() {
     config.iterations = 1_000;
     for assignment in [
         "densify.dynamic.during=[0.5, 1]",
-        "densify.dynamic.opacity_reset_interval=150",
+        "densify.opacity_reset_interval=150",
     ] {
         config.set(assignment).expect("a known key");
     }
@@ -81,7 +81,7 @@ fn first_steps(dataset: &Dataset, set: &[&str]) -> [f32; 2] {
     for assignment in set {
         config.set(assignment).expect("a known key");
     }
-    let units = [config.optimizer.means, 5e-3];
+    let units = [crate::train::core::rates::MEANS, 5e-3];
     let dataset = Arc::new(dataset.clone());
     let mut trainer = Trainer::new(config, dataset, &Device::flex()).expect("valid");
     let rows = |trainer: &Trainer| trainer.scene().static_set.to_rows();

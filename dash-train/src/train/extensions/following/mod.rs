@@ -25,11 +25,13 @@ use self::window::{teaches_gaussians, time_window};
 use crate::Error;
 use crate::dataset::View;
 use crate::train::core::loss::weighted_error;
-use crate::train::core::{Extension, Forward, RowEdit, Run, Saved, Set, to_host};
+use crate::train::core::{Extension, Forward, Ranges, RowEdit, Run, Saved, Section, Set, to_host};
 use crate::train::paper::Dash;
 
 /// Part of the typical gradient that is added to Adam's denominator in the coarse field's networks.
 const DAMPING: f32 = 1.0;
+/// Share of the decomposition after which scene flow hands over, as of a rig: what does not move then comes to rest.
+const FLOW_HANDOVER: f32 = 0.8;
 
 /// `[extensions.following]`
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
@@ -38,19 +40,22 @@ pub struct FollowingConfig {
     /// Share of the decomposition after which the coarse field hands over to trajectories of the Gaussians' own.
     /// Source: ours.
     pub handover: f32,
-    /// Share of the decomposition after which scene flow hands over, as of a rig: what does not move then comes to rest.
-    /// Source: ours.
-    pub flow_handover: f32,
     /// Steps from the end of the warm-up to the handover, at least: a run in which they are fewer gives them a larger
     /// share, from a shorter warm-up and a later decomposition. Not with scene flow. Source: ours.
     pub min_steps: usize,
+}
+
+impl Section for FollowingConfig {
+    fn check(&self, ranges: &mut Ranges) {
+        ranges.share("handover", self.handover);
+    }
 }
 
 impl FollowingConfig {
     /// The handover of a capture that scene flow finds motion in, or of another.
     pub(crate) fn handover_of(&self, has_scene_flow: bool) -> f32 {
         match has_scene_flow {
-            true => self.flow_handover,
+            true => FLOW_HANDOVER,
             false => self.handover,
         }
     }

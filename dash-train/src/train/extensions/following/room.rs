@@ -41,7 +41,7 @@ pub(super) fn make_room(run: &mut Run<Dash>, min_steps: usize) {
         let densify = &mut run.config.densify;
         let sets = [&mut densify.static_set, &mut densify.dynamic];
         for (set, until) in sets.into_iter().zip(SHORT_DENSIFY) {
-            if set.during[1] > 0.0 {
+            if set.during[1] > set.during[0] {
                 set.during[1] += way * (until - set.during[1]).max(0.0);
             }
         }
@@ -191,7 +191,7 @@ mod tests {
             [60, 840, 900, 600, 700]
         );
         assert_eq!(
-            short(&["densify.dynamic.during=[0.37, 0]"]),
+            short(&["densify.dynamic.during=[0, 0]"]),
             [60, 513, 600, 750, 0]
         );
     }

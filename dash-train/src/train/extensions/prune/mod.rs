@@ -9,7 +9,7 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use crate::Error;
-use crate::train::core::{Decision, Extension, Finished, Run, Saved};
+use crate::train::core::{Decision, Extension, Finished, Ranges, Run, Saved, Section};
 use crate::train::paper::Dash;
 
 /// Most that pictures may lose when all that was left out is counted, dB: by the lower bound of the mean over training
@@ -27,6 +27,12 @@ pub struct PruneConfig {
     /// Most that pictures may lose when a part is left out, dB: over all pixels and where something moves, by the lower
     /// bound of the mean over training views. Source: ours.
     pub max_loss_db: f64,
+}
+
+impl Section for PruneConfig {
+    fn check(&self, ranges: &mut Ranges) {
+        ranges.positive("max_loss_db", self.max_loss_db as f32);
+    }
 }
 
 impl Default for PruneConfig {

@@ -6,7 +6,9 @@ use schemars::schema_for;
 use serde_json::Value;
 use toml::Table;
 
-use super::{Preset, TrainConfig};
+use super::config::shown::{joined, shown};
+use super::config::{Preset, TrainConfig};
+use super::run::DataConfig;
 
 /// The presets by name, in the order of the table's columns.
 const PRESETS: [(&str, Preset); 5] = [
@@ -28,7 +30,24 @@ pub fn reference() -> String {
         text: INTRODUCTION.to_string(),
     };
     page.section("", schema, one_line(schema.get("description")));
-    page.text
+    page.text + &of_data()
+}
+
+/// The section that says what of a dataset is read.
+fn of_data() -> String {
+    let schema = schema_for!(DataConfig);
+    let schema = schema.as_value();
+    let mut text = format!(
+        "\n## `[data]`\n\n{} They are the [options of a dataset](command-line.md#options-of-a-dataset); no preset sets them.\n\n\
+         | key | is |\n| --- | --- |\n",
+        one_line(schema.get("description"))
+    );
+    let properties = schema.get("properties").and_then(Value::as_object);
+    for (name, property) in properties.into_iter().flatten() {
+        let about = one_line(property.get("description"));
+        let _ = writeln!(text, "| `{name}` | {about} |");
+    }
+    text
 }
 
 const INTRODUCTION: &str = "# Configuration
@@ -38,9 +57,6 @@ Every key of training, made by `dash config --markdown`. `dash train --set KEY=V
 
 An extension runs where its section stands. `--set extensions.NAME=none` takes one away, `--set extensions.NAME=on` brings
 it with the values of `default`, or of `quick` where `default` has none; in a file `NAME = \"none\"` does the same. A dash marks a key that a preset does not have.
-
-What is read of a dataset stands in `[data]`: `dataset`, `layout`, `downscale`, `test_cameras`, `drop_cameras`, `frames`, `invert_masks`,
-`skip_broken`, `backdrop`, `device`. These are the [options of a dataset](command-line.md#options-of-a-dataset).
 ";
 
 struct Page<'a> {
@@ -127,32 +143,6 @@ fn choices(resolved: &Value) -> String {
     all.map_or_else(String::new, |all| format!(" One of {}.", all.join(", ")))
 }
 
-/// A value as people write it: f32 without the digits that f64 adds.
-pub(super) fn shown(value: &toml::Value) -> String {
-    match value {
-        toml::Value::Float(float) => format!("{}", *float as f32),
-        toml::Value::Array(values) => {
-            let values: Vec<String> = values.iter().map(shown).collect();
-            format!("[{}]", values.join(", "))
-        }
-        toml::Value::String(word) => word.clone(),
-        toml::Value::Table(table) => {
-            let entries = table
-                .iter()
-                .map(|(key, value)| format!("{key} = {}", shown(value)));
-            format!("{{ {} }}", entries.collect::<Vec<_>>().join(", "))
-        }
-        other => other.to_string(),
-    }
-}
-
-pub(super) fn joined(path: &str, name: &str) -> String {
-    match path {
-        "" => name.to_string(),
-        path => format!("{path}.{name}"),
-    }
-}
-
 fn one_line(text: Option<&Value>) -> String {
     let text = text.and_then(Value::as_str).unwrap_or_default();
     text.split_whitespace()
@@ -172,6 +162,10 @@ mod tests {
             .lines()
             .filter(|line| line.starts_with("| `"))
             .collect();
+        let (of_data, rows): (Vec<&str>, Vec<&str>) = rows
+            .into_iter()
+            .partition(|row| row.matches(" | ").count() == 1);
+        assert_eq!(of_data.len(), 10);
         for row in &rows {
             let cells: Vec<&str> = row.split(" | ").collect();
             assert_eq!(cells.len(), PRESETS.len() + 2, "{row}");
@@ -179,6 +173,8 @@ mod tests {
                 cells[PRESETS.len() + 1].len() > 10,
                 "no documentation: {row}"
             );
+            let is_told = row.contains("Source:") || row.starts_with("| `preset` |");
+            assert!(is_told, "no source: {row}");
             let is_set = cells[1..=PRESETS.len()].iter().any(|value| *value != "-");
             assert!(is_set, "no preset sets it: {row}");
         }
