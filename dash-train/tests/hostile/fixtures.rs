@@ -407,9 +407,9 @@ fn checkpoint_state() -> Vec<u8> {
     let rng = serde_json::to_string(&Pcg64::seed_from_u64(1)).expect("JSON");
     format!(
         "{{\"step\": 12, \"train_seconds\": 3.5, \"rng\": {rng}, \"sampler\": {{\"left\": [2, 0]}}, \
-         \"optimizer_steps\": {{\"static_set.means\": 12}}, \"crowds\": [400, null], \"method\": \
+         \"optimizer_steps\": {{\"static_set.means\": 12}}, \"method\": \
          {{\"motion_space\": {{\"min\": [-1, -1, -1], \"max\": [1, 1, 1], \"clamp\": true}}, \
-         \"held_still\": [true, false], \"nothing_moves\": false}}, \"extensions\": [[\"averaging\", null]], \
+         \"held_still\": [true, false], \"nothing_moves\": false}}, \"extensions\": [[\"averaging\", null], [\"crowding\", 400]], \
          \"dataset\": {{\"n_views\": 3, \"hash\": 7}}, \"config\": {config}}}"
     )
     .into()
