@@ -122,9 +122,9 @@ impl DensifySets {
                 ranges.in_order("during", set.during);
             });
         }
-        let fewest = self.static_set.max_gaussians;
+        let most = self.static_set.max_gaussians;
         ranges.section("static", |ranges| {
-            ranges.at_least_one("max_gaussians", fewest)
+            ranges.at_least_one("max_gaussians", most)
         });
     }
 }

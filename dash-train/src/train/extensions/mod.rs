@@ -86,7 +86,7 @@ extensions! {
     exposure: ExposureConfig => Exposure,
     /// A cost of visible motion. On or off. Source: ours.
     rest_cost: RestCostConfig => RestCost,
-    /// A cost of floaters: of opacity, and of what is near a camera. On or off. Source: Kheradmand et al. 2024 (MCMC) for opacity, 0.01; ours.
+    /// A cost of floaters: of opacity, and of Gaussians near a camera. On or off. Source: Kheradmand et al. 2024 (MCMC) for opacity, 0.01; ours.
     floaters: FloatersConfig => Floaters,
     /// A limit of scales: a tenth of the extent. On or off. Source: ours; 3DGS prunes above it.
     scale_limit: ScaleLimitConfig => ScaleLimit,
