@@ -138,6 +138,7 @@ pub struct Worker {
 struct Shared {
     wanted: Mutex<Wanted>,
     changed: Condvar,
+    idled: Condvar,
 }
 
 #[derive(Default)]
@@ -145,6 +146,8 @@ struct Wanted {
     picture: Option<Request>,
     tasks: VecDeque<Task>,
     over: bool,
+    /// Whether the thread waits for work.
+    is_idle: bool,
 }
 
 impl Shared {
@@ -217,6 +220,15 @@ impl Worker {
     /// The scene that trains meanwhile, where it is one.
     pub fn live(&self) -> Option<&Arc<Live>> {
         self.live.as_ref()
+    }
+
+    /// Waits until all that was asked for is done.
+    #[cfg(test)]
+    pub(crate) fn wait_until_idle(&self) {
+        let wanted = self.shared.wanted();
+        let works = |w: &mut Wanted| !w.is_idle || w.picture.is_some() || !w.tasks.is_empty();
+        let idle = self.shared.idled.wait_while(wanted, works);
+        drop(idle.unwrap_or_else(PoisonError::into_inner));
     }
 
     /// What was done since the last call.

@@ -62,7 +62,7 @@ pub struct Message {
 
 /// The window's state.
 pub struct App {
-    worker: Worker,
+    pub(super) worker: Worker,
     /// Where pictures are shown that stay on the GPU.
     glass: Option<Glass>,
     /// Whether the scene that trains was asked for.

@@ -2,7 +2,6 @@
 
 use std::path::{Path, PathBuf};
 use std::sync::mpsc::{Receiver, channel};
-use std::time::Duration;
 
 use burn::tensor::Device;
 use dash_kernels::Camera;
@@ -18,8 +17,6 @@ use crate::draw::{Frame, ViewLayer};
 use crate::worker::{Drawn, DrawnPicture, Worker};
 use crate::{Content, FrameSource, Host, Live, NamedCamera, Source, ViewError};
 
-/// Longer than any picture here takes.
-const PATIENCE: Duration = Duration::from_secs(120);
 const SIZE: [f32; 2] = [800.0, 600.0];
 
 /// A few Gaussians at `x`.
@@ -140,7 +137,7 @@ impl Bench {
     /// Waits for the next reply, and runs a frame.
     fn reply(&mut self) {
         self.frame(Vec::new());
-        self.woken.recv_timeout(PATIENCE).expect("a reply in time");
+        self.woken.recv().expect("the thread that draws");
         self.frame(Vec::new());
     }
 
@@ -149,7 +146,8 @@ impl Bench {
         for _ in 0..12 {
             self.frame(Vec::new());
         }
-        while self.woken.recv_timeout(Duration::from_millis(300)).is_ok() {}
+        self.app.worker.wait_until_idle();
+        while self.woken.try_recv().is_ok() {}
         self.frame(Vec::new());
     }
 

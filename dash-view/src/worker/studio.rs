@@ -54,11 +54,14 @@ impl Studio {
         loop {
             let mut wanted = shared.wanted();
             while !wanted.over && wanted.picture.is_none() && wanted.tasks.is_empty() {
+                wanted.is_idle = true;
+                shared.idled.notify_all();
                 wanted = shared
                     .changed
                     .wait(wanted)
                     .unwrap_or_else(PoisonError::into_inner);
             }
+            wanted.is_idle = false;
             if wanted.over {
                 return;
             }

@@ -79,9 +79,18 @@ fn blend_window<A: FloatAdd>(
     );
 }
 
-/// The largest of the units' values; every unit of the cube has to call it.
+/// One past the place of the last splat that any unit of the cube has drawn; every unit has to call it.
 #[cube]
-fn cube_max(own: u32, #[comptime] units: usize) -> u32 {
+fn end_of_drawn(
+    pixels: &ReplayedPixels,
+    #[comptime] per_unit: usize,
+    #[comptime] units: usize,
+) -> u32 {
+    let mut own = 0u32;
+    #[unroll]
+    for k in 0..per_unit {
+        own = u32::max(own, pixels.last[k]);
+    }
     let mut values = Shared::<[u32]>::new_slice(units);
     values[UNIT_POS as usize] = own;
     sync_cube();
@@ -90,6 +99,13 @@ fn cube_max(own: u32, #[comptime] units: usize) -> u32 {
         largest = u32::max(largest, values[unit]);
     }
     largest
+}
+
+/// What is drawn, as the forward pass left it, and its gradient.
+#[derive(CubeType, CubeLaunch)]
+struct Pictures {
+    forward: Box<[u32]>, // [H, W, 2]
+    v_image: Box<[f32]>, // [H, W, 5]
 }
 
 /// A unit's pixels while splats are taken off them, back to front.
@@ -108,8 +124,7 @@ struct ReplayedPixels {
 
 #[cube]
 fn read_pixels(
-    forward: &[u32], // [H, W, 2]
-    v_image: &[f32], // [H, W, 5]
+    pictures: &Pictures,
     column: u32,
     first_row: u32,
     frame: &Frame,
@@ -137,17 +152,22 @@ fn read_pixels(
         if column < frame.width && row < frame.height {
             let pixel = (row * frame.width + column) as usize;
             let at = pixel * N_CHANNELS;
-            let (red, green, blue) = (v_image[at], v_image[at + 1], v_image[at + 2]);
+            let (red, green, blue) = (
+                pictures.v_image[at],
+                pictures.v_image[at + 1],
+                pictures.v_image[at + 2],
+            );
             pixels.v_red[k] = red;
             pixels.v_green[k] = green;
             pixels.v_blue[k] = blue;
-            pixels.v_depth[k] = v_image[at + CHANNEL_DEPTH];
+            pixels.v_depth[k] = pictures.v_image[at + CHANNEL_DEPTH];
             // Behind all splats the background adds colour and takes away alpha.
             let background = frame.red * red + frame.green * green + frame.blue * blue;
-            let transmittance = f32::reinterpret(forward[2 * pixel]);
+            let transmittance = f32::reinterpret(pictures.forward[2 * pixel]);
             pixels.transmittance[k] = transmittance;
-            pixels.accumulated[k] = transmittance * (background - v_image[at + CHANNEL_ALPHA]);
-            pixels.last[k] = forward[2 * pixel + 1];
+            pixels.accumulated[k] =
+                transmittance * (background - pictures.v_image[at + CHANNEL_ALPHA]);
+            pixels.last[k] = pictures.forward[2 * pixel + 1];
         }
     }
     pixels
@@ -275,13 +295,6 @@ fn add_up_batch<A: FloatAdd>(
     }
 }
 
-/// What is drawn, as the forward pass left it, and its gradient.
-#[derive(CubeType, CubeLaunch)]
-struct Pictures {
-    forward: Box<[u32]>, // [H, W, 2]
-    v_image: Box<[f32]>, // [H, W, 5]
-}
-
 #[cube(launch)]
 fn blend_tiles_vjp<A: FloatAdd>(
     splats: &[f32], // [N, C]
@@ -308,24 +321,11 @@ fn blend_tiles_vjp<A: FloatAdd>(
         terminate!();
     }
     let (column, first_row) = first_pixel(tile, &frame, per_unit);
+    let mut pixels = read_pixels(&pictures, column, first_row, &frame, per_unit);
     let x = f32::cast_from(column) + 0.5f32;
     let y = f32::cast_from(first_row) + 0.5f32;
-    let mut pixels = read_pixels(
-        &pictures.forward,
-        &pictures.v_image,
-        column,
-        first_row,
-        &frame,
-        per_unit,
-    );
-    let mut own_last = 0u32;
-    #[unroll]
-    for k in 0..per_unit {
-        own_last = u32::max(own_last, pixels.last[k]);
-    }
-    let end = cube_max(own_last, units) as usize;
+    let end = end_of_drawn(&pixels, per_unit, units) as usize;
     let middle = middle(tile, &frame);
-    let (near_x, near_y) = (x - middle.0, y - middle.1);
     clear_slots(v_slots, &list, slots, end, &window);
 
     let mut sums = Shared::<[f32]>::new_slice(comptime!(BATCH_VALUES * stride));
@@ -338,7 +338,8 @@ fn blend_tiles_vjp<A: FloatAdd>(
                 let splat = read_splat(splats, place, &list, &lists, middle);
                 let at = step * N_DIFFERENTIABLE * stride + UNIT_POS as usize;
                 if splat.along > 0.0f32 {
-                    let v = replay(&mut pixels, &splat, place, near_x, near_y, per_unit, true);
+                    let (x, y) = (x - middle.0, y - middle.1);
+                    let v = replay(&mut pixels, &splat, place, x, y, per_unit, true);
                     store(&mut sums, &v, at, stride);
                 } else {
                     let v = replay(&mut pixels, &splat, place, x, y, per_unit, false);
