@@ -6,8 +6,7 @@ use std::sync::Arc;
 use clap::{ArgGroup, Args};
 use dash_train::Error;
 use dash_train::compare::{
-    self, ComparedRun, Comparison, Length, Method, Observer, Pace, RunOptions, median_over_seeds,
-    tables,
+    self, ComparedRun, Comparison, Length, Method, Observer, RunOptions, median_over_seeds, tables,
 };
 use dash_train::dataset::{Dataset, LoadOptions, load};
 use dash_train::device::DeviceChoice;
@@ -139,11 +138,11 @@ pub fn run(args: &CompareArgs, shared: &Shared) -> Result<String, Failure> {
         perceptual: &perceptual,
         stop: &|| asked.now(),
     };
-    let mut pace = Pace::default();
+    let mut found = compare::Shared::default();
     let on = compare::On {
         dataset: &Arc::new(dataset),
         device: &device,
-        pace: &mut pace,
+        found: &mut found,
     };
     let mut told = Told {
         progress: RunsProgress::new(shared),
@@ -202,7 +201,8 @@ pub fn work(
     let mut told = Told {
         progress: RunsProgress::new(shared),
     };
-    let (mut loaded, mut pace): (Option<Arc<Dataset>>, _) = (None, Pace::default());
+    let mut loaded: Option<Arc<Dataset>> = None;
+    let mut found = compare::Shared::default();
     let tally = plan.work(out, which, on.stop, &mut |number| {
         let (place, seed) = plan.of_task(number)?;
         if loaded.is_none() {
@@ -216,7 +216,7 @@ pub fn work(
         let on = compare::On {
             dataset,
             device: on.device,
-            pace: &mut pace,
+            found: &mut found,
         };
         comparison.run_one((methods[place], seed), &options, out, on, &mut told)
     });

@@ -73,12 +73,12 @@ pub fn run(args: &EvalArgs, shared: &Shared) -> Result<String, Failure> {
     run.scene(&device)?;
     let perceptual = args.lpips.files().load(&device)?;
     let dataset = dataset_of(&config.data, args.dataset.as_deref(), false)?;
-    let split = args.split.partition();
+    let partition = args.split.partition();
     let name = choice.to_string();
     let results = evaluate_run(
         &run,
         &dataset,
-        split,
+        partition,
         (&device, &name),
         Process::Evaluates,
         &perceptual,
@@ -86,7 +86,7 @@ pub fn run(args: &EvalArgs, shared: &Shared) -> Result<String, Failure> {
     Ok(format!(
         "{}\nwritten to {}",
         summary::results(&results),
-        run.scores_path(split).display()
+        run.scores_path(partition).display()
     ))
 }
 
@@ -95,11 +95,11 @@ fn of_windows(args: &EvalArgs, device: &Device, name: &str) -> Result<String, Fa
     let clip = WindowedClip::open(&args.run, device)?;
     let perceptual = args.lpips.files().load(device)?;
     let dataset = dataset_of(&clip.windows().data, args.dataset.as_deref(), true)?;
-    let split = args.split.partition();
-    let results = clip.evaluate(&dataset, split, name, &perceptual)?;
+    let partition = args.split.partition();
+    let results = clip.evaluate(&dataset, partition, name, &perceptual)?;
     Ok(format!(
         "{}\nwritten to {}",
         summary::results(&results),
-        args.run.join(RunFolder::scores_name(split)).display()
+        args.run.join(RunFolder::scores_name(partition)).display()
     ))
 }

@@ -54,7 +54,7 @@ pub fn add_scores(table: &mut Table, results: &Results) {
     table
         .row(
             "scored on",
-            format!("{} {} views", scores.per_view.len(), scores.split),
+            format!("{} {} views", scores.per_view.len(), scores.partition),
         )
         .row("PSNR", decibels(scores.psnr))
         .row("PSNR, moving pixels", decibels(scores.psnr_dynamic))

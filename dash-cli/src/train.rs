@@ -16,8 +16,8 @@ use dash_train::evaluate::{CurveProbe, PerceptualFiles};
 use dash_train::process::stop;
 use dash_train::results::{Process, evaluate_run};
 use dash_train::train::{
-    Budget, Keep, OnTrial, RunConfig, RunFolder, StepReport, TrainOptions, Trainer, check_dataset,
-    train,
+    Additions, Budget, FirstPoints, Keep, OnTrial, RunConfig, RunFolder, StepReport, TrainOptions,
+    Trainer, check_dataset, train,
 };
 
 use crate::Shared;
@@ -128,11 +128,37 @@ pub fn run_with(args: &TrainArgs, shared: &Shared, door: Option<Door>) -> Result
     if let Some(window) = window {
         return train_windows(args, window, overrides, shared);
     }
-    let (run, config, dataset) = if args.resume {
+    let begun = if args.resume {
         take_up(args, shared, &overrides, &file)?
     } else {
         start(args, shared, &overrides, &file)?
     };
+    train_run(args, shared, door, begun, &perceptual)
+}
+
+/// A run that is to be trained.
+struct Begun {
+    run: RunFolder,
+    config: RunConfig,
+    dataset: Arc<Dataset>,
+    /// What trials have found.
+    first_points: FirstPoints,
+}
+
+/// Trains a run, and scores it.
+fn train_run(
+    args: &TrainArgs,
+    shared: &Shared,
+    door: Option<Door>,
+    begun: Begun,
+    perceptual: &PerceptualFiles,
+) -> Result<String, Failure> {
+    let Begun {
+        run,
+        config,
+        dataset,
+        first_points,
+    } = begun;
     let choice: DeviceChoice = config
         .data
         .device
@@ -158,34 +184,22 @@ pub fn run_with(args: &TrainArgs, shared: &Shared, door: Option<Door>) -> Result
         watch: Some(watch),
         clock: None,
         stop: &stop,
-        additions: Default::default(),
+        additions: Additions {
+            first_points,
+            ..Default::default()
+        },
     };
     let trained = train(&run, &config.train, dataset.clone(), &device, options);
     progress.finish();
     if let Some(signal) = asked.end() {
-        let name = signal.name();
-        let told = match trained {
-            Err(Error::Stopped { step, .. }) => {
-                format!(
-                    "{}: stopped by {name} after step {step}, with a checkpoint; {}",
-                    args.out.display(),
-                    resume(args)
-                )
-            }
-            Err(error) => format!("stopped by {name}, and: {error}"),
-            Ok(_) => format!("stopped by {name}; {}", score(args)),
-        };
+        let told = stopped_by(signal.name(), args, trained.err());
         return Err(Failure::stopped(signal, told));
     }
     let (trainer, secs) = trained?;
     stop::set_way_on(Some(score(args)));
-    let waiting = trainer.waited_seconds().map(|waited| {
-        format!(
-            "\nimages were decoded on demand: steps waited {} for them, {:.1} % of the training",
-            duration(waited),
-            100.0 * waited / secs.max(1e-9)
-        )
-    });
+    let waiting = trainer
+        .waited_seconds()
+        .map(|waited| waited_for_images(waited, secs));
     drop(trainer);
     watchers.finish(&run, config.train.iterations, &device)?;
     let device = (&device, config.data.device.as_str());
@@ -196,15 +210,29 @@ pub fn run_with(args: &TrainArgs, shared: &Shared, door: Option<Door>) -> Result
             Process::Evaluates
         }
     };
-    let told = finish(
-        &run,
-        &config,
-        &dataset,
-        device,
-        (secs, process),
-        &perceptual,
-    )?;
+    let told = finish(&run, &config, &dataset, device, (secs, process), perceptual)?;
     Ok(told + &waiting.unwrap_or_default())
+}
+
+/// What is told of a training that a signal has stopped.
+fn stopped_by(signal: &str, args: &TrainArgs, error: Option<Error>) -> String {
+    match error {
+        Some(Error::Stopped { step, .. }) => format!(
+            "{}: stopped by {signal} after step {step}, with a checkpoint; {}",
+            args.out.display(),
+            resume(args)
+        ),
+        Some(error) => format!("stopped by {signal}, and: {error}"),
+        None => format!("stopped by {signal}; {}", score(args)),
+    }
+}
+
+fn waited_for_images(waited: f64, secs: f64) -> String {
+    format!(
+        "\nimages were decoded on demand: steps waited {} for them, {:.1} % of the training",
+        duration(waited),
+        100.0 * waited / secs.max(1e-9)
+    )
 }
 
 /// The frames of a window, where nobody says whether there are any.
@@ -278,7 +306,7 @@ fn start(
     shared: &Shared,
     overrides: &Overrides<'_>,
     file: &ConfigFile,
-) -> Result<(RunFolder, RunConfig, Arc<Dataset>), Failure> {
+) -> Result<Begun, Failure> {
     let train = overrides.resolve(file)?;
     let train = args
         .method
@@ -299,9 +327,13 @@ fn start(
     check_dataset(&dataset)?;
     let mut config = RunConfig::new(data, train);
     let dataset = Arc::new(dataset);
+    let first_points = FirstPoints::default();
     if let Some(budget) = args.budget {
         RunFolder::check_free(&args.out)?;
-        let of_one = Budget::of_one(budget);
+        let of_one = Budget {
+            first_points: first_points.clone(),
+            ..Budget::of_one(budget)
+        };
         let find = |tell: OnTrial<'_>| of_one.steps(&config.train, &dataset, &device, tell);
         config.train.iterations = steps_of(budget, shared, find)?;
         config.train.visits = None;
@@ -317,7 +349,12 @@ fn start(
     }
     let run = RunFolder::create(&args.out, &config)?;
     tell_held_out(&dataset);
-    Ok((run, config, dataset))
+    Ok(Begun {
+        run,
+        config,
+        dataset,
+        first_points,
+    })
 }
 
 /// The steps that trials find to fit into a budget of seconds.

@@ -11,7 +11,7 @@ use dash_train::device::DeviceChoice;
 use dash_train::jobs::{Plan, Tally, Which, Work};
 use dash_train::results::scored;
 use dash_train::train::{OnTrial, RunFolder, StepReport};
-use dash_train::windows::{LENGTH, MIN_STEPS, Observer, Part, RunOptions, Windows};
+use dash_train::windows::{ClipRun, LENGTH, MIN_STEPS, Observer, RunOptions, Windows};
 
 use crate::Shared;
 use crate::configuration::{ConfigFile, Overrides, ValueArgs};
@@ -177,13 +177,13 @@ impl Clip<'_> {
     /// of theirs costs is known once the room is there.
     fn share_out(&self, budget: f64, begin: Instant, shared: &Shared) -> Result<(), Failure> {
         let mut windows = Windows::read(self.out)?;
-        let run = |part: Part| self.out.join(part.run_name());
-        let has_begun = |part: Part| part != Part::Room && run(part).exists();
-        if windows.parts().any(has_begun) {
+        let folder = |run: ClipRun| self.out.join(run.run_name());
+        let has_begun = |run: ClipRun| run != ClipRun::Room && folder(run).exists();
+        if windows.runs().any(has_begun) {
             return Ok(());
         }
         let choice = shared.device.unwrap_or_default().resolved();
-        let Some((room, results)) = scored(&run(Part::Room))? else {
+        let Some((room, results)) = scored(&folder(ClipRun::Room))? else {
             return Ok(());
         };
         let before = results.train_seconds.unwrap_or_default();
@@ -241,9 +241,9 @@ pub fn work(
         windows: &windows,
         progress: RunsProgress::new(shared),
     };
-    let parts: Vec<Part> = windows.parts().collect();
+    let runs: Vec<ClipRun> = windows.runs().collect();
     let tally = plan.work(out, which, on.stop, &mut |number| {
-        windows.run_one(parts[number], out, &options, &mut told)
+        windows.run_one(runs[number], out, &options, &mut told)
     });
     told.progress.end();
     tally
@@ -256,12 +256,12 @@ struct Told<'a> {
 }
 
 impl Observer for Told<'_> {
-    fn begin(&mut self, part: Part, iterations: usize) {
+    fn begin(&mut self, run: ClipRun, iterations: usize) {
         self.progress.end();
-        let frames = frames(self.windows, part);
+        let frames = frames(self.windows, run);
         tracing::info!(
             "training {}, frames {frames} of {}, {iterations} steps",
-            part.run_name(),
+            run.run_name(),
             self.windows.n_frames
         );
         self.progress.begin(iterations);
@@ -273,14 +273,14 @@ impl Observer for Told<'_> {
 }
 
 /// The frames of a run, as people say it.
-fn frames(windows: &Windows, part: Part) -> String {
-    match (part, windows.room) {
-        (Part::Window(number), _) => {
+fn frames(windows: &Windows, run: ClipRun) -> String {
+    match (run, windows.room) {
+        (ClipRun::Window(number), _) => {
             let window = &windows.windows[number];
             format!("{} to {}", window.first, window.last)
         }
-        (Part::Room, Some(room)) => format!("0, {}, ..", room.every),
-        (Part::Room, None) => String::new(),
+        (ClipRun::Room, Some(room)) => format!("0, {}, ..", room.every),
+        (ClipRun::Room, None) => String::new(),
     }
 }
 
@@ -292,8 +292,8 @@ pub fn join(out: &Path) -> Result<String, Failure> {
         "window", "frames", "steps", "secs", "PSNR", "moving", "SSIM", "static", "dynamic", "size"
     )];
     let mut sums = Sums::default();
-    for part in windows.parts() {
-        let name = part.run_name();
+    for run in windows.runs() {
+        let name = run.run_name();
         let Some((_, results)) = scored(&out.join(&name))? else {
             return Err(Failure::new(format!(
                 "{}: is not scored",
@@ -306,7 +306,7 @@ pub fn join(out: &Path) -> Result<String, Failure> {
         };
         lines.push(format!(
             "{name:<11} {:<12} {:>6} {:>7} {:>6} {:>7} {:>6} {:>8} + {:<7} {:>9}",
-            frames(&windows, part),
+            frames(&windows, run),
             results.iterations,
             shown(results.train_seconds, 1),
             shown(scores.psnr, 2),
@@ -316,7 +316,7 @@ pub fn join(out: &Path) -> Result<String, Failure> {
             scores.n_dynamic,
             summary::bytes(results.storage_bytes),
         ));
-        if let Part::Window(number) = part {
+        if let ClipRun::Window(number) = run {
             let n_frames = windows.windows[number].n_frames();
             sums.add(n_frames, scores.psnr, scores.psnr_dynamic);
         }

@@ -27,13 +27,13 @@ impl MotionStatistics {
         }
     }
 
-    /// Rebuilds statistics from [`MotionStatistics::parts`].
-    pub fn from_parts(weighted: Vec<f32>, weights: Vec<f32>) -> Self {
+    /// Rebuilds statistics from [`MotionStatistics::totals`].
+    pub fn from_totals(weighted: Vec<f32>, weights: Vec<f32>) -> Self {
         Self { weighted, weights }
     }
 
     /// The weighted sums and the weights.
-    pub fn parts(&self) -> (&[f32], &[f32]) {
+    pub fn totals(&self) -> (&[f32], &[f32]) {
         (&self.weighted, &self.weights)
     }
 

@@ -112,7 +112,7 @@ pub(crate) fn remove_checkpoints(run: &RunFolder) -> Result<(), Error> {
 pub fn evaluate_run(
     run: &RunFolder,
     dataset: &Dataset,
-    split: Partition,
+    partition: Partition,
     device: (&Device, &str),
     process: Process,
     perceptual: &Perceptual,
@@ -124,7 +124,13 @@ pub fn evaluate_run(
         Process::Trained => peak_memory_bytes(),
         Process::Evaluates => recorded_training_peak(run),
     };
-    let mut evaluation = evaluate(&scene, dataset, split, config.data.downscale, perceptual)?;
+    let mut evaluation = evaluate(
+        &scene,
+        dataset,
+        partition,
+        config.data.downscale,
+        perceptual,
+    )?;
     let (peak, rule) = match trained_peak {
         Some(peak) => (Some(peak), TRAINING_MEMORY),
         None => (peak_memory_bytes(), EVALUATION_MEMORY),
@@ -141,7 +147,7 @@ pub fn evaluate_run(
         peak_memory_bytes: peak,
         evaluation,
     };
-    results.write(&run.scores_path(split))?;
+    results.write(&run.scores_path(partition))?;
     Ok(results)
 }
 

@@ -2,11 +2,10 @@
 
 use std::sync::Arc;
 
-use dash_train::dataset::Dataset;
 use dash_train::train::{RunConfig, RunFolder, TrainConfig};
 use dash_train::windows::Windows;
 
-use super::TrainArgs;
+use super::{Begun, TrainArgs};
 use crate::Shared;
 use crate::configuration::{ConfigFile, Overrides, name};
 use crate::data::{load_dataset, other_data};
@@ -19,7 +18,7 @@ pub fn take_up(
     shared: &Shared,
     overrides: &Overrides<'_>,
     file: &ConfigFile,
-) -> Result<(RunFolder, RunConfig, Arc<Dataset>), Failure> {
+) -> Result<Begun, Failure> {
     if Windows::are_in(&args.out) {
         return Err(Failure::usage(format!(
             "--resume: {} is a clip in windows of time; the command that began it goes on without --resume",
@@ -36,7 +35,12 @@ pub fn take_up(
     if is_moved {
         run.follow_dataset(&dataset)?;
     }
-    Ok((run, config, Arc::new(dataset)))
+    Ok(Begun {
+        run,
+        config,
+        dataset: Arc::new(dataset),
+        first_points: Default::default(),
+    })
 }
 
 /// A resumed run is the one that was begun: options may repeat its values, not change them.

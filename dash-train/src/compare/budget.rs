@@ -7,8 +7,8 @@ use burn::tensor::Device;
 use super::gauge::Gauge;
 use crate::Error;
 use crate::dataset::Dataset;
-use crate::train::TrainConfig;
 use crate::train::budget::{OnTrial, Trials, extrapolate};
+use crate::train::{FirstPoints, TrainConfig};
 
 /// Steps of the first trial: enough for some rounds of density control.
 const FIRST_TRIAL: usize = 300;
@@ -44,9 +44,9 @@ impl Budget {
     pub(super) fn iterations(
         self,
         config: &TrainConfig,
-        dataset: &Arc<Dataset>,
-        device: &Device,
+        (dataset, device): (&Arc<Dataset>, &Device),
         gauge: &mut Gauge,
+        first_points: &FirstPoints,
         on_step: OnTrial<'_>,
     ) -> Result<usize, Error> {
         let trials = Trials {
@@ -56,6 +56,7 @@ impl Budget {
             pace: &mut |secs| gauge.paced(secs),
             on_step,
             backdrop: None,
+            first_points,
         };
         let tried = trials.run(config, dataset, device)?;
         Ok(tried.steps((self.seconds - tried.after).max(TRIAL_SHARE * self.seconds)))

@@ -12,7 +12,7 @@ use dash_model::DynamicScene;
 use super::Method;
 use crate::Error;
 use crate::dataset::Dataset;
-use crate::train::{TrainConfig, Trainer};
+use crate::train::{Additions, FirstPoints, TrainConfig, Trainer};
 
 /// Seconds of training between two measurements.
 const INTERVAL: f64 = 2.0;
@@ -44,11 +44,16 @@ impl Gauge {
         dataset: &Arc<Dataset>,
         device: &Device,
         first: Option<f64>,
+        first_points: &FirstPoints,
     ) -> Result<Self, Error> {
         let mut config = Method::Static.of(preset);
         config.iterations = ENDLESS;
         config.densify.static_set.during = [0.0; 2];
-        let mut reference = Trainer::new(config, dataset.clone(), device)?;
+        let additions = Additions {
+            first_points: first_points.clone(),
+            ..Default::default()
+        };
+        let mut reference = Trainer::with(config, dataset.clone(), device, additions)?;
         for _ in 0..COLD {
             reference.step()?;
         }
@@ -106,7 +111,8 @@ mod tests {
         let mut preset = TrainConfig::preset(Preset::Quick);
         preset.initial_points[0] = 200;
         let device = Device::flex();
-        let gauge = |first| Gauge::new(&preset, &dataset, &device, first).expect("trains");
+        let points = FirstPoints::default();
+        let gauge = |first| Gauge::new(&preset, &dataset, &device, first, &points).expect("trains");
         let mut begun = gauge(None);
         assert_eq!(begun.slowness, 1.0);
         assert_eq!(begun.paced(0.5).expect("trains"), 0.5);

@@ -35,7 +35,7 @@ use crate::evaluate::Perceptual;
 use crate::files::{claim, read_owner};
 use crate::numbers::median_and_range;
 use crate::results::{Results, scored};
-use crate::train::{DataConfig, RunFolder, StepReport, TrainConfig, check_dataset};
+use crate::train::{DataConfig, FirstPoints, RunFolder, StepReport, TrainConfig, check_dataset};
 
 /// The file of a comparison's folder that says what is compared.
 const FILE: &str = "compare.toml";
@@ -91,13 +91,17 @@ pub struct On<'a> {
     pub dataset: &'a Arc<Dataset>,
     /// The device.
     pub device: &'a Device,
-    /// How fast it is.
-    pub pace: &'a mut Pace,
+    /// What the runs before it found.
+    pub found: &'a mut Shared,
 }
 
-/// The machine's speed, once a process has measured it: from its first run to the last.
+/// What runs of one process share.
 #[derive(Default)]
-pub struct Pace(Option<Gauge>);
+pub struct Shared {
+    /// The machine's speed, from the first run on.
+    pace: Option<Gauge>,
+    first_points: FirstPoints,
+}
 
 /// A run of a comparison.
 #[derive(Debug, Clone)]
@@ -267,7 +271,7 @@ impl Comparison {
             perceptual: options.perceptual,
             observer,
             stop: options.stop,
-            pace: on.pace,
+            found: on.found,
         }
     }
 }

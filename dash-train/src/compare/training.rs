@@ -10,13 +10,13 @@ use dash_model::scene_file::write_atomically;
 use serde::{Deserialize, Serialize};
 
 use super::gauge::Gauge;
-use super::{Budget, Comparison, Length, Method, Observer, Pace};
+use super::{Budget, Comparison, Length, Method, Observer, Shared};
 use crate::Error;
 use crate::dataset::Dataset;
 use crate::evaluate::Perceptual;
 use crate::jobs::Hold;
 use crate::results::{Results, take_up, train_and_score};
-use crate::train::{RunConfig, RunFolder, StepReport, TrainConfig, TrainOptions};
+use crate::train::{Additions, RunConfig, RunFolder, StepReport, TrainConfig, TrainOptions};
 
 /// How fast the machine was when a comparison began: `OUT/speed.toml`.
 #[derive(Debug, Serialize, Deserialize)]
@@ -36,8 +36,8 @@ pub(super) struct Training<'a> {
     pub(super) observer: &'a mut dyn Observer,
     /// Asked before and after every step of a run of given length whether to stop there, with a checkpoint.
     pub(super) stop: &'a dyn Fn() -> bool,
-    /// The machine's speed, from the first run that is trained on.
-    pub(super) pace: &'a mut Pace,
+    /// What the runs before it found.
+    pub(super) found: &'a mut Shared,
 }
 
 impl Training<'_> {
@@ -50,8 +50,8 @@ impl Training<'_> {
         iterations: Option<usize>,
         root: &Path,
     ) -> Result<(RunFolder, Results), Error> {
-        if self.pace.0.is_none() {
-            self.pace.0 = Some(self.measure_speed()?);
+        if self.found.pace.is_none() {
+            self.found.pace = Some(self.measure_speed()?);
         }
         let mut config = method.of(&self.comparison.preset);
         config.seed = seed;
@@ -103,8 +103,10 @@ impl Training<'_> {
             None => observer.begin(method, config.seed, n, true),
             Some((report, secs)) => observer.step(report, secs),
         };
-        let gauge = self.pace.0.as_mut().expect("measured before any run");
-        budget.iterations(config, self.dataset, self.device, gauge, &mut told)
+        let gauge = self.found.pace.as_mut().expect("measured before any run");
+        let first_points = &self.found.first_points;
+        let on = (self.dataset, self.device);
+        budget.iterations(config, on, gauge, first_points, &mut told)
     }
 
     fn train(&mut self, config: TrainConfig, root: &Path) -> Result<(RunFolder, Results), Error> {
@@ -120,7 +122,8 @@ impl Training<'_> {
             }
             RunFolder::create(root, &config)?
         };
-        let gauge = self.pace.0.as_mut().expect("measured before any run");
+        let gauge = self.found.pace.as_mut().expect("measured before any run");
+        let first_points = self.found.first_points.clone();
         let options = TrainOptions {
             resume: resumes,
             curve: self.comparison.curve,
@@ -131,7 +134,10 @@ impl Training<'_> {
                 true => self.stop,
                 false => &|| false,
             },
-            additions: Default::default(),
+            additions: Additions {
+                first_points,
+                ..Default::default()
+            },
         };
         let results = train_and_score(
             &run,
@@ -169,7 +175,13 @@ impl Training<'_> {
             Err(e) => return Err(Error::io(&path, "read", e)),
         };
         let first = known.as_ref().map(|speed| speed.reference_step_secs);
-        let gauge = Gauge::new(&self.comparison.preset, self.dataset, self.device, first)?;
+        let gauge = Gauge::new(
+            &self.comparison.preset,
+            self.dataset,
+            self.device,
+            first,
+            &self.found.first_points,
+        )?;
         if known.is_none() {
             let speed = Speed {
                 reference_step_secs: gauge.first(),

@@ -3,9 +3,9 @@
 use super::tracks::{MOVED, Small};
 use crate::numbers::median;
 
-/// Parts of the clip whose means are compared.
-const PARTS: usize = 8;
-/// Means of parts differ by motion when they do so by this many of their standard deviations: the range of eight
+/// Spans of the clip whose means are compared.
+const SPANS: usize = 8;
+/// Means of spans differ by motion when they do so by this many of their standard deviations: the range of eight
 /// normal values exceeds it once in ten million.
 const ABOVE_NOISE: f64 = 8.0;
 /// How much noisier than usual a pixel may be.
@@ -15,7 +15,7 @@ const DEVIATION: f64 = 0.886;
 
 /// The sums that a clip's small pictures are gathered into.
 pub(super) struct Span {
-    /// Of each part, of each pixel.
+    /// Of each span, of each pixel.
     sums: Vec<Vec<f64>>,
     counts: Vec<f64>,
     /// Of the changes from frame to frame.
@@ -27,10 +27,10 @@ pub(super) struct Span {
 impl Span {
     /// Of a clip of so many frames.
     pub(super) fn new(n_frames: usize) -> Self {
-        let parts = n_frames.clamp(1, PARTS);
+        let spans = n_frames.clamp(1, SPANS);
         Self {
-            sums: vec![Vec::new(); parts],
-            counts: vec![0.0; parts],
+            sums: vec![Vec::new(); spans],
+            counts: vec![0.0; spans],
             change: Vec::new(),
             n_changes: 0.0,
             n_frames: n_frames.max(1),
@@ -41,11 +41,11 @@ impl Span {
     /// than the first all of it is.
     pub(super) fn add(&mut self, index: usize, picture: &Small, before: Option<&Small>, gain: f64) {
         let values = || picture.luma.iter().map(|&v| f64::from(v) / gain);
-        let part = index * self.sums.len() / self.n_frames;
-        let sums = &mut self.sums[part];
+        let span = index * self.sums.len() / self.n_frames;
+        let sums = &mut self.sums[span];
         sums.resize(picture.luma.len(), 0.0);
         sums.iter_mut().zip(values()).for_each(|(sum, v)| *sum += v);
-        self.counts[part] += 1.0;
+        self.counts[span] += 1.0;
         if let Some(before) = before {
             self.change.resize(picture.luma.len(), 0.0);
             let changes = picture
@@ -59,16 +59,16 @@ impl Span {
         }
     }
 
-    /// Share of the picture that is not the same in all parts of the clip, by more than sensor noise.
+    /// Share of the picture that is not the same in all spans of the clip, by more than sensor noise.
     pub(super) fn moved(&self) -> f64 {
-        let parts: Vec<(&[f64], f64)> = self
+        let spans: Vec<(&[f64], f64)> = self
             .sums
             .iter()
             .zip(&self.counts)
             .filter(|(_, count)| **count > 0.0)
             .map(|(sums, count)| (sums.as_slice(), *count))
             .collect();
-        let fewest = parts
+        let fewest = spans
             .iter()
             .map(|(_, count)| *count)
             .fold(f64::INFINITY, f64::min);
@@ -77,7 +77,7 @@ impl Span {
         let usual = median(self.change.iter().copied()).unwrap_or(0.0);
         let moves = |pixel: usize| {
             let means = || {
-                parts
+                spans
                     .iter()
                     .filter_map(|(sums, n)| Some(sums.get(pixel)? / n))
             };

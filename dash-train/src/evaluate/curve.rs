@@ -14,10 +14,10 @@ use dash_model::unfinished::Unfinished;
 use dash_model::{DynamicScene, ModelError};
 use serde::{Deserialize, Serialize};
 
-use super::measure::{camera_moving_pixels, evaluate_views};
 use super::perceptual::Perceptual;
 use super::scores::Evaluation;
 use super::storage::storage_bytes;
+use super::views::{camera_moving_pixels, evaluate_views};
 use crate::Error;
 use crate::dataset::{Dataset, Partition, View};
 use crate::process::peak_memory_bytes;

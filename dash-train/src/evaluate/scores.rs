@@ -90,7 +90,8 @@ pub struct MetricSettings {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Evaluation {
     /// Which views.
-    pub split: Partition,
+    #[serde(rename = "split")]
+    pub partition: Partition,
     /// Static Gaussians.
     pub n_static: usize,
     /// Dynamic Gaussians.

@@ -29,7 +29,7 @@ use crate::compare::Method;
 use crate::evaluate::PerceptualFiles;
 use crate::results::{remove_checkpoints, scored};
 use crate::train::RunFolder;
-use crate::windows::Part;
+use crate::windows::ClipRun;
 
 /// The only version of `plan.json`.
 const FORMAT_VERSION: u32 = 1;
@@ -368,7 +368,7 @@ fn n_tasks(work: &Work, seeds: u64) -> u128 {
 /// The runs.
 fn tasks(work: &Work, seeds: u64) -> Vec<Task> {
     if let Work::Windows { windows, room } = work {
-        let runs = Part::all(*windows, *room).map(Part::run_name);
+        let runs = ClipRun::all(*windows, *room).map(ClipRun::run_name);
         return runs.map(|run| Task { run }).collect();
     }
     let folders: Vec<String> = match work {

@@ -9,7 +9,7 @@
 //! - this file: the report and its files; `page`: the page; `table`: tables and CSV.
 //! - `plot`: figures.
 //! - `inputs`: from paths to a report; `runs`: what a run's folder holds; `groups`: runs of several seeds;
-//!   `statistics`: medians and times to a quality; `measures`: what is measured of them;
+//!   `statistics`: medians and times to a quality; `quantities`: what is measured of them;
 //!   `training`, `log`, `tables`, `settings`: their figures, tables and captions.
 //! - `published`: figures of others beside ours.
 //! - `kernels`: figures of kernels' errors and times.
@@ -20,10 +20,10 @@ mod inputs;
 mod kernel_tables;
 mod kernels;
 mod log;
-mod measures;
 mod page;
 mod plot;
 mod published;
+mod quantities;
 mod runs;
 mod settings;
 mod statistics;

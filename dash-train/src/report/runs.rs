@@ -29,7 +29,7 @@ impl RunRecord {
     /// the test views, else from the last line of the curve.
     pub(super) fn end(&self) -> Option<End> {
         let results = self.results.as_ref();
-        let of_test = results.filter(|r| r.evaluation.split == Partition::Test);
+        let of_test = results.filter(|r| r.evaluation.partition == Partition::Test);
         if let Some(results) = of_test {
             let scores = &results.evaluation;
             return Some(End {

@@ -1,7 +1,7 @@
 //! Tables of training runs.
 
 use super::groups::{RunGroup, runs_of};
-use super::measures::{COSTS, METRICS};
+use super::quantities::{COSTS, METRICS};
 use super::runs::{End, RunRecord};
 use super::settings::pinned;
 use super::statistics::seconds_to_best;

@@ -1,8 +1,8 @@
 //! Figures and captions about training runs.
 
 use super::groups::{RunGroup, lines, series};
-use super::measures::{COSTS, METRICS};
 use super::plot::{Axis, Figure, Panel, Point, Series};
+use super::quantities::{COSTS, METRICS};
 use super::runs::RunRecord;
 use super::settings::{pinned, rules};
 use super::statistics::median_points;

@@ -9,7 +9,7 @@ use std::time::Instant;
 use burn::tensor::Device;
 use dash_model::DynamicScene;
 
-use super::{Additions, StepReport, TrainConfig, Trainer};
+use super::{Additions, FirstPoints, StepReport, TrainConfig, Trainer};
 use crate::Error;
 use crate::dataset::Dataset;
 
@@ -45,13 +45,15 @@ pub(crate) struct Trials<'a> {
     pub(crate) on_step: OnTrial<'a>,
     /// The room of another run that is drawn with each.
     pub(crate) backdrop: Option<&'a DynamicScene>,
+    /// What they start from, which is kept for the run itself.
+    pub(crate) first_points: &'a FirstPoints,
 }
 
 /// What trials showed.
 pub(crate) struct Tried {
     /// Steps and the seconds that they took.
     points: Vec<(f64, f64)>,
-    /// Seconds before the first step: first points, and steps that are not timed.
+    /// Seconds before the first step that is timed, once there are first points.
     pub(crate) before: f64,
     /// Seconds after the last: what is tried when training is over takes as long after any number of steps, nearly.
     pub(crate) after: f64,
@@ -84,9 +86,12 @@ impl Trials<'_> {
                 ..config.clone()
             };
             (self.on_step)(iterations, None);
+            let schedule = config.for_capture(dataset).schedule();
+            self.first_points.start(&schedule, dataset)?;
             let start = Instant::now();
             let additions = Additions {
                 backdrop: self.backdrop.cloned(),
+                first_points: self.first_points.clone(),
                 ..Default::default()
             };
             let mut trainer = Trainer::with(config, dataset.clone(), device, additions)?;
@@ -117,7 +122,7 @@ impl Trials<'_> {
 }
 
 /// Seconds for the training of one or more runs.
-#[derive(Debug, Clone, Copy)]
+#[derive(Clone)]
 pub struct Budget<'a> {
     /// Seconds from now, trials included; scores and files are written besides that.
     pub secs: f64,
@@ -125,6 +130,8 @@ pub struct Budget<'a> {
     pub runs: f64,
     /// The room of another run that each draws.
     pub backdrop: Option<&'a DynamicScene>,
+    /// What trials start from. A run that gets them, too, in [`Additions::first_points`] doesn't look for them again.
+    pub first_points: FirstPoints,
 }
 
 impl Budget<'_> {
@@ -134,6 +141,7 @@ impl Budget<'_> {
             secs,
             runs: 1.0,
             backdrop: None,
+            first_points: FirstPoints::default(),
         }
     }
 
@@ -152,6 +160,7 @@ impl Budget<'_> {
             secs,
             runs,
             backdrop,
+            first_points,
         } = self;
         let begin = Instant::now();
         let last_secs = (SHARE * secs).min(SHARE_OF_RUN * secs / runs);
@@ -162,6 +171,7 @@ impl Budget<'_> {
             pace: &mut Ok,
             on_step,
             backdrop,
+            first_points: &first_points,
         };
         let tried = trials.run(config, dataset, device)?;
         let left = (secs - begin.elapsed().as_secs_f64()) / runs - tried.before - tried.after;
@@ -225,6 +235,7 @@ mod tests {
                     }
                 },
                 backdrop: None,
+                first_points: &FirstPoints::default(),
             };
             let tried = tried.run(&config, &dataset, &Device::flex());
             (lengths, tried.expect("trains"))

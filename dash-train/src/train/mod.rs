@@ -27,8 +27,8 @@ pub(crate) use budget::TYPICAL_POWER;
 pub use budget::{Budget, OnTrial};
 pub use config::{Keep, Preset, TrainConfig};
 pub use core::{
-    Decision, Densify, Extension, Finished, MAX_SKIPPED_IN_A_ROW, Method, NonFinite, Place,
-    SkippedStep, StepReport,
+    Decision, Densify, Extension, Finished, FirstPoints, MAX_SKIPPED_IN_A_ROW, Method, NonFinite,
+    Place, SkippedStep, StepReport,
 };
 pub use reference::reference;
 pub use run::{

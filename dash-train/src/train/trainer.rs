@@ -8,8 +8,8 @@ use dash_model::{DynamicScene, GaussianRows, Gaussians};
 
 use super::config::TrainConfig;
 use super::core::{
-    self, Adaptive, Backdrop, Densify, Extension, Finished, Hooks, Run, SkippedStep, StepReport,
-    ViewSums, checkpoint, hold_out,
+    self, Adaptive, Backdrop, Densify, Extension, Finished, FirstPoints, Hooks, Run, SkippedStep,
+    StepReport, ViewSums, checkpoint, hold_out,
 };
 use super::paper::Dash;
 use crate::Error;
@@ -26,7 +26,7 @@ pub struct Trainer {
     pub(crate) hooks: Hooks<Dash>,
 }
 
-/// Extensions and density control beside those of the configuration.
+/// What a run gets beside its configuration.
 #[derive(Default)]
 pub struct Additions {
     /// Extensions, whose hooks are called after those of the configuration.
@@ -35,6 +35,8 @@ pub struct Additions {
     pub densify: Option<Box<dyn Densify>>,
     /// A scene whose static Gaussians are kept where they fit; see [`Run::put_before`].
     pub backdrop: Option<DynamicScene>,
+    /// Points that other runs on the same data have found, and that others will find here.
+    pub first_points: FirstPoints,
 }
 
 impl Trainer {
@@ -58,9 +60,8 @@ impl Trainer {
     ) -> Result<Self, Error> {
         config.validate()?;
         let schedule = config.for_capture(&dataset).schedule();
-        let mut run = Run::new(schedule, dataset, device, |facts| {
-            Dash::new(config.method.clone(), facts)
-        })?;
+        let method = |facts: &_| Dash::new(config.method.clone(), facts);
+        let mut run = Run::new(schedule, dataset, device, &additions.first_points, method)?;
         run.scene.settings.trajectory_basis = run.method.basis;
         run.scene.settings.offsets = config.method.offsets();
         if let Some(room) = &additions.backdrop {

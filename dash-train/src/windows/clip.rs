@@ -7,7 +7,7 @@ use std::sync::{Mutex, OnceLock, PoisonError};
 use burn::tensor::Device;
 use dash_model::{DynamicScene, TimeWindows};
 
-use super::{Part, Windows};
+use super::{ClipRun, Windows};
 use crate::Error;
 use crate::splat_scene::{Drawn, SceneOverTime};
 use crate::train::RunFolder;
@@ -75,7 +75,7 @@ impl WindowedClip {
         let scene = match read.iter().position(|(known, _)| *known == number) {
             Some(place) => read.remove(place).1,
             None => {
-                let run = self.run(Part::Window(number))?;
+                let run = self.run(ClipRun::Window(number))?;
                 let mut scene = match self.windows.room {
                     None => run.scene(&self.device)?,
                     Some(_) => run.scene_before(self.room()?, &self.device)?,
@@ -89,8 +89,8 @@ impl WindowedClip {
         Ok(scene)
     }
 
-    fn run(&self, part: Part) -> Result<RunFolder, Error> {
-        RunFolder::open(&self.out.join(part.run_name()))
+    fn run(&self, run: ClipRun) -> Result<RunFolder, Error> {
+        RunFolder::open(&self.out.join(run.run_name()))
     }
 
     /// What all windows share.
@@ -98,7 +98,7 @@ impl WindowedClip {
         if let Some(room) = self.room.get() {
             return Ok(room);
         }
-        let room = self.run(Part::Room)?.scene(&self.device)?;
+        let room = self.run(ClipRun::Room)?.scene(&self.device)?;
         Ok(self.room.get_or_init(|| room))
     }
 }

@@ -76,16 +76,16 @@ pub struct Room {
     pub iterations: usize,
 }
 
-/// What one of the runs is about.
+/// One of the runs of a clip.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Part {
+pub enum ClipRun {
     /// What is the same all the time; the other runs need it.
     Room,
     /// A window, by its number.
     Window(usize),
 }
 
-impl Part {
+impl ClipRun {
     /// The runs of so many windows, in the order in which they are trained.
     pub fn all(windows: usize, has_room: bool) -> impl Iterator<Item = Self> {
         let room = has_room.then_some(Self::Room);
@@ -101,7 +101,7 @@ impl Part {
     }
 }
 
-/// A part of a clip.
+/// A stretch of a clip.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Window {
@@ -137,7 +137,7 @@ pub struct RunOptions<'a> {
 /// Told how a run goes on.
 pub trait Observer {
     /// It begins or goes on, of so many steps.
-    fn begin(&mut self, part: Part, iterations: usize);
+    fn begin(&mut self, run: ClipRun, iterations: usize);
     /// A step of it is done.
     fn step(&mut self, report: &StepReport, seconds: f64);
 }
@@ -273,8 +273,8 @@ impl Windows {
     }
 
     /// The runs, in the order of their tasks.
-    pub fn parts(&self) -> impl Iterator<Item = Part> {
-        Part::all(self.windows.len(), self.room.is_some())
+    pub fn runs(&self) -> impl Iterator<Item = ClipRun> {
+        ClipRun::all(self.windows.len(), self.room.is_some())
     }
 
     /// Steps of each window with which all that is not trained yet is so about `secs` seconds from now, one after the other. Short
@@ -293,7 +293,7 @@ impl Windows {
     ) -> Result<usize, Error> {
         let data = DataConfig {
             backdrop: None,
-            ..self.data_of(Part::Window(self.windows.len() / 2), name)
+            ..self.data_of(ClipRun::Window(self.windows.len() / 2), name)
         };
         let dataset = dataset_of(&data, memory)?;
         let of_room = match room.is_none() && self.room.is_some() {
@@ -304,6 +304,7 @@ impl Windows {
             secs,
             runs: self.windows.len() as f64 + of_room,
             backdrop: room,
+            first_points: Default::default(),
         };
         budget.steps(&self.train, &dataset, device, on_trial)
     }
@@ -315,23 +316,23 @@ impl Windows {
     /// When its frames can't be loaded, or training fails or is stopped.
     pub fn run_one(
         &self,
-        part: Part,
+        run: ClipRun,
         out: &Path,
         options: &RunOptions<'_>,
         observer: &mut dyn Observer,
     ) -> Result<(), Error> {
-        let data = self.data_of(part, options.device.1);
+        let data = self.data_of(run, options.device.1);
         let dataset = dataset_of(&data, options.memory)?;
         let train = TrainConfig {
-            iterations: match (part, self.room) {
-                (Part::Room, Some(room)) => room.iterations,
+            iterations: match (run, self.room) {
+                (ClipRun::Room, Some(room)) => room.iterations,
                 _ => self.train.iterations,
             },
             ..self.train.clone()
         };
-        observer.begin(part, train.iterations);
+        observer.begin(run, train.iterations);
         let config = RunConfig::new(data, train);
-        let run = take_up(&out.join(part.run_name()), &config, "clip")?;
+        let run = take_up(&out.join(run.run_name()), &config, "clip")?;
         let train_options = TrainOptions {
             resume: true,
             curve: 0,
@@ -348,15 +349,15 @@ impl Windows {
     }
 
     /// The data of a run.
-    fn data_of(&self, part: Part, device: &str) -> DataConfig {
-        let (frames, backdrop) = match part {
-            Part::Room => (self.room.map(|room| FrameRange::Every(room.every)), None),
-            Part::Window(number) => {
+    fn data_of(&self, run: ClipRun, device: &str) -> DataConfig {
+        let (frames, backdrop) = match run {
+            ClipRun::Room => (self.room.map(|room| FrameRange::Every(room.every)), None),
+            ClipRun::Window(number) => {
                 let Window { first, last, .. } = self.windows[number];
                 let [first, last] = [first, last].map(|frame| frame as u64);
                 let room = self
                     .room
-                    .map(|_| Path::new("..").join(Part::Room.run_name()));
+                    .map(|_| Path::new("..").join(ClipRun::Room.run_name()));
                 (Some(FrameRange::Places { first, last }), room)
             }
         };

@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use super::{Part, WindowedClip};
+use super::{ClipRun, WindowedClip};
 use crate::Error;
 use crate::dataset::{Dataset, Partition};
 use crate::evaluate::{Perceptual, Scored, evaluate};
@@ -18,16 +18,16 @@ impl WindowedClip {
     pub fn evaluate(
         &self,
         dataset: &Dataset,
-        split: Partition,
+        partition: Partition,
         device: &str,
         perceptual: &Perceptual,
     ) -> Result<Results, Error> {
         let windows = self.windows();
         let (mut counts, mut sums) = ((0, 0), Sums::default());
-        for part in windows.parts() {
-            let of_run = sums.add(&self.out.join(part.run_name()))?;
+        for run in windows.runs() {
+            let of_run = sums.add(&self.out.join(run.run_name()))?;
             // Those of the room are among the windows' own.
-            if part != Part::Room {
+            if run != ClipRun::Room {
                 counts.0 += of_run.0;
                 counts.1 += of_run.1;
             }
@@ -38,7 +38,7 @@ impl WindowedClip {
             background: self.background()?,
         };
         let downscale = windows.data.downscale;
-        let mut evaluation = evaluate(clip, dataset, split, downscale, perceptual)?;
+        let mut evaluation = evaluate(clip, dataset, partition, downscale, perceptual)?;
         evaluation.metric_settings.peak_memory =
             format!("of the windows, the largest: {TRAINING_MEMORY}");
         let results = Results {
@@ -52,7 +52,7 @@ impl WindowedClip {
             peak_memory_bytes: sums.peak,
             evaluation,
         };
-        results.write(&self.out.join(RunFolder::scores_name(split)))?;
+        results.write(&self.out.join(RunFolder::scores_name(partition)))?;
         Ok(results)
     }
 }

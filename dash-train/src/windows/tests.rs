@@ -108,18 +108,12 @@ fn clips_that_need_no_windows_have_none() {
     let found = of(5, 2).expect("sound");
     assert_eq!((found.n_frames, found.windows.len()), (9, 3));
     assert_eq!((found.windows[2].from, found.windows[2].to), (0.5, 1.0));
-    let names: Vec<String> = found.parts().map(Part::run_name).collect();
+    let names: Vec<String> = found.runs().map(ClipRun::run_name).collect();
     assert_eq!(names, ["room", "window-000", "window-001", "window-002"]);
-    let frames = |part| {
-        found
-            .data_of(part, "flex")
-            .frames
-            .expect("some")
-            .to_string()
-    };
+    let frames = |run| found.data_of(run, "flex").frames.expect("some").to_string();
     // No more frames than a window has.
-    assert_eq!(frames(Part::Room), "all/2");
-    assert_eq!(frames(Part::Window(2)), "#4-8");
+    assert_eq!(frames(ClipRun::Room), "all/2");
+    assert_eq!(frames(ClipRun::Window(2)), "#4-8");
     for (length, overlap, option) in [
         (9, 2, "--window"),
         (3, 1, "--window"),

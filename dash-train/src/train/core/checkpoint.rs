@@ -219,7 +219,7 @@ fn statistics<M>(run: &Run<M>) -> Saved {
         .iter()
         .zip([&run.static_state, &run.dynamic_state])
     {
-        let (gradient, seen) = state.gathered.parts();
+        let (gradient, seen) = state.gathered.totals();
         saved.insert(&format!("{}.gradient", set.name()), gradient);
         saved.insert(&format!("{}.seen", set.name()), seen);
     }
@@ -246,7 +246,7 @@ fn restore_statistics<M: Method>(
                 ));
             }
         }
-        run.state(set).gathered = ViewSums::from_parts(&gradient, &seen, &run.device.clone());
+        run.state(set).gathered = ViewSums::from_totals(&gradient, &seen, &run.device.clone());
     }
     Ok(())
 }

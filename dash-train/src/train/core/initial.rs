@@ -21,7 +21,7 @@ pub(crate) const EXTENT_TAIL: f32 = 0.05;
 pub(crate) const CHANGING_SHARE: f32 = 0.25;
 /// Share of the points in a picture that may be nearer than what counts as its nearest.
 const NEAR_TAIL: f64 = 0.01;
-/// Part of the distance of the nearest at which Gaussians begin to be drawn.
+/// Share of the distance of the nearest at which Gaussians begin to be drawn.
 pub(crate) const NEAR_SHARE: f64 = 0.5;
 /// Share of the points on either side that a field's box may leave out.
 pub(crate) const BOX_TAIL: f32 = 0.01;

@@ -24,7 +24,7 @@ const EPSILON: f64 = 1e-15;
 pub struct Rate {
     /// Adam's learning rate.
     pub rate: f32,
-    /// Part of the parameter's typical gradient that is added to Adam's denominator. Adam takes steps
+    /// Share of the parameter's typical gradient that is added to Adam's denominator. Adam takes steps
     /// of one length however small a gradient is; with this, elements that hardly matter hardly move.
     pub damping: f32,
     /// Views whose mean gradient it is. Steps are longer by their square root, and Adam forgets as much as in a step for each

@@ -8,21 +8,19 @@ use dash_model::{
     DynamicScene, Gaps, GaussianRows, Gaussians, OffsetPlacement, SceneSettings, SpaceBox,
     TrajectoryBasis,
 };
-use rand::SeedableRng;
 use rand_pcg::Pcg64;
 
 use super::backdrop::Backdrop;
-use super::capture::{self, TimeSpan};
+use super::capture::TimeSpan;
 use super::config::{DensifyConfig, ScheduleConfig};
 use super::densify::SceneScale;
-use super::hold_out;
-use super::initial::{Region, initial_points, near_plane};
+use super::first_points::FirstPoints;
+use super::initial::{Region, near_plane};
 use super::notes::Notes;
 use super::optimizer::Optimizer;
 use super::rates::Rates;
 use super::sampler::ViewSampler;
 use super::sets::{RowEdit, Set};
-use super::shortage;
 use super::skipped::Skipped;
 use super::times::Times;
 use super::view_sums::ViewSums;
@@ -97,7 +95,8 @@ pub struct Run<M> {
 }
 
 impl<M> Run<M> {
-    /// A run at its first step. `method` makes the method's state of what is known about the capture.
+    /// A run at its first step. `first_points` may hold its points; `method` makes the method's state of what is known about
+    /// the capture.
     ///
     /// # Errors
     /// When no view is left to train on, or an image can't be read.
@@ -105,34 +104,18 @@ impl<M> Run<M> {
         config: ScheduleConfig,
         dataset: Arc<Dataset>,
         device: &Device,
+        first_points: &FirstPoints,
         method: impl FnOnce(&CaptureFacts) -> M,
     ) -> Result<Self, Error> {
         let device = device.clone().autodiff();
-        let (train_views, validation_views) = hold_out::hold_out(&dataset);
-        if train_views.is_empty() {
-            return Err(Error::NoTrainingViews {
-                dataset: dataset.root.clone(),
-            });
-        }
-        let start = capture::start_span(&dataset, &train_views);
-        let mut rng = Pcg64::seed_from_u64(config.seed);
-        let background = dataset.background.unwrap_or([0.0; 3]);
-        let points = initial_points(
-            &dataset,
-            &train_views,
-            start,
-            background,
-            config.initial_points,
-            &mut rng,
-        )?;
-        if points.positions.is_empty() {
-            return Err(shortage::nothing_to_start_from(&dataset));
-        }
+        let begin = first_points.start(&config, &dataset)?;
+        let (train_views, points, start) = (&begin.train_views, &begin.points, begin.span);
+        let background = dataset.background.unwrap_or_default();
         let views = || train_views.iter().map(|&index| &dataset.views[index]);
-        let region = Region::of(&dataset, &points);
+        let region = Region::of(&dataset, points);
         let near_plane = config
             .near_plane
-            .unwrap_or_else(|| near_plane(views(), &points));
+            .unwrap_or_else(|| near_plane(views(), points));
         let extent = config.extent.unwrap_or(region.extent);
         let scale = FIRST_SCALE * extent;
         let rows =
@@ -173,11 +156,11 @@ impl<M> Run<M> {
             config,
             device,
             dataset,
-            train_views,
-            validation_views,
+            train_views: train_views.clone(),
+            validation_views: begin.validation_views.clone(),
             extent,
             start,
-            rng,
+            rng: begin.rng.clone(),
         })
     }
 

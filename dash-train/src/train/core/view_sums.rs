@@ -51,14 +51,14 @@ impl ViewSums {
     }
 
     /// The sums and the numbers of views, on the host.
-    pub fn parts(&self) -> (Vec<f32>, Vec<f32>) {
+    pub fn totals(&self) -> (Vec<f32>, Vec<f32>) {
         let sums = self.sums.clone().map(to_host).unwrap_or_default();
         let column = |k: usize| sums.iter().skip(k).step_by(SUMS).copied().collect();
         (column(0), column(1))
     }
 
-    /// What [`ViewSums::parts`] gave.
-    pub fn from_parts(sums: &[f32], views: &[f32], device: &Device) -> Self {
+    /// What [`ViewSums::totals`] gave.
+    pub fn from_totals(sums: &[f32], views: &[f32], device: &Device) -> Self {
         let n = sums.len();
         let device = device.clone().inner();
         let rows = sums.iter().zip(views);
@@ -102,17 +102,17 @@ mod tests {
             let mut sums = ViewSums::new(3, &device.clone().autodiff());
             sums.add(view([[0.5, 1.0], [0.0, 0.0], [2.0, 1.0]]));
             sums.add(view([[0.25, 1.0], [3.0, 1.0], [0.0, 0.0]]));
-            assert_eq!(sums.parts(), (vec![0.75, 3.0, 2.0], vec![2.0, 1.0, 1.0]));
+            assert_eq!(sums.totals(), (vec![0.75, 3.0, 2.0], vec![2.0, 1.0, 1.0]));
             let mut picked = sums.gather(&[2, 0, 0]);
             picked.grow(1, &device);
             let expected = (vec![2.0, 0.75, 0.75, 0.0], vec![1.0, 2.0, 2.0, 0.0]);
-            assert_eq!(picked.parts(), expected);
-            let again = ViewSums::from_parts(&expected.0, &expected.1, &device);
-            assert_eq!(again.parts(), expected);
+            assert_eq!(picked.totals(), expected);
+            let again = ViewSums::from_totals(&expected.0, &expected.1, &device);
+            assert_eq!(again.totals(), expected);
             let mut none = sums.gather(&[]);
-            assert_eq!(none.parts(), (vec![], vec![]));
+            assert_eq!(none.totals(), (vec![], vec![]));
             none.grow(1, &device);
-            assert_eq!(none.parts(), (vec![0.0], vec![0.0]));
+            assert_eq!(none.totals(), (vec![0.0], vec![0.0]));
         }
     }
 }

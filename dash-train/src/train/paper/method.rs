@@ -211,7 +211,7 @@ impl Method for Dash {
             held_still: self.held_still.clone(),
             nothing_moves: self.nothing_moves,
         });
-        let (weighted, weights) = self.scales.parts();
+        let (weighted, weights) = self.scales.totals();
         saved.insert("weighted", weighted);
         saved.insert("weights", weights);
         if let Some(motion) = &self.motion {
@@ -265,7 +265,7 @@ impl Method for Dash {
         method.motion_space = state.motion_space;
         method.held_still = state.held_still;
         method.nothing_moves = state.nothing_moves;
-        method.scales = ViewSums::from_parts(&weighted, &weights, &run.device);
+        method.scales = ViewSums::from_totals(&weighted, &weights, &run.device);
         Ok(())
     }
 }

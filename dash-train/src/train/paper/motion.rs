@@ -127,8 +127,8 @@ impl Run<Dash> {
 impl Dash {
     /// How large a world unit of each Gaussian's motion appears, mean over the views that showed it.
     pub(crate) fn mean_scales(&self) -> Vec<f32> {
-        let (sums, views) = self.scales.parts();
-        MotionStatistics::from_parts(sums, views).means()
+        let (sums, views) = self.scales.totals();
+        MotionStatistics::from_totals(sums, views).means()
     }
 
     /// The rate of a parameter of the coarse field, when so much is left of it.

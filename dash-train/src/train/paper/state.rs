@@ -25,7 +25,7 @@ pub struct Dash {
     pub basis: TrajectoryBasis,
     /// The coarse field's encoder.
     pub(crate) motion_encoder: HashEncoderConfig,
-    /// Part of the typical gradient that is added to Adam's denominator in the networks of the coarse field; 0 is plain
+    /// Share of the typical gradient that is added to Adam's denominator in the networks of the coarse field; 0 is plain
     /// Adam. All of the scene shares these networks: steps of full length along next to no gradient would shake what is
     /// at rest.
     pub damping: f32,

@@ -190,14 +190,14 @@ impl RunFolder {
         self.root.join("results.json")
     }
 
-    /// The scores of a split's views: `results.json`, of those trained on `results_train.json`.
-    pub fn scores_path(&self, split: Partition) -> PathBuf {
-        self.root.join(Self::scores_name(split))
+    /// The scores of a partition's views: `results.json`, of those trained on `results_train.json`.
+    pub fn scores_path(&self, partition: Partition) -> PathBuf {
+        self.root.join(Self::scores_name(partition))
     }
 
     /// The name of that file.
-    pub fn scores_name(split: Partition) -> &'static str {
-        match split {
+    pub fn scores_name(partition: Partition) -> &'static str {
+        match partition {
             Partition::Test => "results.json",
             Partition::Train => "results_train.json",
         }

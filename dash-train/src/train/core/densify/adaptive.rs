@@ -148,7 +148,7 @@ mod tests {
 
     /// Of four Gaussians, each seen twice, by their sums of gradients.
     fn statistics(gradients: [f32; 4]) -> DensityStatistics {
-        DensityStatistics::from_parts(gradients.to_vec(), vec![2; 4])
+        DensityStatistics::from_totals(gradients.to_vec(), vec![2; 4])
     }
 
     /// A round with room for so many and this threshold.

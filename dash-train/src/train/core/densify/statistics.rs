@@ -12,8 +12,8 @@ pub struct DensityStatistics {
 impl DensityStatistics {
     /// What the device has summed.
     pub fn of(sums: &ViewSums) -> Self {
-        let (gradient, views) = sums.parts();
-        Self::from_parts(gradient, views.into_iter().map(|n| n as u32).collect())
+        let (gradient, views) = sums.totals();
+        Self::from_totals(gradient, views.into_iter().map(|n| n as u32).collect())
     }
 
     /// Mean gradient of a Gaussian over the views that saw it.
@@ -26,12 +26,12 @@ impl DensityStatistics {
     }
 
     /// Sums of gradients, and how often each Gaussian was seen.
-    pub fn parts(&self) -> (&[f32], &[u32]) {
+    pub fn totals(&self) -> (&[f32], &[u32]) {
         (&self.gradient, &self.seen)
     }
 
-    /// Rebuilds statistics from [`DensityStatistics::parts`].
-    pub fn from_parts(gradient: Vec<f32>, seen: Vec<u32>) -> Self {
+    /// Rebuilds statistics from [`DensityStatistics::totals`].
+    pub fn from_totals(gradient: Vec<f32>, seen: Vec<u32>) -> Self {
         Self { gradient, seen }
     }
 }

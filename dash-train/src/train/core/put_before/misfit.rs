@@ -13,9 +13,9 @@ use crate::Error;
 use crate::dataset::View;
 use crate::numbers::median;
 
-/// Parts of the clip of each of which some views are looked at.
-const PARTS: usize = 8;
-/// Views of each part.
+/// Spans of the clip of each of which some views are looked at.
+const SPANS: usize = 8;
+/// Views of each span.
 const VIEWS: usize = 12;
 /// How many times the median difference of the room's Gaussians is too large for one to be kept: what is hard to show is no
 /// other thing.
@@ -25,7 +25,7 @@ const MOST: f32 = 2.0;
 const BOUNDS: (f32, f32) = (0.04, 0.08);
 /// Least of a Gaussian that a view must show to judge it, in pixels.
 const LEAST_SHOWN: f32 = 0.1;
-/// Share of a part's views to which a Gaussian has to be right: a passing object hides it from the others.
+/// Share of a span's views to which a Gaussian has to be right: a passing object hides it from the others.
 const SHARE: f64 = 0.25;
 
 /// What a view shows against the room.
@@ -54,27 +54,27 @@ impl Difference {
     }
 }
 
-/// How a room differs from some of a run's training views, by part of the clip.
+/// How a room differs from some of a run's training views, by span of the clip.
 pub(super) struct Misfit {
-    /// Of each Gaussian that the views show, its mean difference: in a part of the clip that of the views to which it fits well
-    /// ([`SHARE`]), and of all parts the median, since a flickering Gaussian fits at some time, too.
+    /// Of each Gaussian that the views show, its mean difference: in a span of the clip that of the views to which it fits well
+    /// ([`SHARE`]), and of all spans the median, since a flickering Gaussian fits at some time, too.
     gaussians: Vec<Option<f32>>,
-    /// The views of each part.
-    parts: Vec<Vec<Difference>>,
+    /// The views of each span.
+    spans: Vec<Vec<Difference>>,
     /// The difference from which on there is something else.
     threshold: f32,
 }
 
 impl Misfit {
-    /// Draws the room for some views of all parts of the clip.
+    /// Draws the room for some views of all spans of the clip.
     pub(super) fn of<M>(room: &DynamicScene, run: &Run<M>) -> Result<Self, Error> {
         let n = room.static_set.len();
-        let mut of_parts: Vec<Vec<&View>> = vec![Vec::new(); PARTS];
+        let mut of_spans: Vec<Vec<&View>> = vec![Vec::new(); SPANS];
         for view in run.views() {
-            of_parts[((view.time * PARTS as f32) as usize).min(PARTS - 1)].push(view);
+            of_spans[((view.time * SPANS as f32) as usize).min(SPANS - 1)].push(view);
         }
-        let (mut gaussians, mut parts) = (vec![Vec::new(); n], Vec::new());
-        for views in of_parts {
+        let (mut gaussians, mut spans) = (vec![Vec::new(); n], Vec::new());
+        for views in of_spans {
             let mut of_views = vec![Vec::new(); n];
             let count = views.len().min(VIEWS);
             let mut differences = Vec::new();
@@ -92,13 +92,13 @@ impl Misfit {
             for (means, of_views) in gaussians.iter_mut().zip(of_views) {
                 means.extend(where_it_fits(of_views));
             }
-            parts.push(differences);
+            spans.push(differences);
         }
         let gaussians: Vec<Option<f32>> = gaussians.into_iter().map(median).collect();
         let typical = median(gaussians.iter().flatten().copied()).unwrap_or(0.0);
         Ok(Self {
             gaussians,
-            parts,
+            spans,
             threshold: (MOST * typical).clamp(BOUNDS.0, BOUNDS.1),
         })
     }
@@ -114,7 +114,7 @@ impl Misfit {
         (0..self.gaussians.len()).filter(differs).collect()
     }
 
-    /// The points that lie where most views of some part of the clip differ from the room, in order: those that differ most
+    /// The points that lie where most views of some span of the clip differ from the room, in order: those that differ most
     /// where these are fewer than `least`.
     pub(super) fn of_points(&self, points: &[[f32; 3]], least: usize) -> Vec<usize> {
         let differences: Vec<f32> = points.par_iter().map(|&p| self.at(p)).collect();
@@ -129,13 +129,13 @@ impl Misfit {
         order
     }
 
-    /// The median over the views that have a point in sight, in the part of the clip where it is largest.
+    /// The median over the views that have a point in sight, in the span of the clip where it is largest.
     fn at(&self, point: [f32; 3]) -> f32 {
-        let of_part = |views: &Vec<Difference>| {
+        let of_span = |views: &Vec<Difference>| {
             let seen = views.iter().filter_map(|view| view.at(point));
             median(seen).unwrap_or(0.0)
         };
-        self.parts.iter().map(of_part).fold(0.0, f32::max)
+        self.spans.iter().map(of_span).fold(0.0, f32::max)
     }
 }
 

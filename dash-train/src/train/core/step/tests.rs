@@ -156,7 +156,7 @@ fn a_step_of_four_views_is_twice_as_long_and_sees_each_of_them() {
     let seen = |trainer: &mut Trainer| {
         let gathered = &trainer.run.state(Set::Static).gathered;
         let statistics = DensityStatistics::of(gathered);
-        statistics.parts().1.iter().max().copied()
+        statistics.totals().1.iter().max().copied()
     };
     assert_eq!((seen(&mut one), seen(&mut three)), (Some(4), Some(12)));
 }

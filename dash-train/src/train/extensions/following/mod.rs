@@ -28,7 +28,7 @@ use crate::train::core::loss::weighted_error;
 use crate::train::core::{Extension, Forward, Ranges, RowEdit, Run, Saved, Section, Set, to_host};
 use crate::train::paper::Dash;
 
-/// Part of the typical gradient that is added to Adam's denominator in the coarse field's networks.
+/// Share of the typical gradient that is added to Adam's denominator in the coarse field's networks.
 const DAMPING: f32 = 1.0;
 /// Share of the decomposition after which scene flow hands over, as of a rig: what does not move then comes to rest.
 const FLOW_HANDOVER: f32 = 0.8;

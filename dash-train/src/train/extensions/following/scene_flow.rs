@@ -35,7 +35,7 @@ const FEATURES: usize = 4;
 /// Learning rate of the offsets, in shares of the image's width, and its factor at a frame's last step.
 const RATE: f32 = 3e-4;
 const RATE_LEFT: f32 = 0.1;
-/// Part of the typical gradient that is added to Adam's denominator: cells that hardly matter should hardly move.
+/// Share of the typical gradient that is added to Adam's denominator: cells that hardly matter should hardly move.
 const DAMPING: f32 = 0.2;
 /// Share of its last velocity that a Gaussian starts with, since errors would go on like motion.
 const KEPT_VELOCITY: f32 = 0.8;

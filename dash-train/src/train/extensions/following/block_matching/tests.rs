@@ -128,7 +128,7 @@ pub(in super::super) fn trainer(scale: f32, speed: f32) -> Trainer {
     };
     trainer.run.start_motion().expect("valid");
     let device = trainer.run.device.clone();
-    trainer.run.method.scales = ViewSums::from_parts(&[scale; N], &[1.0; N], &device);
+    trainer.run.method.scales = ViewSums::from_totals(&[scale; N], &[1.0; N], &device);
     trainer
 }
 

@@ -51,23 +51,23 @@ impl<'a> From<&'a DynamicScene> for Scored<'a> {
 pub fn evaluate<'a>(
     scored: impl Into<Scored<'a>>,
     dataset: &Dataset,
-    split: Partition,
+    partition: Partition,
     downscale: f64,
     perceptual: &Perceptual,
 ) -> Result<Evaluation, Error> {
-    let views: Vec<&View> = dataset.views_of(split).collect();
+    let views: Vec<&View> = dataset.views_of(partition).collect();
     if views.is_empty() {
         return Err(Error::run(
             &dataset.root,
             format!(
-                "expected views of the {split} split, found none; choose --split or --test-cameras"
+                "expected views of the {partition} partition, found none; choose --split or --test-cameras"
             ),
         ));
     }
     evaluate_views(
         scored.into(),
         dataset,
-        (split, &views),
+        (partition, &views),
         &mut BTreeMap::new(),
         (downscale, perceptual),
     )
@@ -78,7 +78,7 @@ pub fn evaluate<'a>(
 pub(super) fn evaluate_views(
     scored: Scored<'_>,
     dataset: &Dataset,
-    (split, views): (Partition, &[&View]),
+    (partition, views): (Partition, &[&View]),
     masks: &mut BTreeMap<usize, Vec<bool>>,
     (downscale, perceptual): (f64, &Perceptual),
 ) -> Result<Evaluation, Error> {
@@ -113,7 +113,7 @@ pub(super) fn evaluate_views(
     let (n_static, n_dynamic) = scored.counts;
     let camera = &first.camera;
     Ok(Evaluation {
-        split,
+        partition,
         n_static,
         n_dynamic,
         psnr: mean_of_all(per_view.iter().map(|view| view.psnr)),
