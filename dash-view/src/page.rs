@@ -2,10 +2,13 @@
 //!
 //! A page is a folder for any static host, or one HTML file with everything in it. Its scene comes in parts, so that the
 //! first picture is there early: the static Gaussians that show most, the other static ones, then the dynamic ones with
-//! their field. A long clip has such parts for each window of time, and the player asks for those that it needs. Every part
-//! is a scene of its own, as [`DynamicScene::to_bytes`](dash_model::DynamicScene::to_bytes) writes it.
+//! their field. A long clip has such parts for each window of time, and the player asks for those that it needs. Static
+//! Gaussians that windows share, the room, have parts of their own. Every part is a scene of its own, as [`DynamicScene::to_bytes`](dash_model::DynamicScene::to_bytes) writes it.
 
+mod arrived;
+mod names;
 mod parts;
+mod room;
 
 use std::collections::BTreeMap;
 use std::io::Write;
@@ -14,17 +17,21 @@ use base64::Engine;
 use base64::engine::general_purpose::STANDARD;
 use dash_kernels::Camera;
 use dash_model::scene_file::TablePrecision;
-use dash_model::{DynamicScene, TimeWindows};
+use dash_model::{DynamicScene, Gaussians, TimeWindows};
 use flate2::Compression;
 use flate2::write::GzEncoder;
 use serde::{Deserialize, Serialize};
 
+pub use arrived::Arrived;
+pub use names::{Owner, PartName};
 pub use parts::{joined, parts};
+use room::Room;
+pub use room::RoomParts;
 
 use crate::content::NamedCamera;
 use crate::middle::middle_of;
 use crate::tracks::Tracks;
-use crate::{Content, Source, ViewError};
+use crate::{Content, Source, ViewError, WindowSource};
 
 const INDEX: &str = include_str!("../web/index.html");
 const SCRIPT: &str = include_str!("../web/player.js");
@@ -51,6 +58,8 @@ pub struct About {
     pub times: TimeWindows,
     /// Number of parts of each window; none where a run that trains says which parts there are.
     pub parts: Vec<usize>,
+    /// What windows share.
+    pub room: RoomParts,
 }
 
 /// A camera in a page, OpenCV axes.
@@ -98,6 +107,7 @@ impl About {
             cameras: cameras.iter().map(PageCamera::of).collect(),
             times: TimeWindows::whole(),
             parts: Vec::new(),
+            room: RoomParts::none(1),
         }
     }
 
@@ -162,25 +172,15 @@ impl Page {
     /// # Errors
     /// When the content is a file for each frame, a window can't be read, or the device fails.
     pub fn new(content: &Content, player: PlayerCode, poster: &[u8]) -> Result<Self, ViewError> {
-        let best = Compression::best();
-        let (mut files, mut parts_of) = (BTreeMap::new(), Vec::new());
-        let mut add = |scene: &DynamicScene| -> Result<(), ViewError> {
-            let parts = parts(scene);
-            let prefix = prefix(parts_of.len());
-            parts_of.push(parts.len());
-            let of_scene = files_of(&parts, best)?.into_iter();
-            files.extend(of_scene.map(|(name, bytes)| (format!("{prefix}{name}"), bytes)));
-            Ok(())
-        };
+        let mut scenes = Scenes::default();
         let (first, times) = match &content.source {
             Source::Scene(scene) => {
-                add(scene)?;
+                scenes.add(Owner::Window(0), scene)?;
+                scenes.room = RoomParts::none(1);
                 ((**scene).clone(), TimeWindows::whole())
             }
             Source::Windows(windows) => {
-                for window in 0..windows.times().len() {
-                    add(&windows.scene(window)?)?;
-                }
+                scenes.add_windows(&**windows)?;
                 (windows.scene(0)?, windows.times().clone())
             }
             _ => {
@@ -201,8 +201,11 @@ impl Page {
             fastest: tracks.map_or(0.0, |tracks| tracks.fastest / duration),
             cameras: content.cameras.iter().map(PageCamera::of).collect(),
             times,
-            parts: parts_of,
+            parts: scenes.parts,
+            room: scenes.room,
         };
+        let mut files = scenes.files;
+        let best = Compression::best();
         files.insert("about.json.gz".into(), about.packed());
         files.insert("player.wasm.gz".into(), packed(player.module, best));
         files.insert("poster.png".into(), poster.to_vec());
@@ -240,10 +243,13 @@ impl Page {
         let first = [
             "about.json.gz",
             "player.wasm.gz",
+            "room_part0.json.gz",
+            "room_part0.bin.gz",
             "part0.json.gz",
             "part0.bin.gz",
         ];
-        let files: usize = first.iter().map(|name| self.files[*name].len()).sum();
+        let sizes = first.iter().filter_map(|name| self.files.get(*name));
+        let files: usize = sizes.map(Vec::len).sum();
         files + INDEX.len() + SCRIPT.len() + self.script.len()
     }
 }
@@ -270,26 +276,66 @@ pub fn live_page(about: &About, player: PlayerCode) -> BTreeMap<String, Vec<u8>>
 /// # Errors
 /// When the device fails.
 pub fn scene_files(scene: &DynamicScene) -> Result<BTreeMap<String, Vec<u8>>, ViewError> {
-    files_of(&parts(scene), Compression::fast())
+    files_of(Owner::Window(0), &parts(scene), Compression::fast())
 }
 
-/// What the names of a window's files begin with.
-fn prefix(window: usize) -> String {
-    match window {
-        0 => String::new(),
-        _ => format!("window{window}_"),
+/// The files of a page's scenes.
+#[derive(Default)]
+struct Scenes {
+    files: BTreeMap<String, Vec<u8>>,
+    /// Number of parts of each window.
+    parts: Vec<usize>,
+    room: RoomParts,
+}
+
+impl Scenes {
+    fn add_windows(&mut self, windows: &dyn WindowSource) -> Result<(), ViewError> {
+        let n = windows.times().len();
+        let room = Room::of(windows)?;
+        if let Some(room) = &room {
+            let first = windows.scene(0)?;
+            let device = first.static_set.means.val().device();
+            let scene = DynamicScene {
+                static_set: Gaussians::from_rows(&room.rows, &device),
+                dynamic: None,
+                settings: first.settings,
+            };
+            self.add(Owner::Room, &scene)?;
+        }
+        for window in 0..n {
+            let (scene, bits) = match &room {
+                Some(room) => room.taken_from(windows.scene(window)?),
+                None => (windows.scene(window)?, String::new()),
+            };
+            self.add(Owner::Window(window), &scene)?;
+            self.room.windows.push(bits);
+        }
+        Ok(())
+    }
+
+    fn add(&mut self, owner: Owner, scene: &DynamicScene) -> Result<(), ViewError> {
+        let parts = parts(scene);
+        match owner {
+            Owner::Room => self.room.parts = parts.len(),
+            Owner::Window(_) => self.parts.push(parts.len()),
+        }
+        let best = Compression::best();
+        self.files.extend(files_of(owner, &parts, best)?);
+        Ok(())
     }
 }
 
 fn files_of(
+    owner: Owner,
     parts: &[DynamicScene],
     compression: Compression,
 ) -> Result<BTreeMap<String, Vec<u8>>, ViewError> {
     let mut files = BTreeMap::new();
     for (index, part) in parts.iter().enumerate() {
+        let name = PartName { owner, index };
         let [json, tensors] = part.to_bytes(TablePrecision::Half)?;
-        files.insert(format!("part{index}.json.gz"), packed(&json, compression));
-        files.insert(format!("part{index}.bin.gz"), packed(&tensors, compression));
+        files.insert(format!("{name}.json.gz"), packed(&json, compression));
+        files.insert(format!("{name}.bin.gz"), packed(&tensors, compression));
     }
     Ok(files)
 }

@@ -252,24 +252,22 @@ async function start() {
   if (parts.length === 0) return follow(coming);
   // The windows of that time come first.
   if (asked.has("time")) coming.seek(Number(asked.get("time")));
-  feed(coming, parts);
+  feed(coming);
 }
 
-/** Brings the windows of time that the player needs, one part after the other. */
-async function feed(coming, parts) {
+/** Brings what the player needs, one part after the other. */
+async function feed(coming) {
   try {
     for (;;) {
-      const [number] = coming.wanted();
-      if (number === undefined) {
+      const name = coming.wanted();
+      if (name === undefined) {
         window.dash.complete = true;
         await new Promise((done) => setTimeout(done, 50));
         continue;
       }
       window.dash.complete = false;
-      const prefix = number === 0 ? "" : `window${number}_`;
-      const part = coming.parts_here(number);
-      const files = await Promise.all(["json", "bin"].map((kind) => file(`${prefix}part${part}.${kind}.gz`)));
-      coming.add(number, ...files);
+      const files = await Promise.all(["json", "bin"].map((kind) => file(`${name}.${kind}.gz`)));
+      coming.add(name, ...files);
       if (!player && coming.ready()) begin(coming);
       changed = true;
     }

@@ -38,7 +38,7 @@ pub fn parts(scene: &DynamicScene) -> Vec<DynamicScene> {
 }
 
 /// Rows in falling order of opacity times area, which is what a picture shows of them at one distance.
-fn by_contribution(rows: &GaussianRows) -> Vec<usize> {
+pub(super) fn by_contribution(rows: &GaussianRows) -> Vec<usize> {
     let shown = |row: usize| {
         let mut log_scales = rows.log_scales[row];
         log_scales.sort_by(f32::total_cmp);

@@ -4,8 +4,6 @@
 //! when the clip comes near it. Nothing here waits for the device: a
 //! picture is asked for, and its bytes arrive later.
 
-use std::collections::BTreeMap;
-
 use burn::tensor::Device;
 use dash_kernels::Camera;
 use dash_model::{DynamicScene, ModelError};
@@ -17,20 +15,16 @@ use wasm_bindgen_futures::future_to_promise;
 use crate::draw::{Faded, ViewLayer, show_faded};
 use crate::navigator::Navigator;
 use crate::pace::Pace;
-use crate::page::{About, joined};
+use crate::page::{About, Arrived, Owner, PartName, joined};
 use crate::playback::Playback;
 use crate::speed::SpeedColors;
-
-/// Windows of time that stay here at most, unless a picture needs more.
-const MOST_WINDOWS: usize = 4;
 
 /// A scene, an eye and a clip.
 #[wasm_bindgen]
 pub struct Player {
     device: Device,
     about: About,
-    /// The windows that are here: their scenes, and how many parts of them.
-    windows: BTreeMap<usize, (DynamicScene, usize)>,
+    arrived: Arrived,
     /// Parts of the scene that is to come.
     next: Option<DynamicScene>,
     eye: Navigator,
@@ -64,7 +58,7 @@ impl Player {
         eye.set_home();
         Ok(Self {
             device,
-            windows: BTreeMap::new(),
+            arrived: Arrived::default(),
             next: None,
             eye,
             clip: Playback::new(about.n_frames, about.frame_rate),
@@ -75,62 +69,31 @@ impl Player {
         })
     }
 
-    /// Adds the next part of a window: its description (JSON) and its tensors.
+    /// Adds the part that was wanted: its name, its description (JSON) and its tensors.
     ///
     /// # Errors
     /// When the part is damaged, or does not fit the device.
-    pub fn add(
-        &mut self,
-        window: usize,
-        description: &[u8],
-        tensors: &[u8],
-    ) -> Result<(), JsError> {
-        let known = self.windows.remove(&window);
-        let (scene, n) = known.map_or((None, 0), |(scene, n)| (Some(scene), n));
-        let scene = self.with_part(scene, description, tensors)?;
-        self.windows.insert(window, (scene, n + 1));
+    pub fn add(&mut self, name: &str, description: &[u8], tensors: &[u8]) -> Result<(), JsError> {
+        let PartName { owner, .. } = name.parse().map_err(|e: String| JsError::new(&e))?;
+        let part = DynamicScene::from_bytes(description, tensors, &self.device).map_err(told)?;
+        self.arrived.add(owner, part);
         Ok(())
     }
 
-    /// The windows that the present picture needs, and the one that comes next, as far as they are not here as a whole; those
+    /// The part that the present picture needs next, or the window behind it; the names of its files begin with it. Windows
     /// that are farthest are dropped where there are many.
-    pub fn wanted(&mut self) -> Vec<usize> {
-        let present = self.present();
-        let last = present.last().map_or(0, |(window, _)| *window);
-        let first = present.first().map_or(0, |(window, _)| *window);
-        let next = (last + 1) % self.about.times.len();
-        let needed: Vec<usize> = present.iter().map(|(window, _)| *window).collect();
-        while self.windows.len() > MOST_WINDOWS {
-            let distance = |window: &usize| window.abs_diff(first);
-            let others = self
-                .windows
-                .keys()
-                .filter(|w| !needed.contains(w) && **w != next);
-            let Some(farthest) = others.max_by_key(|w| distance(w)).copied() else {
-                break;
-            };
-            self.windows.remove(&farthest);
-        }
-        let is_missing = |window: &usize| {
-            let parts = self.about.parts.get(*window).copied().unwrap_or(0);
-            self.windows.get(window).is_none_or(|(_, n)| *n < parts)
-        };
-        let mut wanted: Vec<usize> = needed.into_iter().filter(is_missing).collect();
-        if wanted.is_empty() && is_missing(&next) {
-            wanted.push(next);
-        }
-        wanted
-    }
-
-    /// How many parts of a window are here.
-    pub fn parts_here(&self, window: usize) -> usize {
-        self.windows.get(&window).map_or(0, |(_, n)| *n)
+    pub fn wanted(&mut self) -> Option<String> {
+        let present = self.windows();
+        self.arrived.tidy(&self.about, &present);
+        let wanted = self.arrived.wanted(&self.about, &present);
+        wanted.map(|name| name.to_string())
     }
 
     /// Whether something of all windows that the present picture needs is here.
     pub fn ready(&self) -> bool {
-        let mut present = self.present().into_iter();
-        present.all(|(window, _)| self.windows.contains_key(&window))
+        self.windows()
+            .iter()
+            .all(|&window| self.arrived.has(window))
     }
 
     /// Adds a part to the scene that [`Player::change`] shows.
@@ -138,14 +101,18 @@ impl Player {
     /// # Errors
     /// As [`Player::add`].
     pub fn add_to_next(&mut self, description: &[u8], tensors: &[u8]) -> Result<(), JsError> {
-        self.next = Some(self.with_part(self.next.clone(), description, tensors)?);
+        let part = DynamicScene::from_bytes(description, tensors, &self.device).map_err(told)?;
+        self.next = Some(match self.next.take() {
+            None => part,
+            Some(scene) => joined(scene, part),
+        });
         Ok(())
     }
 
     /// Shows the next scene.
     pub fn change(&mut self) {
         if let Some(next) = self.next.take() {
-            self.windows.insert(0, (next, 1));
+            self.arrived.replace(next);
         }
     }
 
@@ -154,17 +121,8 @@ impl Player {
         self.about.times.shares(self.clip.time())
     }
 
-    fn with_part(
-        &self,
-        scene: Option<DynamicScene>,
-        description: &[u8],
-        tensors: &[u8],
-    ) -> Result<DynamicScene, JsError> {
-        let part = DynamicScene::from_bytes(description, tensors, &self.device).map_err(told)?;
-        Ok(match scene {
-            None => part,
-            Some(scene) => joined(scene, part),
-        })
+    fn windows(&self) -> Vec<usize> {
+        self.present().iter().map(|(window, _)| *window).collect()
     }
 
     /// Draws the present scene; a promise of its pixels, RGBA, rows first.
@@ -187,10 +145,11 @@ impl Player {
     }
 
     fn draw_from(&mut self, camera: &Camera) -> Result<Promise, JsError> {
-        let (times, time) = (&self.about.times, self.clip.time());
+        let (present, time) = (self.present(), self.clip.time());
+        let (arrived, about) = (&mut self.arrived, &self.about);
+        let times = &about.times;
         let part = |(window, share): (usize, f32)| {
-            let (scene, _) = self.windows.get(&window)?;
-            let mut scene = scene.clone();
+            let mut scene = arrived.scene(about, window)?;
             let own = scene.settings.background;
             scene.settings.background = self.background.unwrap_or(own);
             Some(Faded {
@@ -200,7 +159,7 @@ impl Player {
                 share,
             })
         };
-        let parts: Option<Vec<Faded>> = self.present().into_iter().map(part).collect();
+        let parts: Option<Vec<Faded>> = present.into_iter().map(part).collect();
         let parts = parts.ok_or_else(|| JsError::new("nothing of the scene is here yet"))?;
         let colors = SpeedColors::new(self.about.fastest, self.about.n_frames);
         let shown = show_faded(&parts, camera, self.layer, &colors).map_err(told)?;
@@ -377,10 +336,12 @@ impl Player {
     }
 
     /// Static and dynamic Gaussians of the present picture that are here.
-    pub fn counts(&self) -> Vec<usize> {
-        let present = self.present().into_iter();
-        let here = present.filter_map(|(window, _)| self.windows.get(&window));
-        let counts = here.map(|(scene, _)| scene.counts());
+    pub fn counts(&mut self) -> Vec<usize> {
+        let (windows, arrived) = (self.windows(), &mut self.arrived);
+        let here = windows
+            .iter()
+            .filter_map(|&window| arrived.scene(&self.about, window));
+        let counts = here.map(|scene| scene.counts());
         let (n_static, n_dynamic) = counts.fold((0, 0), |sum, n| (sum.0 + n.0, sum.1 + n.1));
         vec![n_static, n_dynamic]
     }
