@@ -209,7 +209,7 @@ print(program("export", run, "--web", out / "page", "--player", player).strip())
 print(program("export", run, "--web", out / "page.html", "--single-file", "--player", player).strip())
 about = json.loads(gzip.decompress((out / "page/about.json.gz").read_bytes()))
 # The same clip in windows of time.
-program("train", data, "--window", "5", "--overlap", "2", "--preset", "quick", "--iterations", "60", "--device", "flex", "--out", out / "windows")
+program("train", data, "--window", "5", "--overlap", "2", "--room", "yes", "--preset", "quick", "--iterations", "60", "--device", "flex", "--out", out / "windows")
 print(program("export", out / "windows", "--web", out / "page/windows", "--player", player).strip())
 
 profile = tempfile.mkdtemp(prefix="browser-")
@@ -346,6 +346,7 @@ try:
     files = brought()
     about_windows = json.loads(gzip.decompress((out / "page/windows/about.json.gz").read_bytes()))
     n_windows = len(about_windows["parts"])
+    check(about_windows["room"]["parts"] > 0, "windows share a room")
     check(not any(name.startswith(f"window{n_windows - 1}_") for name in files), f"the last of {n_windows} windows does not come yet")
     jump = windows.value(
         "(async () => { const p = window.dash.player, start = performance.now();"

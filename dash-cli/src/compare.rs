@@ -138,7 +138,7 @@ pub fn run(args: &CompareArgs, shared: &Shared) -> Result<String, Failure> {
         perceptual: &perceptual,
         stop: &|| asked.now(),
     };
-    let mut found = compare::Shared::default();
+    let mut found = compare::Common::default();
     let on = compare::On {
         dataset: &Arc::new(dataset),
         device: &device,
@@ -202,7 +202,7 @@ pub fn work(
         progress: RunsProgress::new(shared),
     };
     let mut loaded: Option<Arc<Dataset>> = None;
-    let mut found = compare::Shared::default();
+    let mut found = compare::Common::default();
     let tally = plan.work(out, which, on.stop, &mut |number| {
         let (place, seed) = plan.of_task(number)?;
         if loaded.is_none() {

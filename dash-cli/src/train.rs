@@ -331,7 +331,7 @@ fn start(
     if let Some(budget) = args.budget {
         RunFolder::check_free(&args.out)?;
         let of_one = Budget {
-            first_points: first_points.clone(),
+            first_points: Some(first_points.clone()),
             ..Budget::of_one(budget)
         };
         let find = |tell: OnTrial<'_>| of_one.steps(&config.train, &dataset, &device, tell);

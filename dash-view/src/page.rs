@@ -3,7 +3,8 @@
 //! A page is a folder for any static host, or one HTML file with everything in it. Its scene comes in parts, so that the
 //! first picture is there early: the static Gaussians that show most, the other static ones, then the dynamic ones with
 //! their field. A long clip has such parts for each window of time, and the player asks for those that it needs. Static
-//! Gaussians that windows share, the room, have parts of their own. Every part is a scene of its own, as [`DynamicScene::to_bytes`](dash_model::DynamicScene::to_bytes) writes it.
+//! Gaussians that windows share, the room, have parts of their own. Every part is a scene of its own, as
+//! [`DynamicScene::to_bytes`](dash_model::DynamicScene::to_bytes) writes it.
 
 mod arrived;
 mod names;
@@ -240,16 +241,13 @@ impl Page {
 
     /// Bytes that a browser takes in before the first picture.
     pub fn first_bytes(&self) -> usize {
-        let first = [
-            "about.json.gz",
-            "player.wasm.gz",
-            "room_part0.json.gz",
-            "room_part0.bin.gz",
-            "part0.json.gz",
-            "part0.bin.gz",
-        ];
-        let sizes = first.iter().filter_map(|name| self.files.get(*name));
-        let files: usize = sizes.map(Vec::len).sum();
+        let first = ["about.json", "player.wasm", "part0.json", "part0.bin"];
+        let of_room = ["room_part0.json", "room_part0.bin"];
+        let size = |name: &&str| self.files.get(&format!("{name}.gz")).map(Vec::len);
+        let sizes = first
+            .iter()
+            .map(|name| size(name).expect("every page has it"));
+        let files = sizes.sum::<usize>() + of_room.iter().filter_map(size).sum::<usize>();
         files + INDEX.len() + SCRIPT.len() + self.script.len()
     }
 }

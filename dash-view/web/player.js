@@ -250,7 +250,7 @@ async function start() {
   const coming = await wasm_bindgen.Player.start(text);
   // A run that trains has its parts from time to time.
   if (parts.length === 0) return follow(coming);
-  // The windows of that time come first.
+  // The window of that time comes before the others.
   if (asked.has("time")) coming.seek(Number(asked.get("time")));
   feed(coming);
 }

@@ -92,12 +92,12 @@ pub struct On<'a> {
     /// The device.
     pub device: &'a Device,
     /// What the runs before it found.
-    pub found: &'a mut Shared,
+    pub found: &'a mut Common,
 }
 
 /// What runs of one process share.
 #[derive(Default)]
-pub struct Shared {
+pub struct Common {
     /// The machine's speed, from the first run on.
     pace: Option<Gauge>,
     first_points: FirstPoints,

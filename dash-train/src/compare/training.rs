@@ -10,7 +10,7 @@ use dash_model::scene_file::write_atomically;
 use serde::{Deserialize, Serialize};
 
 use super::gauge::Gauge;
-use super::{Budget, Comparison, Length, Method, Observer, Shared};
+use super::{Budget, Common, Comparison, Length, Method, Observer};
 use crate::Error;
 use crate::dataset::Dataset;
 use crate::evaluate::Perceptual;
@@ -37,7 +37,7 @@ pub(super) struct Training<'a> {
     /// Asked before and after every step of a run of given length whether to stop there, with a checkpoint.
     pub(super) stop: &'a dyn Fn() -> bool,
     /// What the runs before it found.
-    pub(super) found: &'a mut Shared,
+    pub(super) found: &'a mut Common,
 }
 
 impl Training<'_> {

@@ -59,9 +59,7 @@ pub fn evaluate<'a>(
     if views.is_empty() {
         return Err(Error::run(
             &dataset.root,
-            format!(
-                "expected views of the {partition} partition, found none; choose --split or --test-cameras"
-            ),
+            format!("expected {partition} views, found none; choose --split or --test-cameras"),
         ));
     }
     evaluate_views(

@@ -53,6 +53,8 @@ pub(crate) struct Trials<'a> {
 pub(crate) struct Tried {
     /// Steps and the seconds that they took.
     points: Vec<(f64, f64)>,
+    /// Seconds in which first points were found.
+    pub(crate) finding: f64,
     /// Seconds before the first step that is timed, once there are first points.
     pub(crate) before: f64,
     /// Seconds after the last: what is tried when training is over takes as long after any number of steps, nearly.
@@ -76,6 +78,7 @@ impl Trials<'_> {
     ) -> Result<Tried, Error> {
         let mut tried = Tried {
             points: Vec::new(),
+            finding: 0.0,
             before: 0.0,
             after: 0.0,
         };
@@ -86,8 +89,12 @@ impl Trials<'_> {
                 ..config.clone()
             };
             (self.on_step)(iterations, None);
+            config.validate()?;
+            let start = Instant::now();
             let schedule = config.for_capture(dataset).schedule();
-            self.first_points.start(&schedule, dataset)?;
+            self.first_points.find(&schedule, dataset)?;
+            // Later trials have them already.
+            tried.finding = start.elapsed().as_secs_f64().max(tried.finding);
             let start = Instant::now();
             let additions = Additions {
                 backdrop: self.backdrop.cloned(),
@@ -130,8 +137,9 @@ pub struct Budget<'a> {
     pub runs: f64,
     /// The room of another run that each draws.
     pub backdrop: Option<&'a DynamicScene>,
-    /// What trials start from. A run that gets them, too, in [`Additions::first_points`] doesn't look for them again.
-    pub first_points: FirstPoints,
+    /// Where the run's own first points go, if it gets them in [`Additions::first_points`]; `None`: each run finds its own, which
+    /// takes some of its time.
+    pub first_points: Option<FirstPoints>,
 }
 
 impl Budget<'_> {
@@ -141,7 +149,7 @@ impl Budget<'_> {
             secs,
             runs: 1.0,
             backdrop: None,
-            first_points: FirstPoints::default(),
+            first_points: None,
         }
     }
 
@@ -171,10 +179,15 @@ impl Budget<'_> {
             pace: &mut Ok,
             on_step,
             backdrop,
-            first_points: &first_points,
+            first_points: &first_points.clone().unwrap_or_default(),
         };
         let tried = trials.run(config, dataset, device)?;
-        let left = (secs - begin.elapsed().as_secs_f64()) / runs - tried.before - tried.after;
+        let finding = match first_points {
+            Some(_) => 0.0,
+            None => tried.finding,
+        };
+        let besides = finding + tried.before + tried.after;
+        let left = (secs - begin.elapsed().as_secs_f64()) / runs - besides;
         Ok(tried.steps(left.max(SHARE * secs / runs)))
     }
 }
@@ -246,7 +259,7 @@ mod tests {
         assert_eq!(tried.points[0], (20.0, 20.0));
         assert_eq!(tried.steps(1_000.0), 1_000);
         assert_eq!(tried.after, 1.0);
-        assert!(tried.before > 0.0);
+        assert!(tried.before > 0.0 && tried.finding > 0.0);
 
         let (lengths, tried) = trials(5.0, 10.0);
         assert_eq!(lengths, [30]);

@@ -304,7 +304,7 @@ impl Windows {
             secs,
             runs: self.windows.len() as f64 + of_room,
             backdrop: room,
-            first_points: Default::default(),
+            first_points: None,
         };
         budget.steps(&self.train, &dataset, device, on_trial)
     }

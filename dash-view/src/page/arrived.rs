@@ -2,6 +2,7 @@
 
 use std::collections::BTreeMap;
 
+use burn::module::Param;
 use burn::tensor::{Int, Tensor, TensorData};
 use dash_model::{DynamicScene, Gaussians};
 
@@ -17,7 +18,7 @@ const MOST_WINDOWS: usize = 4;
 pub struct Arrived {
     /// The scenes, and how many parts of them.
     parts: BTreeMap<Owner, (DynamicScene, usize)>,
-    /// Windows with their share of the room.
+    /// Windows of the present picture with what they have of the room.
     whole: BTreeMap<usize, DynamicScene>,
 }
 
@@ -77,6 +78,7 @@ impl Arrived {
 
     /// Drops the windows that are farthest from the `present` ones, where there are many.
     pub fn tidy(&mut self, about: &About, present: &[usize]) {
+        self.whole.retain(|window, _| present.contains(window));
         let first = present.first().copied().unwrap_or(0);
         let last = present.last().copied().unwrap_or(0);
         let next = (last + 1) % about.times.len();
@@ -105,15 +107,14 @@ impl Arrived {
         let mut whole = own.clone();
         if let Some((room, _)) = self.parts.get(&Owner::Room) {
             let rows = about.room.rows_of(window, room.static_set.len());
-            let settings = whole.settings.clone();
-            whole = joined(
-                whole,
-                DynamicScene {
+            if !rows.is_empty() {
+                let of_room = DynamicScene {
                     static_set: select(&room.static_set, &rows),
                     dynamic: None,
-                    settings,
-                },
-            );
+                    settings: whole.settings.clone(),
+                };
+                whole = joined(whole, of_room);
+            }
         }
         self.whole.insert(window, whole.clone());
         Some(whole)
@@ -138,9 +139,6 @@ fn select(set: &Gaussians, rows: &[usize]) -> Gaussians {
     }
 }
 
-fn taken<const D: usize>(
-    values: &burn::module::Param<Tensor<D>>,
-    rows: &Tensor<1, Int>,
-) -> burn::module::Param<Tensor<D>> {
-    burn::module::Param::from_tensor(values.val().select(0, rows.clone()))
+fn taken<const D: usize>(values: &Param<Tensor<D>>, rows: &Tensor<1, Int>) -> Param<Tensor<D>> {
+    Param::from_tensor(values.val().select(0, rows.clone()))
 }

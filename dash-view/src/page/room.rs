@@ -53,39 +53,42 @@ pub(super) struct Room {
 impl Room {
     /// Looks through all windows; `None` where they share nothing.
     pub(super) fn of(windows: &dyn WindowSource) -> Result<Option<Self>, ViewError> {
-        let mut counts: HashMap<u64, usize> = HashMap::new();
-        let mut degree = 0;
+        let mut counts: HashMap<u64, u32> = HashMap::new();
+        let (mut hashes, mut degree) = (Vec::new(), 0);
         for window in 0..windows.times().len() {
             let rows = windows.scene(window)?.static_set.to_rows();
             degree = rows.sh_degree().max(degree);
             let own: HashSet<u64> = (0..rows.len()).map(|row| hash(&rows, row)).collect();
-            for hash in own {
-                *counts.entry(hash).or_default() += 1;
+            for hash in &own {
+                *counts.entry(*hash).or_default() += 1;
+            }
+            hashes.push(own);
+        }
+        counts.retain(|_, count| *count > 1);
+        let mut rows: Option<GaussianRows> = None;
+        for (window, own) in hashes.iter().enumerate() {
+            // Each is taken from the first window that has it.
+            let mut new: HashSet<u64> = own.iter().copied().collect();
+            new.retain(|hash| counts.remove(hash).is_some());
+            if new.is_empty() {
+                continue;
+            }
+            let of_window = untracked(windows.scene(window)?.static_set.to_rows());
+            let is_new = |&row: &usize| new.remove(&hash(&of_window, row));
+            let places: Vec<usize> = (0..of_window.len()).filter(is_new).collect();
+            let of_window = of_window.gather(&places).with_sh_degree(degree);
+            match &mut rows {
+                None => rows = Some(of_window),
+                Some(rows) => rows.append(&of_window),
             }
         }
-        let mut shared: Option<GaussianRows> = None;
-        let mut known = HashSet::new();
-        for window in 0..windows.times().len() {
-            let rows = untracked(windows.scene(window)?.static_set.to_rows());
-            let is_new = |&row: &usize| {
-                let hash = hash(&rows, row);
-                counts[&hash] > 1 && known.insert(hash)
-            };
-            let new: Vec<usize> = (0..rows.len()).filter(is_new).collect();
-            let new = rows.gather(&new).with_sh_degree(degree);
-            match &mut shared {
-                None => shared = Some(new),
-                Some(shared) => shared.append(&new),
+        Ok(rows.map(|rows| {
+            let rows = rows.gather(&by_contribution(&rows));
+            let places = (0..rows.len()).map(|row| (hash(&rows, row), row));
+            Self {
+                places: places.collect(),
+                rows,
             }
-        }
-        let Some(rows) = shared.filter(|rows| !rows.is_empty()) else {
-            return Ok(None);
-        };
-        let rows = rows.gather(&by_contribution(&rows));
-        let places = (0..rows.len()).map(|row| (hash(&rows, row), row));
-        Ok(Some(Self {
-            places: places.collect(),
-            rows,
         }))
     }
 

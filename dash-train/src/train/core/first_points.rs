@@ -28,7 +28,7 @@ struct Found {
 
 impl FirstPoints {
     /// What a run starts from.
-    pub(crate) fn start(
+    pub(crate) fn find(
         &self,
         config: &ScheduleConfig,
         dataset: &Arc<Dataset>,
@@ -41,7 +41,7 @@ impl FirstPoints {
         if let Some(found) = self.found().iter().find(is_same) {
             return Ok(found.start.clone());
         }
-        // Without the lock: whoever waited for it might be a thread that this needs.
+        // Not under the lock: Rayon threads that this needs may be waiting for it.
         let start = Arc::new(Start::of(config, dataset)?);
         self.found().push(Found {
             dataset: own,
@@ -120,7 +120,7 @@ mod tests {
                     ..config.schedule()
                 };
                 let [once, again] = [(); 2].map(|()| {
-                    let start = first_points.clone().start(&schedule, dataset);
+                    let start = first_points.clone().find(&schedule, dataset);
                     start.expect("enough views")
                 });
                 assert!(Arc::ptr_eq(&once, &again));

@@ -108,8 +108,8 @@ impl<M> Run<M> {
         method: impl FnOnce(&CaptureFacts) -> M,
     ) -> Result<Self, Error> {
         let device = device.clone().autodiff();
-        let begin = first_points.start(&config, &dataset)?;
-        let (train_views, points, start) = (&begin.train_views, &begin.points, begin.span);
+        let known = first_points.find(&config, &dataset)?;
+        let (train_views, points, start) = (&known.train_views, &known.points, known.span);
         let background = dataset.background.unwrap_or_default();
         let views = || train_views.iter().map(|&index| &dataset.views[index]);
         let region = Region::of(&dataset, points);
@@ -157,10 +157,10 @@ impl<M> Run<M> {
             device,
             dataset,
             train_views: train_views.clone(),
-            validation_views: begin.validation_views.clone(),
+            validation_views: known.validation_views.clone(),
             extent,
             start,
-            rng: begin.rng.clone(),
+            rng: known.rng.clone(),
         })
     }
 
