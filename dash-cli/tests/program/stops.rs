@@ -1,6 +1,7 @@
 //! Commands that are stopped by a signal, or by a system that takes no more files: what they leave, say and exit with.
 
 use std::fs;
+use std::os::unix::process::CommandExt;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Output, Stdio};
 use std::thread::yield_now;
@@ -52,9 +53,18 @@ fn signal(child: &Child, number: i32) {
     assert_eq!(unsafe { libc::kill(child.id() as i32, number) }, 0);
 }
 
-/// Starts a command in a session of its own, so that what it starts can be found.
+/// Starts a command that no signal was turned off for, as where the tests run in the background of a shell.
 fn start(scratch: &Scratch, line: &str) -> Child {
     let mut command = scratch.command(&words(line));
+    let listen = || {
+        for number in [libc::SIGHUP, libc::SIGINT, libc::SIGTERM] {
+            // SAFETY: `signal` may be called between fork and exec, and takes no memory.
+            unsafe { libc::signal(number, libc::SIG_DFL) };
+        }
+        Ok(())
+    };
+    // SAFETY: as above; the closure does nothing else.
+    unsafe { command.pre_exec(listen) };
     command.stdout(Stdio::piped()).stderr(Stdio::piped());
     command.spawn().expect("the binary starts")
 }
