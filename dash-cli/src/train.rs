@@ -1,6 +1,7 @@
 //! `dash train`: a dataset into a run's folder.
 
 mod resume;
+mod told;
 
 use std::cell::Cell;
 use std::collections::BTreeMap;
@@ -14,7 +15,7 @@ use dash_train::dataset::{Dataset, Partition};
 use dash_train::device::DeviceChoice;
 use dash_train::evaluate::{CurveProbe, PerceptualFiles};
 use dash_train::process::stop;
-use dash_train::results::{Process, evaluate_run};
+use dash_train::results::Process;
 use dash_train::train::{
     Additions, Budget, FirstPoints, Keep, OnTrial, RunConfig, RunFolder, StepReport, TrainOptions,
     Trainer, check_dataset, train,
@@ -26,13 +27,14 @@ use crate::data::DataArgs;
 use crate::failure::Failure;
 use crate::lpips::LpipsArgs;
 use crate::progress::{RunsProgress, TrainProgress};
-use crate::summary::{self, Table, duration};
+use crate::summary::{self, duration};
 use crate::values;
 use crate::values::WindowChoice;
 use crate::watch::{Door, WatchArgs};
 use crate::windows::Clip;
 use dash_train::windows::{LENGTH, Windows};
 use resume::take_up;
+use told::{finish, resume, score, stopped_by, waited_for_images};
 
 /// Train a scene on a dataset; then score it on the test views
 #[derive(Args)]
@@ -214,27 +216,6 @@ fn train_run(
     Ok(told + &waiting.unwrap_or_default())
 }
 
-/// What is told of a training that a signal has stopped.
-fn stopped_by(signal: &str, args: &TrainArgs, error: Option<Error>) -> String {
-    match error {
-        Some(Error::Stopped { step, .. }) => format!(
-            "{}: stopped by {signal} after step {step}, with a checkpoint; {}",
-            args.out.display(),
-            resume(args)
-        ),
-        Some(error) => format!("stopped by {signal}, and: {error}"),
-        None => format!("stopped by {signal}; {}", score(args)),
-    }
-}
-
-fn waited_for_images(waited: f64, secs: f64) -> String {
-    format!(
-        "\nimages were decoded on demand: steps waited {} for them, {:.1} % of the training",
-        duration(waited),
-        100.0 * waited / secs.max(1e-9)
-    )
-}
-
 /// The frames of a window, where nobody says whether there are any.
 fn default_window(
     args: &TrainArgs,
@@ -283,21 +264,6 @@ fn train_windows(
         data: &args.data,
     };
     clip.train(shared)
-}
-
-/// How to go on with a run that was stopped.
-fn resume(args: &TrainArgs) -> String {
-    format!(
-        "go on with `dash train {} --out {} --resume`",
-        values::word(&args.dataset),
-        values::word(&args.out)
-    )
-}
-
-/// What is left to do of a run that is trained.
-fn score(args: &TrainArgs) -> String {
-    let run = values::word(&args.out);
-    format!("the scene is trained: score it with `dash eval {run}`")
 }
 
 /// Checks everything that can be checked, and only then makes the run's folder.
@@ -386,41 +352,4 @@ fn tell_held_out(dataset: &Dataset) {
         let names: Vec<&str> = names.into_values().collect();
         tracing::info!("held out: {}", summary::listed(&names));
     }
-}
-
-/// Scores the run where there are test views, and says what became of it.
-fn finish(
-    run: &RunFolder,
-    config: &RunConfig,
-    dataset: &Dataset,
-    device: (&burn::tensor::Device, &str),
-    (secs, process): (f64, Process),
-    perceptual: &PerceptualFiles,
-) -> Result<String, Failure> {
-    let root = run.root().display();
-    if dataset.views_of(Partition::Test).next().is_none() {
-        let (n_static, n_dynamic) = run.scene(device.0)?.counts();
-        let mut table = Table::default();
-        table
-            .row(
-                "dataset",
-                format!("{}, no test views to score", dataset.name),
-            )
-            .row(
-                "Gaussians",
-                format!("{n_static} static, {n_dynamic} dynamic"),
-            )
-            .row(
-                "training",
-                format!("{} steps, {}", config.train.iterations, duration(secs)),
-            );
-        return Ok(format!("{}\nwritten to {root}", table.text()));
-    }
-    let perceptual = perceptual.load(device.0)?;
-    let results = evaluate_run(run, dataset, Partition::Test, device, process, &perceptual)?;
-    let look = format!("dash view {}", values::word(run.root()));
-    Ok(format!(
-        "{}\nwritten to {root}; look at it: {look}",
-        summary::results(&results)
-    ))
 }
