@@ -2,6 +2,7 @@
 
 mod damage;
 mod fingerprint;
+mod start;
 
 use std::collections::BTreeMap;
 use std::fs::{self, File};
@@ -28,6 +29,7 @@ use crate::Error;
 use crate::dataset::Dataset;
 pub(crate) use damage::with_remedy;
 use fingerprint::Fingerprint;
+use start::{POINTS, SavedStart};
 
 /// Checkpoints that are kept; older ones are removed once a newer one is complete.
 const KEPT: usize = 2;
@@ -47,6 +49,7 @@ pub(crate) struct State<C> {
     /// By name, in the order of their hooks.
     extensions: Vec<(String, serde_json::Value)>,
     dataset: Fingerprint,
+    start: SavedStart,
     /// What is kept of a backdrop.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub(crate) kept: Option<Kept>,
@@ -76,6 +79,8 @@ pub(crate) fn save<M: Method, C: Serialize>(
     let (moments, optimizer_steps) = run.optimizer.to_tensors();
     write("optimizer", &moments)?;
     write("statistics", &statistics(run).tensors)?;
+    let (start, points) = start::save(&run.first);
+    write(POINTS, &points.tensors)?;
     let method = run.method.save();
     write(METHOD, &method.tensors)?;
     let mut extensions = Vec::new();
@@ -95,6 +100,7 @@ pub(crate) fn save<M: Method, C: Serialize>(
         method: method.values,
         extensions,
         dataset: Fingerprint::of(&run.dataset.views),
+        start,
         kept: run
             .backdrop
             .as_ref()

@@ -43,13 +43,34 @@ impl FirstPoints {
         }
         // Not under the lock: Rayon threads that this needs may be waiting for it.
         let start = Arc::new(Start::of(config, dataset)?);
-        self.found().push(Found {
-            dataset: own,
-            seed,
-            limits,
-            start: start.clone(),
-        });
+        self.keep(config, dataset, start.clone());
         Ok(start)
+    }
+
+    /// Points that were found before, and the generator after them.
+    pub(super) fn give(
+        &self,
+        config: &ScheduleConfig,
+        dataset: &Arc<Dataset>,
+        points: InitialPoints,
+        rng: Pcg64,
+    ) -> Result<(), Error> {
+        let start = Start {
+            points,
+            rng,
+            ..Start::without_points(config, dataset)?
+        };
+        self.keep(config, dataset, Arc::new(start));
+        Ok(())
+    }
+
+    fn keep(&self, config: &ScheduleConfig, dataset: &Arc<Dataset>, start: Arc<Start>) {
+        self.found().push(Found {
+            dataset: Arc::downgrade(dataset),
+            seed: config.seed,
+            limits: config.initial_points,
+            start,
+        });
     }
 
     fn found(&self) -> MutexGuard<'_, Vec<Found>> {
@@ -72,33 +93,37 @@ pub(crate) struct Start {
 }
 
 impl Start {
-    fn of(config: &ScheduleConfig, dataset: &Dataset) -> Result<Self, Error> {
+    /// What takes no time to find.
+    fn without_points(config: &ScheduleConfig, dataset: &Dataset) -> Result<Self, Error> {
         let (train_views, validation_views) = hold_out::hold_out(dataset);
         if train_views.is_empty() {
             return Err(Error::NoTrainingViews {
                 dataset: dataset.root.clone(),
             });
         }
-        let span = capture::start_span(dataset, &train_views);
-        let mut rng = Pcg64::seed_from_u64(config.seed);
-        let points = initial_points(
-            dataset,
-            &train_views,
-            span,
-            dataset.background.unwrap_or_default(),
-            config.initial_points,
-            &mut rng,
-        )?;
-        if points.positions.is_empty() {
-            return Err(shortage::nothing_to_start_from(dataset));
-        }
         Ok(Self {
+            span: capture::start_span(dataset, &train_views),
             train_views,
             validation_views,
-            span,
-            points,
-            rng,
+            points: InitialPoints::default(),
+            rng: Pcg64::seed_from_u64(config.seed),
         })
+    }
+
+    fn of(config: &ScheduleConfig, dataset: &Dataset) -> Result<Self, Error> {
+        let mut start = Self::without_points(config, dataset)?;
+        start.points = initial_points(
+            dataset,
+            &start.train_views,
+            start.span,
+            dataset.background.unwrap_or_default(),
+            config.initial_points,
+            &mut start.rng,
+        )?;
+        if start.points.positions.is_empty() {
+            return Err(shortage::nothing_to_start_from(dataset));
+        }
+        Ok(start)
     }
 }
 
@@ -133,5 +158,24 @@ mod tests {
         let rngs: Vec<_> = starts.iter().map(|start| &start.rng).collect();
         assert!(rngs[0] != rngs[1] && rngs[0] == rngs[2]);
         assert_eq!(first_points.found().len(), 4);
+    }
+
+    #[test]
+    fn points_that_were_found_before_are_not_found_anew() {
+        let dataset = Arc::new(synth::loaded(4, 2, [24, 18]));
+        let schedule = small(&[]).for_capture(&dataset).schedule();
+        let first_points = FirstPoints::default();
+        let points = InitialPoints {
+            positions: vec![[1.0, 2.0, 3.0]],
+            colors: vec![[0.5; 3]],
+            given: 1,
+        };
+        let rng = Pcg64::seed_from_u64(7);
+        let given = first_points.give(&schedule, &dataset, points, rng.clone());
+        given.expect("enough views");
+        let start = first_points.find(&schedule, &dataset).expect("known");
+        assert_eq!(start.points.positions, [[1.0, 2.0, 3.0]]);
+        assert!(start.rng == rng && start.points.given == 1);
+        assert_eq!(start.train_views.len(), 6);
     }
 }

@@ -14,7 +14,7 @@ use super::backdrop::Backdrop;
 use super::capture::TimeSpan;
 use super::config::{DensifyConfig, ScheduleConfig};
 use super::densify::SceneScale;
-use super::first_points::FirstPoints;
+use super::first_points::{FirstPoints, Start};
 use super::initial::{Region, near_plane};
 use super::notes::Notes;
 use super::optimizer::Optimizer;
@@ -60,6 +60,8 @@ pub struct Run<M> {
     pub start: Option<TimeSpan>,
     /// The training views' times.
     pub times: Times,
+    /// What was known before the first step.
+    pub(super) first: Arc<Start>,
     /// What is trained.
     pub scene: DynamicScene,
     /// Gaussians of another run that are drawn with it and not trained.
@@ -161,6 +163,7 @@ impl<M> Run<M> {
             extent,
             start,
             rng: known.rng.clone(),
+            first: known,
         })
     }
 
