@@ -23,7 +23,7 @@ pub struct ValueArgs {
     /// One value that replaces the preset's and the file's, such as dssim=0.1; may be repeated
     #[arg(long, value_name = "KEY=VALUE")]
     pub set: Vec<String>,
-    /// Views of a step: the gradient is their mean, and learning rates grow by sqrt(K). Memory grows with them
+    /// Views of a step: the gradient is their mean, and learning rates grow by sqrt(K). They are drawn one after the other
     /// [default: 1]
     #[arg(long, value_name = "K")]
     pub batch: Option<usize>,

@@ -28,6 +28,9 @@ pub enum Error {
     /// A configuration value can't be used.
     #[error("configuration: {0}")]
     Config(String),
+    /// Replicas of a run can't go on together.
+    #[error("replicas: {0}")]
+    Replicas(String),
     /// This build has no backend for a device.
     #[error(
         "--device {device}: expected a build and a machine with it, found {found}; use --device auto"

@@ -8,8 +8,8 @@ use dash_model::{DynamicScene, GaussianRows, Gaussians};
 
 use super::config::TrainConfig;
 use super::core::{
-    self, Adaptive, Backdrop, Densify, Extension, Finished, FirstPoints, Hooks, Run, SkippedStep,
-    StepReport, ViewSums, checkpoint, hold_out,
+    self, Adaptive, Backdrop, Densify, Exchange, Extension, Finished, FirstPoints, Hooks, Run,
+    SkippedStep, StepReport, ViewSums, checkpoint, hold_out,
 };
 use super::paper::Dash;
 use crate::Error;
@@ -37,6 +37,8 @@ pub struct Additions {
     pub backdrop: Option<DynamicScene>,
     /// Points that other runs on the same data have found, and that others will find here.
     pub first_points: FirstPoints,
+    /// What joins the run with replicas that draw some of each step's views.
+    pub exchange: Option<Box<dyn Exchange>>,
 }
 
 impl Trainer {
@@ -75,7 +77,16 @@ impl Trainer {
         let mut extensions = config.extensions.build();
         extensions.extend(additions.extensions);
         let densify = additions.densify.unwrap_or_else(|| Box::new(Adaptive));
-        let hooks = Hooks::new(extensions, densify, &mut run);
+        let mut hooks = Hooks::new(extensions, densify, &mut run);
+        if let Some(exchange) = &additions.exchange
+            && exchange.replicas() > run.config.batch
+        {
+            let (n, views) = (exchange.replicas(), run.config.batch);
+            return Err(Error::Replicas(format!(
+                "expected a view a step for each of {n}, found `batch` = {views}; set it to {n} or more"
+            )));
+        }
+        hooks.exchange = additions.exchange;
         Ok(Self { config, run, hooks })
     }
 
@@ -220,6 +231,8 @@ pub fn load_checkpoint_with(
             ));
         }
         let config = state.config.clone();
+        let schedule = config.for_capture(&dataset).schedule();
+        state.give_points(path, &schedule, &dataset, &additions.first_points)?;
         let room = additions.backdrop.clone();
         let mut trainer = Trainer::with(config, dataset.clone(), device, additions)?;
         let seconds = std::mem::take(&mut state.train_seconds);

@@ -54,8 +54,8 @@ pub struct TrainConfig {
     /// Optimisation steps, of `batch` views each. Stages are shares of it, so a shorter run keeps its form, as long as there are
     /// enough steps to follow motion in. Source: 3DGS, 30,000.
     pub iterations: usize,
-    /// Views of a step, whose mean gradient it follows; learning rates grow with the square root. Memory grows with them. Source:
-    /// 3DGS, 1.
+    /// Views of a step, whose mean gradient it follows; learning rates grow with the square root. They are drawn one after the
+    /// other, so each takes memory for its gradients alone. Source: 3DGS, 1.
     pub batch: usize,
     /// Steps for each training view, at least: where there are more views than `iterations` has steps for, a run that is not
     /// told its number of steps takes more. Absent: as many steps for any capture. Source: ours.

@@ -7,6 +7,7 @@ use burn::tensor::{Gradients, Tensor};
 use super::densify::Rules;
 use super::finished::Finished;
 use super::forward::Forward;
+use super::gradient_visit::GradientVisit;
 use super::run::Run;
 use super::saved::Saved;
 use super::sets::{RowEdit, Set};
@@ -43,8 +44,13 @@ pub trait Extension<M>: Any + Send {
         None
     }
 
-    /// Before the forward pass of a view.
-    fn before_forward(&mut self, _run: &mut Run<M>, _view: &View) {}
+    /// Before the forward pass of a view; a replica calls it for the views of others, too.
+    ///
+    /// # Errors
+    /// When a module refuses its input.
+    fn before_forward(&mut self, _run: &mut Run<M>, _view: &View) -> Result<(), Error> {
+        Ok(())
+    }
 
     /// Packed splats of both sets `[N, C]` before they are rasterized, static ones first.
     fn splats(&mut self, _run: &Run<M>, splats: Tensor<2>) -> Tensor<2> {
@@ -64,7 +70,10 @@ pub trait Extension<M>: Any + Send {
         Ok(Vec::new())
     }
 
-    /// After a backward pass, before the optimizer's step. On a CPU all gradients are finite then. On a GPU the optimizer
+    /// Shows what it has learn by itself: modules, and leaves of the graph. Gradients of a step's views are summed for these.
+    fn gradients(&self, _visit: &mut GradientVisit<'_>) {}
+
+    /// After a step's backward passes, before the optimizer's step. On a CPU all gradients are finite then. On a GPU the optimizer
     /// stops itself where one is not.
     fn after_backward(&mut self, _run: &mut Run<M>, _gradients: &mut Gradients) {}
 

@@ -86,7 +86,6 @@ pub(crate) fn look<M: Method>(
     };
     let (n_static, n_dynamic) = run.scene.counts();
     let step = run.step + 1;
-    let losses = losses.map(Tensor::inner);
     let stop = run
         .notes
         .add((step, view), losses, &watched, [n_static, n_dynamic]);

@@ -5,6 +5,7 @@ use std::any::Any;
 use super::densify::Densify;
 use super::extension::Extension;
 use super::finished::Finished;
+use super::replicas::Exchange;
 use super::run::Run;
 use crate::Error;
 
@@ -14,6 +15,8 @@ pub struct Hooks<M> {
     pub extensions: Vec<Box<dyn Extension<M>>>,
     /// The policy of density control.
     pub densify: Box<dyn Densify>,
+    /// What joins the run with its replicas; `None`: it draws all views itself.
+    pub exchange: Option<Box<dyn Exchange>>,
     pub(super) has_begun: bool,
 }
 
@@ -30,6 +33,7 @@ impl<M: 'static> Hooks<M> {
         Self {
             extensions,
             densify,
+            exchange: None,
             has_begun: false,
         }
     }

@@ -66,11 +66,16 @@ pub trait Method: Sized + Send + 'static {
         Ok(Vec::new())
     }
 
-    /// After a backward pass whose gradients are finite: statistics.
+    /// What the method sums over views, two numbers for each static Gaussian `[N, 2]`, of a view's splats `[N, C]`.
+    fn statistics(_run: &Run<Self>, _view: &View, _splats: &Tensor<2>) -> Option<Tensor<2>> {
+        None
+    }
+
+    /// After a step's backward passes, if its gradients are finite, with the statistics of each of its views.
     ///
     /// # Errors
     /// When a shape does not fit.
-    fn after_backward(_run: &mut Run<Self>, _view: &View, _forward: &Forward) -> Result<(), Error> {
+    fn after_backward(_run: &mut Run<Self>, _statistics: Option<Tensor<2>>) -> Result<(), Error> {
         Ok(())
     }
 
@@ -82,7 +87,7 @@ pub trait Method: Sized + Send + 'static {
         1.0
     }
 
-    /// Shows the method's own modules to the guard against non-finite values.
+    /// Shows the method's own modules.
     fn visit(&mut self, _visit: &mut ModuleVisit<'_>) {}
 
     /// Lets state per Gaussian follow an edit of a set's rows. `sources` are rows before it.

@@ -1,4 +1,5 @@
-//! What the guard does to every parameter of a module: look at it and its gradient, or clear it.
+//! What is done to every parameter of a method's modules: the guard looks at it and its gradient, or clears it; gradients of a
+//! step's views are summed.
 
 use std::collections::BTreeSet;
 
@@ -6,16 +7,19 @@ use burn::module::{Module, ModuleMapper, ModuleVisitor, Param};
 use burn::tensor::{Gradients, Tensor, TensorData};
 use dash_model::parameters::Path;
 
+use super::gradient_visit::GradientVisit;
 use super::optimizer::to_host;
 use super::sets::Set;
 use super::skipped::Place;
 
-/// What the guard does with modules: a method shows it each of its own.
+/// What is done with modules: a method shows each of its own.
 pub enum ModuleVisit<'a> {
     /// Gathers parameters and their gradients.
     Watch(Watch<'a>),
     /// Puts zeros in the place of what is not finite in the parameters of these names.
     Clear(&'a BTreeSet<&'a str>),
+    /// Takes gradients out, or puts sums in.
+    Gradients(GradientVisit<'a>),
 }
 
 impl ModuleVisit<'_> {
@@ -28,6 +32,11 @@ impl ModuleVisit<'_> {
                 }
             }
             Self::Clear(names) => *module = module.take().map(|m| clear(names, prefix, m)),
+            Self::Gradients(visit) => {
+                if let Some(module) = module {
+                    visit.module(module);
+                }
+            }
         }
     }
 }

@@ -3,16 +3,22 @@
 use burn::tensor::{Gradients, Tensor};
 
 use super::densify::{self, DensityStatistics, Round, Rules};
-use super::forward::Forward;
+use super::gradient_visit::{GradientVisit, InOrder, sum};
 use super::guard::{self, Reading};
 use super::hooks::Hooks;
 use super::method::Method;
+use super::module_visit::ModuleVisit;
 use super::optimizer::Rate;
 use super::pass::forward;
+use super::replicas;
 use super::run::Run;
 use super::sets::Set;
+use super::view_pass::ViewPass;
 use crate::Error;
 use crate::dataset::View;
+
+/// Numbers of the random generator between the views of a step: more than any of them draws.
+const APART: u128 = 1 << 64;
 
 /// What one step did.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -63,22 +69,13 @@ pub fn step<M: Method>(run: &mut Run<M>, hooks: &mut Hooks<M>) -> Result<StepRep
 
     let dataset = run.dataset.clone();
     run.updates_scene = true;
-    let mut passes = Vec::with_capacity(run.config.batch);
-    for _ in 0..run.config.batch {
-        let index = next_view(run, hooks);
-        announce_views(run, index);
-        let view = &dataset.views[index];
-        for extension in &mut hooks.extensions {
-            extension.before_forward(run, view);
-        }
-        let waited = waiting(run);
-        passes.push((view, forward(run, hooks, view)?));
-        run.waited_secs += waiting(run) - waited;
-    }
-    let loss = mean(passes.iter().map(|(_, forward)| forward.loss.clone()));
-    let mse = mean(passes.iter().map(|(_, forward)| forward.mse.clone()));
-    let mut gradients = loss.backward();
-    let names: Vec<&str> = passes.iter().map(|(view, _)| view.name.as_str()).collect();
+    let indices: Vec<usize> = (0..run.config.batch)
+        .map(|_| next_view(run, hooks))
+        .collect();
+    let views: Vec<&View> = indices.iter().map(|&index| &dataset.views[index]).collect();
+    let (passes, mut gradients) = draw(run, hooks, &views)?;
+    let [loss, mse] = [0, 1].map(|k| mean(passes.iter().map(|pass| pass.losses[k].clone())));
+    let names: Vec<&str> = views.iter().map(|view| view.name.as_str()).collect();
     let reading = guard::look(run, &gradients, [loss, mse], &names.join(", "));
     let [n_read, n_skipped] = reading.as_ref().map_or([0; 2], Reading::counts);
     if let Some(reading) = &reading {
@@ -86,11 +83,11 @@ pub fn step<M: Method>(run: &mut Run<M>, hooks: &mut Hooks<M>) -> Result<StepRep
     }
     match reading.filter(|reading| !reading.is_sound()) {
         None => {
-            for (view, forward) in &passes {
-                gather(run, forward, view, &mut gradients)?;
-                M::after_backward(run, view, forward)?;
+            for (view, pass) in views.iter().zip(passes) {
+                let statistics = pass.statistics;
+                statistics.add_to(run.gathered(), view, views.len())?;
+                M::after_backward(run, pass.of_method)?;
             }
-            drop(passes);
             for extension in &mut hooks.extensions {
                 extension.after_backward(run, &mut gradients);
             }
@@ -139,13 +136,76 @@ fn mean(values: impl ExactSizeIterator<Item = Tensor<1>>) -> Tensor<1> {
     if n > 1.0 { sum / n } else { sum }
 }
 
-/// The index of the view to train on.
+/// The index of the next view to train on.
 fn next_view<M: Method>(run: &mut Run<M>, hooks: &mut Hooks<M>) -> usize {
     let mut extensions = hooks.extensions.iter_mut();
     let chosen = extensions.find_map(|extension| extension.next_view(run));
     let n = run.train_views.len();
     let place = chosen.unwrap_or_else(|| run.sampler.next(n, |_| true, &mut run.rng));
-    run.train_views[place]
+    let view = run.train_views[place];
+    announce_views(run, view);
+    view
+}
+
+/// Draws the step's views, a replica those that are its own: what each gives, and the gradients of the step's loss, the mean
+/// of theirs.
+///
+/// Each view has a backward pass of its own, so one graph is held at a time, and its own stretch of random numbers.
+fn draw<M: Method>(
+    run: &mut Run<M>,
+    hooks: &mut Hooks<M>,
+    views: &[&View],
+) -> Result<(Vec<ViewPass>, Gradients), Error> {
+    let from = run.rng.clone();
+    let (mut passes, mut gradients) = (Vec::new(), Vec::new());
+    for (place, &view) in views.iter().enumerate() {
+        run.rng = from.clone();
+        run.rng.advance(APART * place as u128);
+        for extension in &mut hooks.extensions {
+            extension.before_forward(run, view)?;
+        }
+        if !replicas::draws(hooks.exchange.as_deref(), place) {
+            continue;
+        }
+        let waited = waiting(run);
+        let forward = forward(run, hooks, view)?;
+        run.waited_secs += waiting(run) - waited;
+        let mut of_view = match views.len() {
+            1 => forward.loss.backward(),
+            n => (forward.loss.clone() / n as f32).backward(),
+        };
+        passes.push(ViewPass::new(run, view, forward, &mut of_view));
+        gradients.push(of_view);
+    }
+    if views.len() > 1 {
+        for (pass, gradients) in passes.iter_mut().zip(&mut gradients) {
+            let visit = GradientVisit::take(gradients, &mut pass.gradients);
+            visit_gradients(run, hooks, visit);
+        }
+        if let Some(exchange) = hooks.exchange.as_deref_mut() {
+            passes = replicas::all_passes(run, exchange, views, passes)?;
+        }
+        let of_views = passes
+            .iter_mut()
+            .map(|pass| std::mem::take(&mut pass.gradients));
+        let sums: InOrder = sum(of_views);
+        visit_gradients(run, hooks, GradientVisit::put(&mut gradients[0], sums));
+    }
+    // The run goes on where the first view left the generator.
+    run.rng = passes[0].rng.clone();
+    Ok((passes, gradients.swap_remove(0)))
+}
+
+/// Shows everything that learns.
+fn visit_gradients<M: Method>(run: &mut Run<M>, hooks: &Hooks<M>, mut visit: GradientVisit<'_>) {
+    visit.module(&run.scene);
+    let mut visit = ModuleVisit::Gradients(visit);
+    run.method.visit(&mut visit);
+    if let ModuleVisit::Gradients(visit) = &mut visit {
+        for extension in &hooks.extensions {
+            extension.gradients(visit);
+        }
+    }
 }
 
 /// Tells the dataset which views come next, where the order is a new one.
@@ -162,35 +222,6 @@ fn announce_views<M>(run: &mut Run<M>, view: usize) {
 fn waiting<M>(run: &Run<M>) -> f64 {
     let statistics = run.dataset.frame_statistics();
     statistics.map_or(0.0, |statistics| statistics.waited_secs)
-}
-
-/// Takes the gradients of screen positions, which density control needs.
-fn gather<M>(
-    run: &mut Run<M>,
-    forward: &Forward,
-    view: &View,
-    gradients: &mut Gradients,
-) -> Result<(), Error> {
-    let camera = &view.camera;
-    let half_size = [camera.width as f32 / 2.0, camera.height as f32 / 2.0];
-    let Some(v_splats) = forward.leaf.grad_remove(gradients) else {
-        return Ok(());
-    };
-    // That of the view's own loss.
-    let v_splats = match run.config.batch {
-        1 => v_splats,
-        views => v_splats * views as f32,
-    };
-    let (splats, n_static) = (&forward.static_splats, forward.static_splats.dims()[0]);
-    let gathered = &mut run.static_state.gathered;
-    gathered.add_gradients(v_splats.clone(), 0, splats.clone(), half_size)?;
-    match &forward.dynamic_splats {
-        None => Ok(()),
-        Some(splats) => {
-            let gathered = &mut run.dynamic_state.gathered;
-            gathered.add_gradients(v_splats, n_static, splats.clone(), half_size)
-        }
-    }
 }
 
 /// One step of Adam on everything that has a gradient.

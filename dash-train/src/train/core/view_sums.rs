@@ -29,6 +29,13 @@ impl ViewSums {
         }
     }
 
+    /// Adds the sums of other views.
+    pub fn merge(&mut self, more: Self) {
+        if let Some(more) = more.sums {
+            self.add(more);
+        }
+    }
+
     /// Adds the length of each visible Gaussian's gradient on the screen: of packed splats `[N, C]`, whose gradients begin at
     /// row `first` of `v_splats [M, C]`. `half_size` is half the image in pixels, which makes the gradient independent
     /// of it.

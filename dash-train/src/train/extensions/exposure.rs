@@ -16,7 +16,7 @@ use serde::{Deserialize, Serialize};
 use crate::Error;
 use crate::dataset::View;
 use crate::train::core::optimizer::Moments;
-use crate::train::core::{Extension, Ranges, Rate, Run, Saved, Section, to_host};
+use crate::train::core::{Extension, GradientVisit, Ranges, Rate, Run, Saved, Section, to_host};
 
 /// Share of the run after which it is decided whether cameras differ.
 const DECIDED: f32 = 0.4;
@@ -140,7 +140,7 @@ impl<M> Extension<M> for Exposure {
         Ok(())
     }
 
-    fn before_forward(&mut self, _run: &mut Run<M>, view: &View) {
+    fn before_forward(&mut self, _run: &mut Run<M>, view: &View) -> Result<(), Error> {
         self.is_exposed = false;
         // One camera alone is what all have in common.
         let responses = self.responses.as_ref().filter(|r| r.rows.len() > 1);
@@ -151,6 +151,7 @@ impl<M> Extension<M> for Exposure {
             self.present.push((row, leaf));
             self.is_exposed = true;
         }
+        Ok(())
     }
 
     fn splats(&mut self, _run: &Run<M>, splats: Tensor<2>) -> Tensor<2> {
@@ -158,6 +159,12 @@ impl<M> Extension<M> for Exposure {
             return splats;
         };
         expose(splats, leaf.clone()).expect("a response is two rows of three")
+    }
+
+    fn gradients(&self, visit: &mut GradientVisit<'_>) {
+        for (_, leaf) in &self.present {
+            visit.leaf(leaf);
+        }
     }
 
     fn after_backward(&mut self, run: &mut Run<M>, gradients: &mut Gradients) {

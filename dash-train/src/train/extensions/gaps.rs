@@ -68,12 +68,13 @@ impl Extension<Dash> for TimeGaps {
         run.method.asks_around = self.0.steadiness > 0.0 && !is_synchronized;
     }
 
-    fn before_forward(&mut self, run: &mut Run<Dash>, view: &View) {
+    fn before_forward(&mut self, run: &mut Run<Dash>, view: &View) -> Result<(), Error> {
         let dynamic = run.scene.dynamic.as_ref();
         let has_dynamic = dynamic.is_some_and(|dynamic| !dynamic.gaussians.is_empty());
         if run.method.asks_around && has_dynamic {
             run.method.around = run.times.around(view.time, &mut run.rng);
         }
+        Ok(())
     }
 
     fn loss_terms(

@@ -137,9 +137,14 @@ impl Method for Dash {
         Ok(vec![cost * method.config.static_motion])
     }
 
-    fn after_backward(run: &mut Run<Self>, view: &View, forward: &Forward) -> Result<(), Error> {
-        if run.method.motion_space.is_some() {
-            run.gather_scale(&forward.static_splats, view);
+    fn statistics(run: &Run<Self>, view: &View, splats: &Tensor<2>) -> Option<Tensor<2>> {
+        let looks_for_motion = run.method.motion_space.is_some();
+        looks_for_motion.then(|| run.method.scales_in(splats, view))
+    }
+
+    fn after_backward(run: &mut Run<Self>, statistics: Option<Tensor<2>>) -> Result<(), Error> {
+        if let Some(scales) = statistics {
+            run.method.scales.add(scales);
             if run.step.is_multiple_of(MASK_INTERVAL) {
                 run.method.held_still = run.moving()?.iter().map(|moves| !moves).collect();
             }

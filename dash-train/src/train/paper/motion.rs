@@ -82,25 +82,6 @@ impl Run<Dash> {
         ))
     }
 
-    /// Takes note of how large a world unit of each visible Gaussian's motion appears in a view, given its splats `[N, C]`.
-    pub(super) fn gather_scale(&mut self, splats: &Tensor<2>, view: &View) {
-        let column = |column: usize| splats.clone().narrow(1, column, 1);
-        let (depth, radius) = (column(DEPTH), column(RADIUS_X));
-        let visible = radius
-            .greater_elem(0.0)
-            .bool_and(depth.clone().greater_elem(0.0));
-        let scale = match self.method.config.measure {
-            MotionMeasure::World => depth.ones_like(),
-            MotionMeasure::DistanceWeighted => (depth.clone() * depth + 1e-6).recip(),
-            MotionMeasure::Screen => {
-                depth.recip() * (view.camera.fx / view.camera.width as f64) as f32
-            }
-        };
-        let shown = visible.clone().float();
-        let scale = scale.mask_fill(visible.bool_not(), 0.0);
-        self.method.scales.add(Tensor::cat(vec![scale, shown], 1));
-    }
-
     /// One step of the optimizer on the coarse field.
     pub(super) fn update_motion(&mut self, gradients: &mut Gradients) {
         let left = self.motion_left();
@@ -125,6 +106,25 @@ impl Run<Dash> {
 }
 
 impl Dash {
+    /// How large a world unit of each visible Gaussian's motion appears in a view, and 1 beside it `[N, 2]`, given its splats `[N, C]`.
+    pub(super) fn scales_in(&self, splats: &Tensor<2>, view: &View) -> Tensor<2> {
+        let column = |column: usize| splats.clone().narrow(1, column, 1);
+        let (depth, radius) = (column(DEPTH), column(RADIUS_X));
+        let visible = radius
+            .greater_elem(0.0)
+            .bool_and(depth.clone().greater_elem(0.0));
+        let scale = match self.config.measure {
+            MotionMeasure::World => depth.ones_like(),
+            MotionMeasure::DistanceWeighted => (depth.clone() * depth + 1e-6).recip(),
+            MotionMeasure::Screen => {
+                depth.recip() * (view.camera.fx / view.camera.width as f64) as f32
+            }
+        };
+        let shown = visible.clone().float();
+        let scale = scale.mask_fill(visible.bool_not(), 0.0);
+        Tensor::cat(vec![scale, shown], 1)
+    }
+
     /// How large a world unit of each Gaussian's motion appears, mean over the views that showed it.
     pub(crate) fn mean_scales(&self) -> Vec<f32> {
         let (sums, views) = self.scales.totals();

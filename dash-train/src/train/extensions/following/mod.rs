@@ -25,7 +25,9 @@ use self::window::{teaches_gaussians, time_window};
 use crate::Error;
 use crate::dataset::View;
 use crate::train::core::loss::weighted_error;
-use crate::train::core::{Extension, Forward, Ranges, RowEdit, Run, Saved, Section, Set, to_host};
+use crate::train::core::{
+    Extension, Forward, GradientVisit, Ranges, RowEdit, Run, Saved, Section, Set, to_host,
+};
 use crate::train::paper::Dash;
 
 /// Share of the typical gradient that is added to Adam's denominator in the coarse field's networks.
@@ -146,7 +148,6 @@ impl Extension<Dash> for Following {
             run.method.motion = None;
             let flow = self.flow.get_or_insert_with(|| SceneFlow::new(run));
             flow.advance(run, steps)?;
-            run.method.displacement = flow.displacement(run)?;
         } else if run.may_move() && run.step == stages.handover && stages.handover < stages.end {
             hand_over(run)?;
         }
@@ -171,8 +172,12 @@ impl Extension<Dash> for Following {
         Some(sampler.next_of_growing(n, seen, new, time, rng))
     }
 
-    fn before_forward(&mut self, run: &mut Run<Dash>, view: &View) {
+    fn before_forward(&mut self, run: &mut Run<Dash>, view: &View) -> Result<(), Error> {
         run.updates_scene &= self.flow.is_some() || teaches_gaussians(run, view.time);
+        if let Some(flow) = &mut self.flow {
+            run.method.displacement = flow.displacement(run)?;
+        }
+        Ok(())
     }
 
     fn loss_terms(
@@ -182,6 +187,12 @@ impl Extension<Dash> for Following {
         forward: &Forward,
     ) -> Result<Vec<Tensor<1>>, Error> {
         Ok(self.small_motion(run, view, forward)?.into_iter().collect())
+    }
+
+    fn gradients(&self, visit: &mut GradientVisit<'_>) {
+        if let Some(flow) = &self.flow {
+            flow.gradients(visit);
+        }
     }
 
     fn after_backward(&mut self, run: &mut Run<Dash>, gradients: &mut Gradients) {

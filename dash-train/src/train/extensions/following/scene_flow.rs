@@ -20,7 +20,7 @@ use self::present::Present;
 use super::block_matching::{self, Ahead};
 use crate::Error;
 use crate::dataset::View;
-use crate::train::core::{Rate, Run, TimeSpan, to_host};
+use crate::train::core::{GradientVisit, Rate, Run, TimeSpan, to_host};
 use crate::train::paper::Dash;
 
 /// Name of the offsets among parameters.
@@ -125,6 +125,13 @@ impl SceneFlow {
             .reshape([n, LEVELS, FEATURES]);
         let offsets = levels.sum_dim(1).reshape([n, FEATURES]).narrow(1, 0, 3);
         Ok(Some(expected + offsets * moves * self.width))
+    }
+
+    /// Shows the offsets.
+    pub(super) fn gradients(&self, visit: &mut GradientVisit<'_>) {
+        if let Some(present) = &self.present {
+            visit.module(&present.offsets);
+        }
     }
 
     /// One step of Adam on the offsets.
