@@ -20,6 +20,8 @@ use dash_train::train::{
     Additions, Budget, FirstPoints, Keep, OnTrial, RunConfig, RunFolder, StepReport, TrainOptions,
     Trainer, check_dataset, train,
 };
+use dash_train::windows::{LENGTH, Windows};
+use tracing::subscriber::NoSubscriber;
 
 use crate::Shared;
 use crate::configuration::{ConfigFile, Overrides, ValueArgs};
@@ -32,7 +34,6 @@ use crate::values;
 use crate::values::WindowChoice;
 use crate::watch::{Door, WatchArgs};
 use crate::windows::Clip;
-use dash_train::windows::{LENGTH, Windows};
 use resume::take_up;
 use told::{finish, resume, score, stopped_by, waited_for_images};
 
@@ -229,10 +230,12 @@ fn default_window(
         return Ok(None);
     }
     let choice = shared.device.unwrap_or_default().resolved();
-    let (_, dataset) = args.data.look(&args.dataset, &file.data, choice)?;
-    if !Windows::suit(&dataset) {
+    // What is to be told of the dataset is told when it is loaded to be trained on.
+    let look = || args.data.look(&args.dataset, &file.data, choice);
+    let looked = tracing::subscriber::with_default(NoSubscriber::default(), look);
+    let Some((_, dataset)) = looked.ok().filter(|(_, dataset)| Windows::suit(dataset)) else {
         return Ok(None);
-    }
+    };
     tracing::info!(
         "{} frames: trained in windows of {LENGTH}; --window none trains them as one",
         dataset.n_frames

@@ -29,6 +29,21 @@ fn under_way() -> MutexGuard<'static, Vec<PathBuf>> {
 }
 
 /// A file or folder that is not complete; removed when dropped.
+///
+/// ```
+/// use std::fs;
+///
+/// use dash_model::unfinished::Unfinished;
+///
+/// let folder = tempfile::tempdir()?;
+/// let path = folder.path().join("scores.json");
+/// let unfinished = Unfinished::file(&path)?;
+/// fs::write(unfinished.path(), "{}")?;
+/// assert!(!path.exists());
+/// unfinished.finish(|scratch| fs::rename(scratch, &path))?;
+/// assert!(path.exists());
+/// # Ok::<(), std::io::Error>(())
+/// ```
 #[derive(Debug)]
 pub struct Unfinished {
     path: PathBuf,

@@ -167,6 +167,19 @@ fn listed(path: &Path, entries: Vec<Value>) -> Result<Vec<CameraEntry>, Error> {
 ///
 /// # Errors
 /// When a camera would be refused by [`read_cameras`], or the file can't be written.
+///
+/// ```
+/// use dash_kernels::Camera;
+/// use dash_train::cameras::{CameraEntry, read_cameras, write_cameras};
+///
+/// let folder = tempfile::tempdir()?;
+/// let path = folder.path().join("cameras.json");
+/// let camera = Camera::new(80.0, 80.0, 32.0, 24.0, 64, 48);
+/// let front = CameraEntry { id: 0, img_name: "front".into(), camera, time: Some(0.5) };
+/// write_cameras(&path, &[front])?;
+/// assert_eq!(read_cameras(&path)?[0].img_name, "front");
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 pub fn write_cameras(path: &Path, cameras: &[CameraEntry]) -> Result<(), Error> {
     let text = cameras_text(path, cameras)?;
     crate::video::write_whole(path, |file| file.write_all(&text))

@@ -16,6 +16,13 @@ use crate::jobs::Hold;
 const PAUSE: Duration = Duration::from_millis(500);
 
 /// A device as the user names it.
+///
+/// ```
+/// use dash_train::device::DeviceChoice;
+///
+/// assert_eq!("cuda:1".parse(), Ok(DeviceChoice::Cuda(1)));
+/// assert!("abacus".parse::<DeviceChoice>().is_err());
+/// ```
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum DeviceChoice {
     /// A real GPU where there is one, else the CPU; never a GPU emulated in software.

@@ -12,6 +12,10 @@ use crate::files::refuse_pointer;
 
 /// Colour of points whose file states none.
 const NEUTRAL_GRAY: u8 = 128;
+/// A colour value above is of a file whose white is 255, or of a highlight.
+const BRIGHTEST: f64 = 1.5;
+/// Share of highlights among the colour values of a file whose white is 1, at most.
+const MAX_HIGHLIGHTS: f64 = 0.01;
 
 /// Points with colours, as structure from motion leaves them.
 #[derive(Debug, Clone, Default, PartialEq)]
@@ -47,7 +51,7 @@ impl PointCloud {
 
 /// Reads a point cloud: `x, y, z` and, where present, `red, green, blue` of the element `vertex`;
 /// ASCII or binary, further columns and elements are skipped. Integer colours are scaled from
-/// their type's range, real ones from [0, 1] (from [0, 255] when any exceeds 1).
+/// their type's range, real ones from [0, 1], or from [0, 255] where more than a few exceed 1.
 /// Points that are not finite are left out with a warning; one tells of points without colours, too.
 ///
 /// # Errors
@@ -96,6 +100,17 @@ pub fn read_points_counting(path: &Path) -> Result<(PointCloud, usize), Error> {
 ///
 /// # Panics
 /// When there are not as many colours as positions.
+///
+/// ```
+/// use dash_train::ply::{PointCloud, read_points, write_points};
+///
+/// let folder = tempfile::tempdir()?;
+/// let path = folder.path().join("points.ply");
+/// let points = PointCloud { positions: vec![[1.0, 2.0, 3.0]], colors: vec![[255, 0, 0]] };
+/// write_points(&path, &points)?;
+/// assert_eq!(read_points(&path)?, points);
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 pub fn write_points(path: &Path, points: &PointCloud) -> Result<(), Error> {
     assert_eq!(
         points.positions.len(),
@@ -236,6 +251,19 @@ fn rows_fit(element: &ElementDef, format: PlyFormat, n_bytes: usize) -> bool {
     element.count == 0 || (row_bytes > 0 && element.count <= n_bytes / row_bytes)
 }
 
+/// What white is among real colour values, 1 or 255. A few of a highlight may be above 1.
+pub(crate) fn white(values: impl Iterator<Item = f64>) -> f64 {
+    let (mut n, mut n_large) = (0usize, 0usize);
+    for value in values.filter(|value| value.is_finite() && *value > 0.0) {
+        n += 1;
+        n_large += usize::from(value > BRIGHTEST);
+    }
+    match n_large as f64 > MAX_HIGHLIGHTS * n as f64 {
+        true => 255.0,
+        false => 1.0,
+    }
+}
+
 fn collect(element: &ElementDef, rows: Vec<Vertex>) -> Parsed {
     let color_type = match element.get_property("red").map(|p| &p.property_type) {
         Some(PropertyType::Scalar(scalar))
@@ -245,23 +273,20 @@ fn collect(element: &ElementDef, rows: Vec<Vertex>) -> Parsed {
         }
         _ => None,
     };
+    let colors = || rows.iter().flat_map(|r| [r.red, r.green, r.blue]);
     let scale = match color_type {
-        Some(ScalarType::F32 | ScalarType::F64)
-            if rows
-                .iter()
-                .all(|r| r.red <= 1.0 && r.green <= 1.0 && r.blue <= 1.0) =>
-        {
-            255.0
-        }
-        Some(ScalarType::U16) => 255.0 / 65535.0,
+        Some(ScalarType::F32 | ScalarType::F64) => 255.0 / white(colors()),
+        Some(ScalarType::U16) if colors().any(|value| value > 255.0) => 255.0 / 65535.0,
         _ => 1.0,
     };
     let mut points = PointCloud::default();
     let mut n_dropped = 0;
     for row in rows {
         let color = match color_type {
-            Some(_) => [row.red, row.green, row.blue]
-                .map(|value| (value * scale).round().clamp(0.0, 255.0) as u8),
+            Some(_) => [row.red, row.green, row.blue].map(|value| match value.is_nan() {
+                true => NEUTRAL_GRAY,
+                false => (value * scale).round().clamp(0.0, 255.0) as u8,
+            }),
             None => [NEUTRAL_GRAY; 3],
         };
         if !points.push_finite([row.x, row.y, row.z], color) {

@@ -16,6 +16,19 @@ pub struct PathCamera {
 /// without keyframes.
 ///
 /// Positions follow a Catmull-Rom spline, rotations the shortest turn; fields of view and times are interpolated linearly.
+///
+/// ```
+/// use dash_kernels::Camera;
+/// use dash_view::camera_path::{PathCamera, between};
+///
+/// let lens = Camera::new(80.0, 80.0, 32.0, 24.0, 64, 48);
+/// let key = |x: f64, time: f32| PathCamera {
+///     camera: lens.clone().look_at([x, 0.0, -4.0], [0.0; 3], [0.0, -1.0, 0.0]),
+///     time,
+/// };
+/// let path = between(&[key(-1.0, 0.0), key(1.0, 1.0)], 5);
+/// assert_eq!((path.len(), path[2].time), (5, 0.5));
+/// ```
 pub fn between(keyframes: &[PathCamera], n: usize) -> Vec<PathCamera> {
     let (Some(first), Some(last)) = (keyframes.first(), keyframes.len().checked_sub(1)) else {
         return Vec::new();

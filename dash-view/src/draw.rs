@@ -79,6 +79,13 @@ impl fmt::Display for ViewLayer {
 }
 
 /// A picture in 8 bits, rows first.
+///
+/// ```
+/// use dash_view::draw::Frame;
+///
+/// let frame = Frame::from_rgb(1, 1, &[1, 2, 3]);
+/// assert_eq!(frame.rgba, [1, 2, 3, 255]);
+/// ```
 #[derive(Debug, Clone, PartialEq)]
 pub struct Frame {
     /// Width in pixels.

@@ -15,6 +15,17 @@ const FIELD_OF_VIEW: f64 = 0.8;
 /// An eye that looks at a target.
 ///
 /// Axes are those of cameras in this project: x right, y down, z forward.
+///
+/// ```
+/// use dash_view::navigator::Navigator;
+/// use glam::DVec3;
+///
+/// let mut eye = Navigator::new(DVec3::ZERO, 4.0);
+/// eye.orbit(0.3, 0.1);
+/// eye.zoom(0.5);
+/// let position = DVec3::from(eye.camera(64, 48).position());
+/// assert!((position.length() - 2.0).abs() < 1e-9);
+/// ```
 #[derive(Debug, Clone, PartialEq)]
 pub struct Navigator {
     pose: Pose,

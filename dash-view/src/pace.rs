@@ -8,6 +8,16 @@ const LEAST_SHARE: f64 = 0.2;
 const STEPS: f64 = 20.0;
 
 /// Chooses pictures as large as can be drawn in time: full ones at rest, smaller ones while something moves.
+///
+/// ```
+/// use dash_view::pace::Pace;
+///
+/// let (mut pace, full) = (Pace::default(), [800, 600]);
+/// // A full picture takes a second: too long while something moves.
+/// pace.saw(full, full, 1.0);
+/// assert!(pace.size(full, true)[0] < 400);
+/// assert_eq!(pace.size(full, false), full);
+/// ```
 #[derive(Debug, Clone, PartialEq)]
 pub struct Pace {
     /// Of a side.

@@ -4,6 +4,16 @@
 pub const SPEEDS: [f64; 7] = [0.1, 0.25, 0.5, 1.0, 2.0, 4.0, 8.0];
 
 /// A clip's time, and how it passes.
+///
+/// ```
+/// use dash_view::playback::Playback;
+///
+/// let mut clip = Playback::new(31, 30.0);
+/// clip.advance(0.5);
+/// assert_eq!(clip.frame(), 15);
+/// clip.step(2);
+/// assert_eq!((clip.frame(), clip.playing), (17, false));
+/// ```
 #[derive(Debug, Clone, PartialEq)]
 pub struct Playback {
     /// In [0, 1] over the clip.

@@ -45,6 +45,8 @@ struct Told {
     /// Steps and PSNR of test views.
     held_out: Vec<(usize, f64)>,
     paused: bool,
+    /// Whether the run waits, as it was asked to.
+    waits: bool,
     /// Number of the newest scene, 0 before the first.
     version: usize,
     parts: usize,
@@ -131,6 +133,11 @@ impl Board {
 
     pub fn pause(&self, paused: bool) {
         self.state().told.paused = paused;
+    }
+
+    /// Whether the run waits between two steps.
+    pub fn wait(&self, waits: bool) {
+        self.state().told.waits = waits;
     }
 
     /// Everything as JSON; who asks for it looks.

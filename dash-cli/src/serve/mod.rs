@@ -123,8 +123,10 @@ impl Show {
             }
         }
         while self.board.is_paused() && !stop() {
+            self.board.wait(true);
             std::thread::sleep(Duration::from_millis(50));
         }
+        self.board.wait(false);
     }
 }
 

@@ -41,7 +41,7 @@ pub(super) fn resume(args: &TrainArgs) -> String {
     )
 }
 
-/// What is left to do of a run that is trained.
+/// What remains to be done for a trained run.
 pub(super) fn score(args: &TrainArgs) -> String {
     let run = values::word(&args.out);
     format!("the scene is trained: score it with `dash eval {run}`")

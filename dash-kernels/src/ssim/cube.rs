@@ -4,9 +4,7 @@
 //! and then along columns in shared memory (forward 11.8 KiB, backward 24.8 KiB), a value by a unit, neighbours by
 //! neighbours; a barrier separates the steps. No atomics; deterministic.
 //!
-//! So much shared memory lets few cubes run at once, so that a cube has as many units as every device can have. With 64,
-//! each of which kept a run of values in registers for all windows on it, both passes took twice as long on an H200
-//! through Vulkan, though less by a third on llvmpipe.
+//! So much shared memory lets few cubes run at once, so a cube has as many units as every device can have.
 //!
 //! Variances are differences of large numbers where an image is flat. The CPU forms them in f64;
 //! here both images are first shifted by their values in the middle of the tile, which changes

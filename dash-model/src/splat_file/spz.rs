@@ -146,7 +146,7 @@ pub fn read(path: &Path) -> Result<SplatFile, ModelError> {
     {
         let found = u32::from_le_bytes(*version).to_string();
         return Err(wrong(
-            "SPZ of version 2 or 3, gzipped",
+            "SPZ of version 2 or 3, gzipped (write it as version 3)",
             format!("version {found}"),
         ));
     }

@@ -33,6 +33,15 @@ const SINGLE_CAMERA_RADIUS: f64 = 0.03;
 ///
 /// # Source
 /// The spiral is that of LLFF (Mildenhall et al. 2019), `render_path_spiral`.
+///
+/// ```
+/// use dash_kernels::Camera;
+/// use dash_train::cameras::spiral;
+///
+/// let lens = Camera::new(80.0, 80.0, 32.0, 24.0, 64, 48);
+/// let rig = [-1.0, 0.0, 1.0].map(|x| lens.clone().look_at([x, 0.0, -4.0], [0.0; 3], [0.0, -1.0, 0.0]));
+/// assert_eq!(spiral(&rig, 30, None).len(), 30);
+/// ```
 pub fn spiral(cameras: &[Camera], n: usize, focus_depth: Option<f64>) -> Vec<Camera> {
     if cameras.is_empty() {
         return Vec::new();

@@ -12,6 +12,13 @@ use crate::train::paper::scale::Scale;
 /// A method for dynamic scenes: DASH, its ablations, and the Gaussian-based systems that the paper
 /// compares it with, all with this project's rasterizer and density control. Other methods have their authors' sizes,
 /// learning rates and schedules, see [`published`](crate::train::paper::published).
+///
+/// ```
+/// use dash_train::compare::Method;
+///
+/// let names = Method::ALL.map(Method::name);
+/// assert!(names.contains(&"hexplane+dec"));
+/// ```
 #[derive(
     Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize, clap::ValueEnum,
 )]

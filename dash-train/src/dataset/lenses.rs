@@ -5,6 +5,8 @@ use super::view::View;
 
 /// Degrees from which on a field of view is no lens's that pictures without distortion can be of.
 const WIDEST: f64 = 150.0;
+/// Degrees up to which one is hardly meant: an angle in other units gives such.
+const NARROWEST: f64 = 2.0;
 
 /// A view whose intrinsics are hardly meant.
 #[derive(Debug, Clone, PartialEq)]
@@ -45,7 +47,7 @@ impl OddLens {
 fn odd(view: &View) -> Option<String> {
     let camera = &view.camera;
     let angle = 2.0 * (0.5 * camera.width as f64 / camera.fx).atan().to_degrees();
-    if angle > WIDEST {
+    if !(NARROWEST..=WIDEST).contains(&angle) {
         let told = "a field of view of";
         return Some(format!(
             "{told} {angle:.1} degrees (focal length {:.3} pixels)",

@@ -10,7 +10,7 @@ use rayon::prelude::*;
 use super::broken::Broken;
 use super::options::LoadOptions;
 use super::partition::Partition;
-use super::pixels::decode::header;
+use super::pixels::decode::{header, is_transparent};
 use super::pixels::frames::{
     FrameStore, Pixels, Recipe, Source, bytes_in_words, check_size, default_budget, make_all,
     salvage,
@@ -27,6 +27,8 @@ const MOTION_FOLDER: &str = "motion_masks";
 const LEAST_SIDE: usize = 3;
 /// Most threads that decode ahead.
 const MAX_FRAME_THREADS: usize = 4;
+/// Pictures that are looked at to know whether any is transparent.
+const ASKED_FOR_ALPHA: usize = 64;
 
 /// A view whose image is still to be decoded.
 #[derive(Debug, Clone)]
@@ -122,6 +124,7 @@ impl<'a> Loader<'a> {
             .zip(recipes)
             .filter_map(|(view, recipe)| Some((view, recipe?)))
             .collect();
+        forget_unused_alpha(&mut plan);
         // Callers that collect broken images check every mask themselves.
         if !self.broken.is_noted()
             && let Some(doubt) = self.doubt_masks(&plan)?
@@ -172,6 +175,21 @@ impl<'a> Loader<'a> {
         match (masks::doubt(&masks), plan.first()) {
             (Ok(None), Some((first, _))) if masks.iter().all(Option::is_none) => {
                 Ok(masks::unused_folder(self.root, &first.name))
+            }
+            (Ok(None), _) => {
+                let lacks = |(_, recipe): &&(PlannedView, Recipe)| recipe.counted.is_none();
+                let without: Vec<&str> = plan
+                    .iter()
+                    .filter(lacks)
+                    .map(|(view, _)| view.name.as_str())
+                    .collect();
+                let used = masks.iter().flatten().map(|(mask, _)| mask.path.as_path());
+                Ok(masks::unused_files(
+                    self.root,
+                    &used.collect(),
+                    &without,
+                    plan.len(),
+                ))
             }
             // Left out below, with its view.
             (Err(_), _) if self.options.skip_broken => Ok(None),
@@ -310,5 +328,25 @@ impl<'a> Loader<'a> {
             view.motion_mask = view.motion_mask()?.map(MotionMask::Ready);
         }
         Ok(view)
+    }
+}
+
+/// Pictures of a capture that could be transparent and are opaque have no background: so it is if none of some is transparent
+/// anywhere.
+fn forget_unused_alpha(plan: &mut [(PlannedView, Recipe)]) {
+    let files: Vec<&Path> = plan
+        .iter()
+        .filter(|(_, recipe)| recipe.has_alpha)
+        .filter_map(|(_, recipe)| match &recipe.source {
+            Source::File(path) => Some(path.as_path()),
+            Source::Video { .. } => None,
+        })
+        .collect();
+    let n = files.len().min(ASKED_FOR_ALPHA);
+    let asked = (0..n).into_par_iter().map(|k| files[k * files.len() / n]);
+    if !asked.any(is_transparent) {
+        for (_, recipe) in plan {
+            recipe.has_alpha = false;
+        }
     }
 }

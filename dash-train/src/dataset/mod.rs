@@ -144,6 +144,22 @@ impl Dataset {
 /// # Errors
 /// Names the file at fault: missing, damaged or inconsistent poses, images, videos or points, or
 /// an option that does not fit.
+///
+/// ```
+/// use dash_train::dataset::{LoadOptions, Partition, load};
+/// use dash_train::synth::{SynthConfig, write};
+///
+/// let folder = tempfile::tempdir()?;
+/// let clip = folder.path().join("clip");
+/// let config = SynthConfig { cameras: 3, frames: 2, width: 32, height: 24, ..Default::default() };
+/// write(&clip, &config)?;
+///
+/// let dataset = load(&clip, &LoadOptions::default())?;
+/// assert_eq!(dataset.views.len(), 6);
+/// // Camera 0 is held out.
+/// assert_eq!(dataset.views_of(Partition::Test).count(), 2);
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 pub fn load(path: &Path, options: &LoadOptions) -> Result<Dataset, Error> {
     load_with(path, options, &FORMATS)
 }

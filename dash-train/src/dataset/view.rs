@@ -7,7 +7,7 @@ use std::sync::Arc;
 use dash_kernels::Camera;
 
 use super::partition::Partition;
-use super::pixels::decode::decode_mask;
+use super::pixels::decode_mask;
 use super::pixels::frames::Pixels;
 use super::pixels::image::ImageData;
 use super::pixels::lens::{Lens, without_distortion};

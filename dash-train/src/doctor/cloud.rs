@@ -12,7 +12,7 @@ use rand_pcg::Pcg64;
 
 use super::finding::{Finding, percent};
 use crate::Error;
-use crate::dataset::{Dataset, known_point_file};
+use crate::dataset::{Dataset, Layout, known_point_file};
 use crate::ply::{PointCloud, read_points_counting};
 use crate::train::core::capture::start_span;
 use crate::train::core::hold_out::hold_out;
@@ -222,7 +222,7 @@ pub(super) fn training_box(dataset: &Dataset) -> Result<(SpaceBox, bool), Error>
         points.colors = cloud.colors.iter().map(|&c| color(c)).collect();
         points.given = points.positions.len();
     }
-    let used = points.given > 0 && seen.shows(&points);
+    let used = points.given > 0 && seen.shows(&points, dataset.layout == Layout::Colmap);
     if !used {
         points = seen.points(SOUGHT, &mut Pcg64::seed_from_u64(0));
     }

@@ -91,6 +91,16 @@ impl Diagnosis {
 
 /// Loads the dataset in the folder `root` as training would, and examines it. What can't be loaded is a
 /// finding, and what is left is examined all the same. `memory`: what the pictures may take.
+///
+/// ```
+/// use dash_train::dataset::LoadOptions;
+/// use dash_train::doctor::{Severity, examine};
+///
+/// let folder = tempfile::tempdir()?;
+/// let diagnosis = examine(folder.path(), &LoadOptions::default(), None);
+/// assert_eq!(diagnosis.count(Severity::Error), 1, "an empty folder is no dataset");
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 pub fn examine(root: &Path, options: &LoadOptions, memory: Option<u64>) -> Diagnosis {
     examine_timed(root, options, memory, None)
 }

@@ -53,6 +53,7 @@ fn entries(folder: &Path) -> Result<Vec<(String, bool)>, Error> {
         names.push((name, is_folder));
     }
     if let Some(told) = not_unicode(&mut others)
+        && tracing::enabled!(tracing::Level::WARN)
         && TOLD
             .lock()
             .is_ok_and(|mut told| told.insert(folder.to_path_buf()))

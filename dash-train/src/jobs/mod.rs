@@ -65,6 +65,15 @@ pub enum Work {
 }
 
 /// `OUT/plan.json`.
+///
+/// ```
+/// use dash_train::jobs::{Plan, Work};
+///
+/// let work = Work::Windows { windows: 2, room: true };
+/// let plan = Plan::new(work, 1, None, Default::default());
+/// let runs: Vec<&str> = plan.tasks().iter().map(|task| task.run.as_str()).collect();
+/// assert_eq!(runs, ["room", "window-000", "window-001"]);
+/// ```
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Plan {

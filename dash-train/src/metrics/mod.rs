@@ -49,6 +49,13 @@ const SUM_CHUNK: usize = 1 << 14;
 ///
 /// # Panics
 /// When the images are empty or differ in size.
+///
+/// ```
+/// use dash_train::metrics::psnr;
+///
+/// // Every value is off by a tenth.
+/// assert!((psnr(&[0.5; 12], &[0.6; 12]) - 20.0).abs() < 1e-3);
+/// ```
 pub fn psnr(a: &[f32], b: &[f32]) -> f64 {
     assert_eq!(a.len(), b.len(), "psnr: the images differ in size");
     assert!(!a.is_empty(), "psnr: the images are empty");

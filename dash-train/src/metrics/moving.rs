@@ -33,6 +33,14 @@ pub const MOVING_PIXELS_RULE: &str = "per camera, one mask for its whole video: 
 ///
 /// # Panics
 /// When a frame's size is not `width x height`.
+///
+/// ```
+/// use dash_train::metrics::moving_pixels;
+///
+/// let (dark, bright) = (vec![0.0; 48], vec![1.0; 48]);
+/// let moving = moving_pixels(&[&dark, &dark, &bright], 4, 4);
+/// assert_eq!(moving, [true; 16]);
+/// ```
 pub fn moving_pixels(video: &[&[f32]], width: usize, height: usize) -> Vec<bool> {
     for frame in video {
         assert_eq!(

@@ -36,6 +36,14 @@ pub const MS_SSIM_RULE: &str = "5 scales with the weights of Wang et al. 2003, 1
 ///
 /// # Panics
 /// When the images are empty or their sizes are not `width x height`.
+///
+/// ```
+/// use dash_train::metrics::ssim;
+///
+/// let stripes: Vec<f32> = (0..16 * 16 * 3).map(|k| (k % 7) as f32 / 6.0).collect();
+/// assert!((ssim(&stripes, &stripes, 16, 16) - 1.0).abs() < 1e-6);
+/// assert!(ssim(&stripes, &[0.5; 16 * 16 * 3], 16, 16) < 0.5);
+/// ```
 pub fn ssim(a: &[f32], b: &[f32], width: usize, height: usize) -> f64 {
     check_sizes("ssim", a, b, width, height);
     let means: Vec<f64> = (0..CHANNELS)

@@ -113,3 +113,28 @@ fn hostile_headers_are_errors() {
         assert!(read_text(text).is_err(), "{text}");
     }
 }
+
+#[test]
+fn a_highlight_or_a_hole_does_not_change_what_white_is() {
+    let colors = |rows: &[&str], kind: &str| {
+        let head = format!(
+            "ply\nformat ascii 1.0\nelement vertex {}\nproperty float x\nproperty float y\nproperty float z\n\
+             property {kind} red\nproperty {kind} green\nproperty {kind} blue\nend_header\n",
+            rows.len()
+        );
+        let rows: Vec<String> = rows.iter().map(|row| format!("0 0 0 {row}\n")).collect();
+        read_text(&(head + &rows.concat()))
+            .expect("valid")
+            .points
+            .colors
+    };
+    let mut real = vec!["1 0.5 0"; 100];
+    assert_eq!(colors(&real, "float")[0], [255, 128, 0]);
+    real.extend(["1.8 0.5 0", "nan 0.5 0"]);
+    let found = colors(&real, "float");
+    assert_eq!(found[0], [255, 128, 0]);
+    assert_eq!(found[100..], [[255, 128, 0], [128, 128, 0]]);
+    assert_eq!(colors(&["1 2 0", "200 100 3"], "float")[1], [200, 100, 3]);
+    assert_eq!(colors(&["1 2 0", "255 100 3"], "ushort")[1], [255, 100, 3]);
+    assert_eq!(colors(&["65535 32896 0"], "ushort"), [[255, 128, 0]]);
+}

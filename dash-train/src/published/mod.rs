@@ -117,6 +117,14 @@ pub fn published(dataset: ProtocolName) -> impl Iterator<Item = &'static Publish
 }
 
 /// The protocol and scene of a dataset's folder of this name, spelt as it was published.
+///
+/// ```
+/// use dash_train::published::{ProtocolName, published, scene_called};
+///
+/// let (protocol, _) = scene_called("flame_steak").expect("a scene of Neural 3D Video");
+/// assert_eq!(protocol.name, ProtocolName::N3dv);
+/// assert!(published(protocol.name).count() > 1);
+/// ```
 pub fn scene_called(name: &str) -> Option<(&'static Protocol, &'static Scene)> {
     PROTOCOLS.iter().find_map(|protocol| {
         let scene = protocol.scenes.iter().find(|scene| scene.name == name)?;

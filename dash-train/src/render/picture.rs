@@ -50,6 +50,24 @@ impl fmt::Display for PictureLayer {
 ///
 /// # Errors
 /// When a kernel refuses its input.
+///
+/// ```
+/// use burn::tensor::Device;
+/// use dash_kernels::Camera;
+/// use dash_model::{DynamicScene, GaussianRows, Gaussians, Layer, SceneSettings};
+/// use dash_train::render::render;
+///
+/// let rows = GaussianRows::from_points(&[[0.0, 0.0, 2.0]], &[[1.0, 0.0, 0.0]], 0, 0.5);
+/// let scene = DynamicScene {
+///     static_set: Gaussians::from_rows(&rows, &Device::flex()),
+///     dynamic: None,
+///     settings: SceneSettings::default(),
+/// };
+/// let camera = Camera::new(32.0, 32.0, 8.0, 8.0, 16, 16);
+/// let picture = render(&scene, &camera, 0.0, Layer::Full)?;
+/// assert_eq!((picture.width, picture.height), (16, 16));
+/// # Ok::<(), dash_train::Error>(())
+/// ```
 pub fn render(
     scene: &DynamicScene,
     camera: &Camera,

@@ -70,6 +70,16 @@ pub enum Block {
 }
 
 /// What was measured, in the order in which it is read.
+///
+/// ```
+/// use dash_train::report::{Block, Report};
+///
+/// let report = Report {
+///     title: "Two seeds".into(),
+///     blocks: vec![Block::Text("Both are level.".into())],
+/// };
+/// assert!(report.page().contains("Both are level."));
+/// ```
 #[derive(Debug, Clone, PartialEq)]
 pub struct Report {
     /// The page's title.

@@ -100,6 +100,14 @@ pub fn long_cases() -> Vec<Case> {
 }
 
 /// Works out one case. A fault in it is a failed case, not the end of the others.
+///
+/// ```
+/// use burn::tensor::Device;
+/// use dash_train::stress::{cases, run};
+///
+/// let outcome = run(&cases()[0], &Device::flex());
+/// assert!(outcome.passes, "{outcome:?}");
+/// ```
 pub fn run(case: &Case, device: &Device) -> Outcome {
     let start = Instant::now();
     let result = catch_unwind(AssertUnwindSafe(|| (case.measure)(device)));

@@ -56,6 +56,24 @@ impl fmt::Display for SynthSummary {
 /// # Errors
 /// A setting out of range, an `out` that exists and is not an empty folder, a folder that can't
 /// be written, or a missing ffmpeg when videos are asked for.
+///
+/// ```
+/// use dash_train::synth::{SceneKind, SynthConfig, write};
+///
+/// let folder = tempfile::tempdir()?;
+/// let clip = folder.path().join("clip");
+/// let config = SynthConfig {
+///     scene: SceneKind::Static,
+///     cameras: 3,
+///     frames: 1,
+///     width: 32,
+///     height: 24,
+///     ..Default::default()
+/// };
+/// write(&clip, &config)?;
+/// assert!(clip.join("poses_bounds.npy").exists());
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 pub fn write(out: &Path, config: &SynthConfig) -> Result<SynthSummary, Error> {
     write_with(out, config, &ffmpeg_program().to_string_lossy())
 }

@@ -19,6 +19,32 @@ use crate::dataset::{Dataset, Partition, View};
 const WARMUP_WITH_BACKDROP: f32 = 0.02;
 
 /// A training run in memory.
+///
+/// ```
+/// use std::sync::Arc;
+///
+/// use burn::tensor::Device;
+/// use dash_train::dataset::{LoadOptions, Partition, load};
+/// use dash_train::evaluate::evaluate;
+/// use dash_train::synth::{SynthConfig, write};
+/// use dash_train::train::{Preset, TrainConfig, Trainer};
+///
+/// let folder = tempfile::tempdir()?;
+/// let clip = folder.path().join("clip");
+/// let config = SynthConfig { cameras: 4, frames: 2, width: 32, height: 24, ..Default::default() };
+/// write(&clip, &config)?;
+/// let dataset = Arc::new(load(&clip, &LoadOptions::default())?);
+///
+/// let config = TrainConfig::preset(Preset::Quick);
+/// let mut trainer = Trainer::new(config, dataset.clone(), &Device::flex())?;
+/// for _ in 0..3 {
+///     trainer.step()?;
+/// }
+/// let test = Partition::Test;
+/// let scores = evaluate(trainer.scene(), &dataset, test, 1.0, &Default::default())?;
+/// assert!(scores.psnr.is_some_and(f64::is_finite));
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 pub struct Trainer {
     /// The configuration that it was begun with.
     config: TrainConfig,
@@ -33,7 +59,7 @@ pub struct Additions {
     pub extensions: Vec<Box<dyn Extension<Dash>>>,
     /// The policy of density control; `None`: that of 3DGS.
     pub densify: Option<Box<dyn Densify>>,
-    /// A scene whose static Gaussians are kept where they fit; see [`Run::put_before`].
+    /// A scene whose static Gaussians are kept where they fit; see [`Run::add_backdrop`].
     pub backdrop: Option<DynamicScene>,
     /// Points that other runs on the same data have found, and that others will find here.
     pub first_points: FirstPoints,
@@ -67,7 +93,7 @@ impl Trainer {
         run.scene.settings.trajectory_basis = run.method.basis;
         run.scene.settings.offsets = config.method.offsets();
         if let Some(room) = &additions.backdrop {
-            run.put_before(room)?;
+            run.add_backdrop(room)?;
             // The static Gaussians are known: the warm-up needs fewer steps, the dynamic ones need as many.
             let [warmup, decomposition] = &mut run.method.config.stages;
             let earlier = *warmup - warmup.min(WARMUP_WITH_BACKDROP);

@@ -18,6 +18,16 @@ use crate::Error;
 ///
 /// # Errors
 /// When the size is zero or not that of `rgb`, or the file can't be written.
+///
+/// ```
+/// use dash_train::video::write_png;
+///
+/// let folder = tempfile::tempdir()?;
+/// let path = folder.path().join("flag.png");
+/// write_png(&path, 2, 1, &[255, 0, 0, 0, 0, 255])?;
+/// assert!(write_png(&path, 2, 2, &[255, 0, 0, 0, 0, 255]).is_err(), "two pixels short");
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 pub fn write_png(path: &Path, width: usize, height: usize, rgb: &[u8]) -> Result<(), Error> {
     let size = checked_size(path, [width, height], rgb.len(), 3)?;
     write_image(path, |file| {

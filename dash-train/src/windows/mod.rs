@@ -101,7 +101,7 @@ impl ClipRun {
     }
 }
 
-/// A stretch of a clip.
+/// A span of a clip.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Window {
@@ -180,10 +180,10 @@ impl Windows {
         };
         let (n, whole_steps) = (dataset.n_frames, train.steps_for(dataset));
         if !(MIN_LENGTH..n).contains(&length) {
-            let expected = format!(
-                "{MIN_LENGTH} to {} frames of the clip's {n}",
-                n.saturating_sub(1)
-            );
+            let expected = match n > MIN_LENGTH {
+                true => format!("{MIN_LENGTH} to {} frames of the clip's {n}", n - 1),
+                false => format!("a clip of more than {MIN_LENGTH} frames, or none (it has {n})"),
+            };
             return refuse("--window", expected, length);
         }
         if overlap == 0 || 2 * overlap >= length {

@@ -19,6 +19,8 @@ mod program;
 use std::fs;
 use std::path::{Path, PathBuf};
 
+use dash_train::train::{Preset, TrainConfig};
+
 use self::commands::check;
 use self::page::{Block, Page};
 use self::program::Program;
@@ -92,6 +94,33 @@ fn commands_run_or_exist() {
         n_run >= 10 && n_checked >= 10,
         "{n_run} run, {n_checked} checked"
     );
+}
+
+#[test]
+fn every_key_that_a_page_sets_exists() {
+    let mut faults = Vec::new();
+    let mut n_keys = 0;
+    for page in pages() {
+        let text = fs::read_to_string(&page.path).expect("a page");
+        let set = text.split("--set").skip(1);
+        let keys =
+            set.filter_map(|after| after.trim_start_matches(['=', ' ', '\n']).split_once('='));
+        let is_key = |key: &str| {
+            key.chars()
+                .all(|c| c.is_ascii_lowercase() || "._".contains(c))
+        };
+        for (key, _) in keys.filter(|(key, _)| is_key(key)) {
+            n_keys += 1;
+            // What is wrong with the value of a known key is another matter.
+            let refused = TrainConfig::preset(Preset::Quick).set(&format!("{key}=no value"));
+            let why = refused.map_or_else(|error| error.to_string(), |()| String::new());
+            if why.contains("no key") || why.contains("no section") {
+                faults.push(format!("{}: {why}", page.path.display()));
+            }
+        }
+    }
+    assert!(faults.is_empty(), "{}", faults.join("\n"));
+    assert!(n_keys >= 10, "{n_keys}");
 }
 
 #[test]

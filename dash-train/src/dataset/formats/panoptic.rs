@@ -21,7 +21,7 @@ use crate::dataset::poses::npz;
 use crate::dataset::poses::panoptic::{Picture, parse};
 use crate::dataset::times;
 use crate::files::{self, find_image, frame_numbers};
-use crate::ply::PointCloud;
+use crate::ply::{PointCloud, white};
 
 const TRAIN_FILE: &str = "train_meta.json";
 const TEST_FILE: &str = "test_meta.json";
@@ -213,12 +213,9 @@ fn cloud(root: &Path) -> Result<Option<PointCloud>, Error> {
     let rows = parse_cloud(&path, &npz::array(&path, &bytes, POINTS_ARRAY)?)?;
     let mut points = PointCloud::default();
     // Other writers of this file have colours up to 255.
-    let is_large = rows
-        .iter()
-        .any(|row| row[3..6].iter().any(|&value| value > 1.0));
-    let white = if is_large { 1.0 } else { 255.0 };
+    let white = white(rows.iter().flat_map(|row| row[3..6].iter().copied()));
     for [x, y, z, r, g, b, _] in rows {
-        let byte = |value: f64| (white * value).clamp(0.0, 255.0).round() as u8;
+        let byte = |value: f64| (255.0 / white * value).clamp(0.0, 255.0).round() as u8;
         points.push_finite([x, y, z], [r, g, b].map(byte));
     }
     Ok(Some(points).filter(|points| !points.is_empty()))

@@ -93,6 +93,11 @@ impl RigReader {
                 images.map(|image| image.name.clone()).collect()
             }
         };
+        // A mistake in them is then told as one of a rig.
+        let is_video = |name: &String| files::has_extension(name, &VIDEO_EXTENSIONS);
+        if names.iter().any(is_video) {
+            return true;
+        }
         let matches: Vec<usize> = self
             .sources
             .iter()
@@ -133,12 +138,42 @@ impl Reader for RigReader {
     }
 }
 
-/// The folders of frames, else the videos, in natural order.
+/// The folders of frames, else the videos, in natural order. Beside videos, folders of one picture each are what the cameras were
+/// posed by.
 fn cameras(root: &Path) -> Result<Vec<Source>, Error> {
     let folders = image_folders(root)?;
-    if !folders.is_empty() {
+    let videos = videos(root)?;
+    if videos.is_empty() && folders.is_empty() {
+        return Err(Error::invalid(
+            root,
+            "a video per camera (videos/left.mp4, ..) or a folder of frames (images/left/0000.png, ..)",
+            format!("none of these{}", unread_images(root)),
+            "put them there, or choose another layout with --layout",
+        ));
+    }
+    let is_one =
+        |source: &Source| matches!(&source.frames, Frames::Images(images) if images.len() == 1);
+    if videos.is_empty() {
         return Ok(folders);
     }
+    // Pictures that the cameras were posed by.
+    if folders.iter().all(is_one) {
+        return Ok(videos);
+    }
+    let has_frames = |video: &&Source| folders.iter().any(|folder| folder.name == video.name);
+    match videos.iter().find(|video| !has_frames(video)) {
+        None => Ok(folders),
+        Some(video) => Err(Error::invalid(
+            root,
+            format!("a folder of frames in {IMAGE_FOLDER} for each video, or none"),
+            format!("none for {VIDEO_FOLDER}/{}", video.name),
+            "extract the frames of all videos, or remove the folders of frames",
+        )),
+    }
+}
+
+/// The videos, in natural order.
+fn videos(root: &Path) -> Result<Vec<Source>, Error> {
     let folder = root.join(VIDEO_FOLDER);
     let names = if folder.is_dir() {
         files::list(&folder)?
@@ -154,14 +189,6 @@ fn cameras(root: &Path) -> Result<Vec<Source>, Error> {
             frames: Frames::Video,
         })
         .collect();
-    if videos.is_empty() {
-        return Err(Error::invalid(
-            root,
-            "a video per camera (videos/left.mp4, ..) or a folder of frames (images/left/0000.png, ..)",
-            format!("none of these{}", unread_images(root)),
-            "put them there, or choose another layout with --layout",
-        ));
-    }
     if let Some(pair) = videos.windows(2).find(|pair| pair[0].name == pair[1].name) {
         return Err(Error::invalid(
             &folder,

@@ -13,10 +13,15 @@ use crate::files::{self};
 /// then the one image in the folder counts.
 pub(crate) fn find(source: &Source, names: &[String]) -> Vec<usize> {
     let camera = &*files::one_form(&source.name);
+    // Files that Windows wrote have its separators.
+    let names: Vec<String> = names
+        .iter()
+        .map(|name| files::one_form(name).replace('\\', "/"))
+        .collect();
     let indices = |means: &dyn Fn(&Path) -> bool| -> Vec<usize> {
-        let named = names.iter().map(|name| files::one_form(name)).enumerate();
+        let named = names.iter().enumerate();
         named
-            .filter(|(_, name)| means(Path::new(&**name)))
+            .filter(|(_, name)| means(Path::new(name)))
             .map(|(index, _)| index)
             .collect()
     };

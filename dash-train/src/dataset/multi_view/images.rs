@@ -133,7 +133,9 @@ fn check_frames(cameras: &[RigCamera], lists: &[&[FrameFile]]) -> Result<(), Err
             ));
         }
         same_count(&first.source, expected.len(), source, list.len())?;
-        let differs = |(a, b): &(&FrameFile, &FrameFile)| a.digits != b.digits;
+        // Of a single frame the number tells nothing; it may be the camera's.
+        let is_numbered = expected.len() > 1;
+        let differs = |(a, b): &(&FrameFile, &FrameFile)| is_numbered && a.digits != b.digits;
         if let Some((wanted, found)) = expected.iter().zip(*list).find(differs) {
             return Err(Error::invalid(
                 &source.path,

@@ -52,6 +52,20 @@ impl ImageData {
         self.channels == RGBA
     }
 
+    /// The colours alone.
+    pub(crate) fn without_alpha(self) -> Self {
+        if !self.has_alpha() {
+            return self;
+        }
+        let pixels = self.pixels.chunks_exact(RGBA);
+        let pixels = pixels.flat_map(|p| p[..RGB].iter().copied()).collect();
+        Self {
+            channels: RGB,
+            pixels,
+            ..self
+        }
+    }
+
     /// `[H, W, 3]` in [0, 1], over `background`.
     pub(crate) fn rgb(&self, background: [f32; 3]) -> Vec<f32> {
         self.rgb_rows(background, 0..self.height)

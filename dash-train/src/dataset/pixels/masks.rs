@@ -1,10 +1,11 @@
 //! Masks of the pixels that count: finding a view's mask, and warnings about all of them.
 
+use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 
 use rayon::prelude::*;
 
-use super::decode::decode_mask;
+use super::mask_file::decode_mask;
 use crate::Error;
 use crate::files::{self};
 
@@ -45,6 +46,34 @@ pub(crate) fn unused_folder(root: &Path, name: &str) -> Option<String> {
              {MASK_FOLDER}/{name}.png"
         )
     })
+}
+
+/// A warning for masks that no view uses, where `without` of all `n` views have none.
+pub(crate) fn unused_files(
+    root: &Path,
+    used: &BTreeSet<&Path>,
+    without: &[&str],
+    n: usize,
+) -> Option<String> {
+    let first = without.first()?;
+    let folder = root.join(MASK_FOLDER);
+    let inside = |path: PathBuf| match path.is_dir() {
+        true => files::list(&path)
+            .unwrap_or_default()
+            .iter()
+            .map(|name| path.join(name))
+            .collect(),
+        false => vec![path],
+    };
+    let all = files::list(&folder).ok()?;
+    let mut all = all.iter().flat_map(|name| inside(folder.join(name)));
+    let unused = all.find(|path| path.is_file() && !used.contains(path.as_path()))?;
+    Some(format!(
+        "{} of {n} views have no mask, and no view uses {}: the mask of the view {first} would be \
+         {MASK_FOLDER}/{first}.png",
+        without.len(),
+        unused.strip_prefix(root).unwrap_or(&unused).display()
+    ))
 }
 
 /// A warning if hardly any pixel counts by the masks of all views, each with its image's size.
@@ -118,6 +147,23 @@ mod tests {
         assert_eq!(doubt(&[None, None]).expect("reads"), None);
         let one = &masks(folder.path(), &[1])[0];
         assert!(doubt(&[Some((one, (10, 10)))]).is_err());
+    }
+
+    #[test]
+    fn masks_that_no_view_uses_are_told_where_views_have_none() {
+        let folder = tempfile::tempdir().expect("temporary folder");
+        let root = folder.path();
+        std::fs::create_dir_all(root.join("masks/cam")).expect("made");
+        let [used, other] = ["masks/cam/0.png", "masks/cam/1.jpg"].map(|name| root.join(name));
+        std::fs::write(&used, "").expect("writes");
+        let told =
+            |without: &[&str]| unused_files(root, &BTreeSet::from([used.as_path()]), without, 2);
+        assert_eq!(told(&["cam/1"]), None);
+        std::fs::write(other, "").expect("writes");
+        assert_eq!(told(&[]), None, "every view has a mask");
+        let said = told(&["cam/1"]).expect("one is not used");
+        assert!(said.contains("no view uses masks/cam/1.jpg"), "{said}");
+        assert!(said.contains("would be masks/cam/1.png"), "{said}");
     }
 
     #[test]

@@ -1,6 +1,7 @@
 //! The `transforms*.json` files of NeRF, D-NeRF, instant-ngp and nerfstudio.
 
 mod keys;
+mod pinhole;
 
 use std::collections::BTreeMap;
 use std::fs;
@@ -11,13 +12,28 @@ use dash_kernels::Camera;
 use serde::Deserialize;
 use serde_json::Value;
 
-use super::intrinsics::{Wrong, check_finite};
+use self::pinhole::pinhole;
 use super::pose;
 use crate::Error;
 use crate::dataset::pixels::MAX_IMAGE_SIDE;
 use crate::dataset::pixels::distortion::Distortion;
 use crate::dataset::pixels::scale::{is_in_the_middle, times_larger};
 use crate::files::parse_json;
+
+/// How far the last row of a matrix may be from 0, 0, 0, 1.
+const LAST_ROW_TOLERANCE: f64 = 1e-6;
+/// Keys of frames that may be their time where `time` is none of them.
+const LIKE_TIME: [&str; 9] = [
+    "timestamp",
+    "Time",
+    "t",
+    "time_id",
+    "frame_time",
+    "frame",
+    "frame_id",
+    "frame_index",
+    "frame_number",
+];
 
 /// One file.
 #[derive(Debug, Deserialize)]
@@ -155,6 +171,21 @@ impl Transforms {
             .any(|pair| times(&pair[0]) != times(&pair[1]))
     }
 
+    /// A key of frames without `time` that may be meant by it: its numbers differ from frame to frame.
+    pub(crate) fn key_like_time(&self) -> Option<&'static str> {
+        let number = |frame: &Frame, key: &str| frame.other.get(key).and_then(Value::as_f64);
+        let has_time = |frame: &Frame| frame.time.is_some() || frame.timestep_index().is_some();
+        let may_be = |key: &&str| {
+            let first = self.frames.first().and_then(|frame| number(frame, key));
+            let all = || self.frames.iter().map(|frame| number(frame, key));
+            first.is_some() && all().all(|n| n.is_some()) && all().any(|n| n != first)
+        };
+        match self.frames.iter().any(has_time) {
+            true => None,
+            false => LIKE_TIME.into_iter().find(may_be),
+        }
+    }
+
     /// The camera of a frame and its lens distortion; `image_size` reads the image's header and is
     /// asked only where the file does not state the size. Then the principal point says whether the intrinsics
     /// are of pictures of that size, and they are scaled where one factor brings them to it.
@@ -263,32 +294,6 @@ impl Transforms {
     }
 }
 
-/// Focal lengths and principal point for images of this size, or what was expected and found.
-fn pinhole(own: &Intrinsics, shared: &Intrinsics, [w, h]: [f64; 2]) -> Result<[f64; 4], Wrong> {
-    let from_angle = |angle: Option<f64>, side: f64| angle.map(|a| 0.5 * side / (0.5 * a).tan());
-    let angle_x = |i: &Intrinsics| i.camera_angle_x.or(i.x_fov.map(f64::to_radians));
-    let angle_y = |i: &Intrinsics| i.camera_angle_y.or(i.y_fov.map(f64::to_radians));
-    let focal = |i: &Intrinsics| i.fl_x.or(from_angle(angle_x(i), w));
-    let from_height = |i: &Intrinsics| i.fl_y.or(from_angle(angle_y(i), h));
-    let of_height = || from_height(own).or(from_height(shared));
-    let Some(fx) = focal(own).or(focal(shared)).or_else(of_height) else {
-        let expected =
-            "a focal length: `fl_x`, `camera_angle_x`, `camera_angle_y`, `x_fov` or `y_fov`";
-        return Err((expected, "none of these".into()));
-    };
-    let focal_y = |i: &Intrinsics| {
-        i.fl_y
-            .or(i.fl_x)
-            .or(from_angle(angle_y(i), h))
-            .or(from_angle(angle_x(i), w))
-    };
-    let fy = focal_y(own).or(focal_y(shared)).unwrap_or(fx);
-    let cx = own.cx.or(shared.cx).unwrap_or(w / 2.0);
-    let cy = own.cy.or(shared.cy).unwrap_or(h / 2.0);
-    check_finite([fx, fy], [cx, cy])?;
-    Ok([fx, fy, cx, cy])
-}
-
 /// The coefficients of a frame, each the frame's own or else the file's.
 fn distortion(own: &Intrinsics, shared: &Intrinsics) -> Result<Distortion, String> {
     let (own, shared) = (own.coefficients()?, shared.coefficients()?);
@@ -325,6 +330,18 @@ fn place(intrinsics: Camera, matrix: &[Vec<f64>]) -> Result<Camera, String> {
     if !matches!(matrix.len(), 3 | 4) || matrix.iter().any(|row| row.len() != 4) {
         let lengths: Vec<usize> = matrix.iter().take(5).map(Vec::len).collect();
         return Err(format!("{} rows of lengths {lengths:?}", matrix.len()));
+    }
+    let off = |row: &[f64]| -> f64 {
+        let pairs = row.iter().zip([0.0, 0.0, 0.0, 1.0]);
+        pairs.map(|(a, b)| (a - b).abs()).fold(0.0, f64::max)
+    };
+    if let Some(last) = matrix.get(3).filter(|last| off(last) > LAST_ROW_TOLERANCE) {
+        let last_column: Vec<f64> = matrix.iter().map(|row| row[3]).collect();
+        let turned = match off(&last_column) <= LAST_ROW_TOLERANCE {
+            true => " and a last column of 0, 0, 0, 1: rows and columns are exchanged",
+            false => "",
+        };
+        return Err(format!("a last row of {last:?}{turned}"));
     }
     let column = |c: usize| [matrix[0][c], matrix[1][c], matrix[2][c]];
     let axes = [column(0), column(1).map(|v| -v), column(2).map(|v| -v)];

@@ -10,6 +10,7 @@ mod keys;
 mod listed;
 mod llff;
 mod masks;
+mod mistakes;
 mod multipleview;
 mod n3dv;
 mod nerfies;

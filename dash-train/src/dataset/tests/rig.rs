@@ -87,6 +87,8 @@ fn transforms_name_the_cameras_in_any_of_the_usual_ways() {
         |name: &str| format!("./images/{name}.jpg"),
         |name: &str| name.to_string(),
         |name: &str| format!("images/{name}/000.png"),
+        |name: &str| format!("images\\{name}\\000.png"),
+        |name: &str| format!("videos\\{name}.mp4"),
     ] {
         fixture.write("transforms.json", transforms(path, &all()).to_string());
         check(&fixture);
@@ -278,4 +280,40 @@ fn truncated_files_are_errors() {
     fixture.survives_truncation("sparse/0/cameras.txt", 3);
     fixture.survives_truncation("images/left/001.png", 1);
     with_transforms().survives_truncation("transforms.json", 7);
+}
+
+#[test]
+fn pictures_that_cameras_were_posed_by_may_stand_beside_videos() {
+    let fixture = Fixture::new();
+    for name in NAMES {
+        write_video(&fixture, &format!("videos/{name}.mp4"), 3, 40);
+    }
+    let folder = |fixture: &Fixture, name: &str, frames: usize| {
+        for frame in 0..frames {
+            fixture.image(&format!("images/{name}/{frame:03}.png"), 64, 48, [9; 3]);
+        }
+    };
+    let cameras = NAMES.iter().enumerate().map(|(index, name)| {
+        json!({"file_path": format!("images/{name}/000.png"), "fl_x": 60.0, "w": 64, "h": 48,
+            "transform_matrix": matrix(&camera(index))})
+    });
+    let cameras: Vec<Value> = cameras.collect();
+    fixture.write("transforms.json", json!({"frames": cameras}).to_string());
+    for (frames, expected) in [([0, 0, 0], 3), ([1, 1, 1], 3), ([2, 2, 2], 2)] {
+        for (name, frames) in NAMES.iter().zip(frames) {
+            folder(&fixture, name, frames);
+        }
+        let dataset = fixture.load().expect("loads");
+        assert_eq!((dataset.layout, dataset.n_frames), (Layout::Rig, expected));
+    }
+    std::fs::remove_dir_all(fixture.path("images/middle")).expect("removes");
+    let rig = LoadOptions {
+        layout: Some(Layout::Rig),
+        ..LoadOptions::default()
+    };
+    let error = fixture.load_with(&rig).expect_err("no frames of a video");
+    assert!(
+        error.to_string().contains("none for videos/middle"),
+        "{error}"
+    );
 }

@@ -7,17 +7,31 @@ use super::{Preset, TrainConfig};
 use crate::Error;
 
 impl TrainConfig {
-    /// Sets one value by its dotted path, such as `dssim=0.1` or `densify.static.max_gaussians=50000`. `none` takes an
+    /// Sets one value by its dotted path, such as `dssim=0.1` or `densify.static.max_gaussians=50000`. `none` or `off` takes an
     /// optional value or an extension's section away; a section that is named with `on` gets the values of the preset
-    /// `default`.
+    /// `default`, else of `quick`.
     ///
     /// # Errors
     /// When the path does not exist or the value does not fit.
+    ///
+    /// ```
+    /// use dash_train::train::{Preset, TrainConfig};
+    ///
+    /// let mut config = TrainConfig::preset(Preset::Quick);
+    /// config.set("dssim=0.1")?;
+    /// assert_eq!(config.dssim, 0.1);
+    /// assert!(config.set("dssim=often").is_err());
+    /// # Ok::<(), dash_train::Error>(())
+    /// ```
     pub fn set(&mut self, assignment: &str) -> Result<(), Error> {
         let refuse = |why: String| Error::Config(format!("--set {assignment}: {why}"));
         let (path, value) = assignment
             .split_once('=')
             .ok_or_else(|| refuse("expected KEY=VALUE, such as dssim=0.1".into()))?;
+        let (path, value) = (path.trim(), value.trim());
+        if path == "preset" {
+            return Err(refuse("a preset is chosen with --preset".into()));
+        }
         let mut table = Table::try_from(&*self).map_err(|e| refuse(e.to_string()))?;
         let parsed: Table = format!("v = {value}")
             .parse()
@@ -33,15 +47,27 @@ impl TrainConfig {
     }
 }
 
-/// A table with every key that there is, optional ones too, with the values of the preset `default` where it has one.
+/// A table with every key that there is, optional ones too, with the values of the preset `default` where it has one,
+/// else with those of `quick`.
 fn all_keys() -> Table {
-    let mut config = TrainConfig::preset(Preset::Default);
-    let quick = TrainConfig::preset(Preset::Quick);
-    config.extensions.crowding = quick.extensions.crowding;
-    config.near_plane = Some(0.01);
-    config.densify.pixels = quick.densify.pixels;
-    config.densify.opacity_reset_interval.get_or_insert(3_000);
-    Table::try_from(config).unwrap_or_default()
+    let table = |preset| Table::try_from(TrainConfig::preset(preset)).unwrap_or_default();
+    let mut keys = table(Preset::Default);
+    add_missing(&mut keys, table(Preset::Quick));
+    keys.entry("near_plane").or_insert(Value::Float(0.01));
+    keys
+}
+
+/// Adds what a table lacks of another, in sections, too.
+fn add_missing(table: &mut Table, more: Table) {
+    for (key, value) in more {
+        match (table.get_mut(&key), value) {
+            (Some(Value::Table(section)), Value::Table(more)) => add_missing(section, more),
+            (Some(_), _) => {}
+            (None, value) => {
+                table.insert(key, value);
+            }
+        }
+    }
 }
 
 /// Puts a value at a path of a table, whose keys are among those of `known`.
@@ -65,16 +91,20 @@ fn put(table: &mut Table, known: &Table, path: &str, mut value: Value) -> Result
         return put(section, known, rest, value);
     }
     match value.as_str() {
-        Some("none") if !example.is_str() => {
+        Some("none" | "off") if !example.is_str() => {
             table.remove(key);
             return Ok(());
         }
         Some("on") if example.is_table() => value = example.clone(),
         _ => {}
     }
-    if let (Value::Float(_), Value::Integer(whole)) = (example, &value) {
-        value = Value::Float(*whole as f64);
-    }
+    value = match (example, value) {
+        (Value::Float(_), Value::Integer(whole)) => Value::Float(whole as f64),
+        (Value::Integer(_), Value::Float(number)) if number.fract() == 0.0 => {
+            Value::Integer(number as i64)
+        }
+        (_, value) => value,
+    };
     if let Some(kind) = kind_of(example)
         && kind_of(&value) != Some(kind)
     {

@@ -47,9 +47,15 @@ fn set_changes_one_value_and_refuses_others() {
     assert_eq!(config.dssim, 0.0);
     config.set("method.trajectories=linear").expect("a word");
     config.set("method.stages=[0, 0.5]").expect("a list");
+    config.set("iterations=2e3").expect("a whole number");
+    assert_eq!(config.iterations, 2_000);
+    config
+        .set("extensions.crowding=on")
+        .expect("a section of `quick`");
+    config.set("extensions.crowding=off").expect("a section");
     config.set("near_plane=5").expect("an absent option");
     assert_eq!(config.near_plane, Some(5.0));
-    config.set("near_plane=none").expect("an option");
+    config.set(" near_plane = off ").expect("an option");
     assert_eq!(config.near_plane, None);
     config.set("extensions.floaters=none").expect("a section");
     assert!(config.extensions.floaters.is_none());
@@ -71,6 +77,7 @@ fn set_changes_one_value_and_refuses_others() {
         ("dssim=abc", "a number such as 0.2, found `abc`"),
         ("seed=-1", "a whole number of at least 0"),
         ("seed=0.5", "a whole number of at least 0"),
+        ("preset=quick", "--preset"),
         ("method.stages=0.5", "two numbers such as [0.1, 0.35]"),
         (
             "extensions.gaps.steadiness=nan",

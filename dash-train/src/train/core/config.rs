@@ -64,8 +64,8 @@ pub struct DensifySets {
     /// Mean gradient of the screen position above which a Gaussian is cloned or split, in units of half the image.
     /// Source: 3DGS, 2e-4.
     pub gradient_threshold: f32,
-    /// Pixels of pictures that `max_gaussians` and `initial_points` are for: of larger pictures of a rig, both grow with the square
-    /// root of their pixels. Absent: both are as they are. Source: ours.
+    /// Pixels of the pictures that `max_gaussians` and `initial_points` are for. For larger pictures of a rig, both grow with
+    /// the square root of the number of pixels. Absent: neither grows. Source: ours.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub pixels: Option<usize>,
     /// Steps between rounds. Source: 3DGS, 100.
@@ -88,8 +88,8 @@ pub struct DensifySets {
 pub struct DensifyConfig {
     /// Shares of the run at which it starts and ends. Source: 3DGS, rounds from step 600 to 14,900 of 30,000.
     pub during: [f32; 2],
-    /// Most Gaussians of this set. Dynamic ones may also have what static ones leave of theirs; static ones, in a run
-    /// in which nothing may move, those of the dynamic ones. Source: ours; 3DGS has no limit.
+    /// Most Gaussians of this set. The dynamic set may use what the static set leaves free. If nothing may move, the static
+    /// set may use the dynamic set's limit, too. Source: ours; 3DGS has no limit.
     pub max_gaussians: usize,
 }
 

@@ -11,7 +11,7 @@ use super::initial_views::InitialViews;
 use super::points::InitialPoints;
 use crate::Error;
 use crate::cameras::focus_point;
-use crate::dataset::{Dataset, View};
+use crate::dataset::{Dataset, Layout, View};
 
 /// Most views that points are looked for in.
 const MAX_VIEWS: usize = 64;
@@ -56,7 +56,7 @@ pub(crate) fn initial_points(
     }
     let views = views_at_start(dataset, train_views, start_span);
     let seen = InitialViews::new(&views, background)?;
-    if kept > 0 && !seen.shows(&points) {
+    if kept > 0 && !seen.shows(&points, dataset.layout == Layout::Colmap) {
         let why = match seen.has_in_sight(&points) {
             true => "have other colours than the pictures where they are, as if drawn at random",
             false => "are in no picture that training starts from",

@@ -23,6 +23,9 @@ const MIN_CONTRAST: f32 = 0.02;
 /// Difference between a cloud and the pictures, as a share of that of a cloud with its colours
 /// interchanged, from which on it is a random one.
 const MAX_CHANCE: f32 = 0.9;
+/// Standard errors by which the pictures must show the own colours of points better than interchanged ones, where the poses are of the
+/// same model: then a cloud is theirs even if most of it is hidden in most pictures.
+const CLEARLY: f32 = 5.0;
 /// Mean colour difference between times from which on a pixel changes.
 const MIN_CHANGE: f32 = 0.03;
 /// Pixels more transparent than this show nothing.
@@ -152,10 +155,12 @@ impl InitialViews {
     }
 
     /// Whether the pictures show the colours of points where they are, better than the colours of
-    /// other points there. A cloud drawn at random, as some datasets carry, does no better.
-    pub(crate) fn shows(&self, points: &InitialPoints) -> bool {
+    /// other points there. A cloud drawn at random, as some datasets carry, does no better. `of_poses`: whether the poses
+    /// are said to be of the same model.
+    pub(crate) fn shows(&self, points: &InitialPoints, of_poses: bool) -> bool {
         let n = points.positions.len();
         let (mut own, mut other, mut alike, mut count) = (0.0, 0.0, 0.0, 0);
+        let mut squares = 0.0;
         for row in (0..n).step_by(n.div_ceil(SAMPLES).max(1)) {
             let stranger = points.colors[(row + n / 2) % n];
             let point = points.positions[row].map(f64::from);
@@ -169,13 +174,18 @@ impl InitialViews {
                 all.truncate(seen.len().div_ceil(2));
                 all.iter().sum::<f32>() / all.len().max(1) as f32
             };
-            own += nearest(points.colors[row]);
-            other += nearest(stranger);
+            let (of_own, of_other) = (nearest(points.colors[row]), nearest(stranger));
+            own += of_own;
+            other += of_other;
+            squares += (of_other - of_own).powi(2);
             alike += difference(points.colors[row], stranger);
             count += 1;
         }
         // Points all of one colour say nothing by it.
-        let is_plausible = alike <= MIN_CONTRAST * count as f32 || own < MAX_CHANCE * other;
+        let is_clear = other - own > CLEARLY * squares.sqrt();
+        let is_plausible = alike <= MIN_CONTRAST * count as f32
+            || own < MAX_CHANCE * other
+            || of_poses && is_clear;
         is_plausible && (n == 0 || self.has_in_sight(points))
     }
 }

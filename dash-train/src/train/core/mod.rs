@@ -4,6 +4,7 @@
 //! A [`Method`] says how the scene changes over time; an [`Extension`] adds one idea to it; a [`Densify`] decides
 //! which Gaussians are cloned, split, pruned or relocated. Each is one trait, and one file to write.
 
+mod add_backdrop;
 mod backdrop;
 pub(crate) mod capture;
 pub mod checkpoint;
@@ -27,7 +28,6 @@ pub(crate) mod notes;
 pub(crate) mod optimizer;
 mod pass;
 pub(crate) mod points;
-mod put_before;
 mod ranges;
 mod rates;
 mod replicas;

@@ -128,7 +128,7 @@ fn heard<M>(run: &Run<M>, message: ViewMessage) -> ViewPass {
     ViewPass {
         losses: message.losses.map(|loss| upload(vec![loss])),
         gradients,
-        statistics: Statistics::Sums(sums),
+        statistics: Statistics::Sums(Box::new(sums)),
         of_method,
         rng: message.rng,
     }

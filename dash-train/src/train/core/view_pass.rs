@@ -27,14 +27,17 @@ pub(super) struct ViewPass {
 
 /// What density control gathers of a view.
 pub(super) enum Statistics {
-    /// Splats of the sets, and the gradient of both together.
-    Splats {
-        of_static: Tensor<2>,
-        of_dynamic: Option<Tensor<2>>,
-        gradient: Option<Tensor<2>>,
-    },
+    /// What the sums are made of.
+    Splats(Box<Splats>),
     /// Sums of the sets.
-    Sums([ViewSums; 2]),
+    Sums(Box<[ViewSums; 2]>),
+}
+
+/// Splats of the sets, and the gradient of both together.
+pub(super) struct Splats {
+    of_static: Tensor<2>,
+    of_dynamic: Option<Tensor<2>>,
+    gradient: Option<Tensor<2>>,
 }
 
 impl ViewPass {
@@ -49,11 +52,11 @@ impl ViewPass {
             losses: [forward.loss, forward.mse].map(Tensor::inner),
             gradients: InOrder::new(),
             of_method: M::statistics(run, view, &forward.static_splats),
-            statistics: Statistics::Splats {
+            statistics: Statistics::Splats(Box::new(Splats {
                 of_static: forward.static_splats,
                 of_dynamic: forward.dynamic_splats,
                 gradient: forward.leaf.grad_remove(gradients),
-            },
+            })),
             rng: run.rng.clone(),
         }
     }
@@ -70,19 +73,17 @@ impl Statistics {
         view: &View,
         views: usize,
     ) -> Result<(), Error> {
-        let (of_static, of_dynamic, gradient) = match self {
+        let splats = match self {
+            Self::Splats(splats) => *splats,
             Self::Sums(more) => {
-                for (sums, more) in sums.into_iter().zip(more) {
+                for (sums, more) in sums.into_iter().zip(*more) {
                     sums.merge(more);
                 }
                 return Ok(());
             }
-            Self::Splats { gradient: None, .. } => return Ok(()),
-            Self::Splats {
-                of_static,
-                of_dynamic,
-                gradient: Some(gradient),
-            } => (of_static, of_dynamic, gradient),
+        };
+        let Some(gradient) = splats.gradient else {
+            return Ok(());
         };
         // That of the view's own loss.
         let gradient = match views {
@@ -91,12 +92,14 @@ impl Statistics {
         };
         let camera = &view.camera;
         let half_size = [camera.width as f32 / 2.0, camera.height as f32 / 2.0];
-        let [of_set, of_dynamic_set] = sums;
-        let n_static = of_static.dims()[0];
-        of_set.add_gradients(gradient.clone(), 0, of_static, half_size)?;
-        match of_dynamic {
+        let [static_sums, dynamic_sums] = sums;
+        let n_static = splats.of_static.dims()[0];
+        static_sums.add_gradients(gradient.clone(), 0, splats.of_static, half_size)?;
+        match splats.of_dynamic {
             None => Ok(()),
-            Some(splats) => of_dynamic_set.add_gradients(gradient, n_static, splats, half_size),
+            Some(of_dynamic) => {
+                dynamic_sums.add_gradients(gradient, n_static, of_dynamic, half_size)
+            }
         }
     }
 }

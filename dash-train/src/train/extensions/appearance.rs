@@ -41,8 +41,8 @@ const CHANNELS: usize = 2;
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct AppearanceConfig {
-    /// Change of colour over the clip, as a share of white, from which on a Gaussian that rests is dynamic, in captures of
-    /// synchronised cameras. One that moves must change by twice as much. Source: ours.
+    /// Least change of colour over the clip (1: from black to white) that makes a resting Gaussian dynamic, in captures of
+    /// synchronised cameras. A moving one must change by twice as much. Source: ours.
     pub change: f32,
 }
 

@@ -22,8 +22,8 @@ const LONG_GAP_STEPS: f32 = 3.5;
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct GapsConfig {
-    /// Factor of the field's resolutions in space where a monocular capture lacks three times in a row or more: how things
-    /// go on into a gap is told from how they move beside it, and cells of one picture each tell that badly. Source: ours.
+    /// Factor of the field's resolutions in space where a monocular capture lacks three times in a row or more. Motion into a
+    /// gap is continued from the times beside it; fine cells see one picture each, too few to show that motion. Source: ours.
     pub coarsen: f32,
     /// Weight of how far dynamic Gaussians are from a straight way at one speed between neighbouring training times, in
     /// units of the extent, times the photometric loss, in monocular captures. Source: ours.

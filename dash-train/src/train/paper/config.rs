@@ -22,8 +22,8 @@ const MAX_UNITS: usize = 4096;
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct MethodConfig {
-    /// Which Gaussians become dynamic: those that the coarse field found to move, all with the coarse motion that it found,
-    /// all right after the warm-up as in methods without either, or none as in 3DGS. Source: the paper, `moving`.
+    /// Which Gaussians become dynamic. `moving`: those that the coarse field moves. `all_with_motion`: all, with coarse motion.
+    /// `all`: all, right after the warm-up, without coarse motion. `none`: none, as in 3DGS. Source: the paper, `moving`.
     pub decomposition: Decomposition,
     /// Ends of the warm-up and of the decomposition, as shares of the run. Source: released code, 0.04 and 0.08.
     pub stages: [f32; 2],
@@ -46,7 +46,7 @@ pub struct MethodConfig {
     /// Share of the dynamic Gaussians, drawn anew at every step, at which smoothness is measured. Source: ours; 1 in the
     /// paper.
     pub smoothness_share: f32,
-    /// Steps of which one has smoothness measured, with so many times the weight. Source: ours; 1 in the paper.
+    /// Steps between two evaluations of the smoothness; its weight is multiplied by this number. Source: ours; 1 in the paper.
     pub smoothness_interval: usize,
     /// The coarse motion field (Eq. 3).
     pub motion_field: MotionFieldConfig,

@@ -95,6 +95,13 @@ impl Reader for BlenderReader {
         if let Some(doubt) = at_one_instant(&camera_of, &camera_names).filter(|_| !is_timed) {
             tracing::warn!("{}: {doubt}", first.display());
         }
+        if let Some(key) = transforms.key_like_time().filter(|_| !is_timed) {
+            tracing::warn!(
+                "{}: no frame has a `time`, and `{key}` differs from frame to frame: all are taken as one instant; if it is \
+                 the time, call it `time`",
+                first.display()
+            );
+        }
         if loader.options.test_cameras.is_some() {
             let held_out = loader.options.held_out(vec![false; n_cameras])?;
             for (entry, &camera) in entries.iter_mut().zip(&camera_of) {

@@ -19,21 +19,43 @@ pub(super) fn hold_out(
     entries: &mut Vec<Entry>,
 ) {
     let key = |name: &str| files::one_form(name).into_owned();
-    let listed = |list: &[String]| -> Option<HashSet<String>> {
+    let listed = |key_of_list: &str, list: &[String]| -> Option<HashSet<String>> {
         let names: HashSet<String> = list
             .iter()
             .filter_map(|name| files::confined(root, name, listed_in).ok())
             .map(|path| key(&entry_name(path.strip_prefix(root).unwrap_or(&path))))
             .collect();
-        let any = entries
-            .iter()
-            .any(|entry| names.contains(&key(&entry.name)));
-        any.then_some(names)
+        let is_in = |entry: &&Entry| names.contains(&key(&entry.name));
+        let n = entries.iter().filter(is_in).count();
+        if n < names.len() {
+            let example = entries.first().map_or("", |entry| entry.name.as_str());
+            tracing::warn!(
+                "{}: {} of the {} names in {key_of_list} are those of no frame, whose names are as {example}",
+                listed_in.display(),
+                names.len() - n,
+                names.len()
+            );
+        }
+        (n > 0).then_some(names)
     };
-    let train = listed(&transforms.train_filenames);
-    let held_out = listed(&transforms.test_filenames).or(listed(&transforms.val_filenames));
+    let train = listed("train_filenames", &transforms.train_filenames);
+    let held_out = listed("test_filenames", &transforms.test_filenames)
+        .or_else(|| listed("val_filenames", &transforms.val_filenames));
     match (train, held_out) {
-        (None, None) => hold_out_every_eighth(entries),
+        (None, None) => {
+            let lists = [
+                &transforms.train_filenames,
+                &transforms.test_filenames,
+                &transforms.val_filenames,
+            ];
+            if lists.iter().any(|list| !list.is_empty()) {
+                tracing::warn!(
+                    "{}: no list names a frame: every eighth picture is held out",
+                    listed_in.display()
+                );
+            }
+            hold_out_every_eighth(entries);
+        }
         (None, Some(held_out)) => {
             for entry in entries {
                 entry.held_out = held_out.contains(&key(&entry.name));

@@ -6,7 +6,8 @@ use std::sync::Arc;
 use dash_kernels::Camera;
 
 use crate::Error;
-use crate::dataset::pixels::decode::{decode, decode_mask, turned};
+use crate::dataset::pixels::decode::{decode, turned};
+use crate::dataset::pixels::decode_mask;
 use crate::dataset::pixels::image::ImageData;
 use crate::dataset::pixels::lens::{Lens, without_distortion};
 use crate::dataset::pixels::masks::CountedMask;
@@ -51,7 +52,7 @@ pub(crate) struct Recipe {
     pub(crate) lens: Option<Lens>,
     /// Width and height of the result.
     pub(crate) size: (usize, usize),
-    /// Whether the image has alpha.
+    /// Whether the image has alpha, and may be transparent.
     pub(crate) has_alpha: bool,
     pub(crate) counted: Option<CountedMask>,
 }
@@ -72,7 +73,13 @@ impl Recipe {
     /// The image, from its own file; a video's frames are decoded by group.
     pub(crate) fn make(&self) -> Result<ImageData, Error> {
         match &self.source {
-            Source::File(path) => self.finish(decode(path)?),
+            Source::File(path) => {
+                let image = decode(path)?;
+                self.finish(match self.has_alpha {
+                    true => image,
+                    false => image.without_alpha(),
+                })
+            }
             Source::Video { video, frame } => {
                 let mut made = None;
                 video.decode(*frame..*frame + 1, |_, frame| {

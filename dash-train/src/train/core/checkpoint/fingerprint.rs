@@ -10,7 +10,7 @@ use crate::hash::Fnv1a;
 #[serde(deny_unknown_fields)]
 pub(super) struct Fingerprint {
     n_views: usize,
-    /// Of every view's split, camera, name, size and time, in order.
+    /// Of every view's partition, camera, name, size and time, in order.
     hash: u64,
 }
 
@@ -40,7 +40,7 @@ impl Fingerprint {
             return None;
         }
         let differing = match self.n_views == found.n_views {
-            true => " of which some have another name, camera, size, time or split",
+            true => " of which some have another name, camera, size, time or partition",
             false => "",
         };
         Some(format!(

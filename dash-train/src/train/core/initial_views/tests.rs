@@ -46,14 +46,15 @@ fn a_cloud_of_random_colours_is_told_from_a_reconstruction() {
     let seen = InitialViews::new(&views, [0.0; 3]).expect("in memory");
     let mut rng = Pcg64::seed_from_u64(5);
     let mut points = seen.points(300, &mut rng);
-    assert!(seen.shows(&points));
+    let shows = |points: &InitialPoints| [false, true].map(|of_poses| seen.shows(points, of_poses));
+    assert_eq!(shows(&points), [true; 2]);
     for color in &mut points.colors {
         *color = std::array::from_fn(|_| rng.random());
     }
-    assert!(!seen.shows(&points));
+    assert_eq!(shows(&points), [false; 2]);
     points.colors.fill([0.5; 3]);
-    assert!(seen.shows(&points), "one colour says nothing");
-    assert!(seen.shows(&InitialPoints::default()));
+    assert_eq!(shows(&points), [true; 2], "one colour says nothing");
+    assert_eq!(shows(&InitialPoints::default()), [true; 2]);
 }
 
 #[test]

@@ -7,12 +7,12 @@
 //! ([`small_motion`]), and before the decomposition each Gaussian gets a trajectory of its own.
 
 mod block_matching;
-mod room;
 mod scene_flow;
 mod small_motion;
+mod steps;
 mod window;
 
-pub(crate) use self::room::{FLOW_END, FLOW_REST, FLOW_WARMUP, FRAME_STEPS, stages_of_flow};
+pub(crate) use self::steps::{FLOW_END, FLOW_REST, FLOW_WARMUP, FRAME_STEPS, stages_of_flow};
 
 use burn::tensor::{Gradients, Tensor};
 use dash_model::{Gaussians, TrajectoryBasis};
@@ -132,9 +132,9 @@ impl Extension<Dash> for Following {
 
     fn begin(&mut self, run: &mut Run<Dash>) -> Result<(), Error> {
         if run.may_move() && run.suits_scene_flow() {
-            room::make_room_for_flow(run);
+            steps::lengthen_for_flow(run);
         } else if run.may_move() && run.start.is_some() {
-            room::make_room(run, self.config.min_steps);
+            steps::lengthen(run, self.config.min_steps);
         }
         Ok(())
     }

@@ -21,7 +21,7 @@ impl<M> Run<M> {
     ///
     /// # Errors
     /// When an image can't be read or a shape does not fit.
-    pub fn put_before(&mut self, room: &DynamicScene) -> Result<(), Error> {
+    pub fn add_backdrop(&mut self, room: &DynamicScene) -> Result<(), Error> {
         let room = room.valid();
         let rows = room.static_set.to_rows();
         let device = self.device.clone().inner();

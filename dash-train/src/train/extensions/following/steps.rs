@@ -14,7 +14,7 @@ const SHORT_DENSIFY: [f32; 2] = [0.75, 0.85];
 /// Moves the stages towards the form of the shortest runs, as far as it takes to leave `min_steps` for following: following
 /// takes of the time in which every Gaussian goes alone first, then of the warm-up, and only then puts off the
 /// decomposition.
-pub(super) fn make_room(run: &mut Run<Dash>, min_steps: usize) {
+pub(super) fn lengthen(run: &mut Run<Dash>, min_steps: usize) {
     let follows = matches!(
         run.method.config.decomposition,
         Decomposition::Moving | Decomposition::AllWithMotion
@@ -78,7 +78,7 @@ pub(crate) fn stages_of_flow(
 }
 
 /// Moves the stages as [`stages_of_flow`] does.
-pub(super) fn make_room_for_flow(run: &mut Run<Dash>) {
+pub(super) fn lengthen_for_flow(run: &mut Run<Dash>) {
     (run.method.config.stages, run.method.handover) = stages_of_flow(
         run.method.config.stages,
         run.method.handover,
