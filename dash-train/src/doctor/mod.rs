@@ -227,7 +227,7 @@ fn check_geometry(dataset: &Dataset, findings: &mut Vec<Finding>) -> (Sketch, Ve
 
     let cloud = dataset.points.as_ref().map(Cloud::of);
     let pictures = agreement::first_pictures(dataset).unwrap_or_default();
-    let verdict = poses::by_colors(cloud.as_ref(), &pictures);
+    let verdict = poses::by_colors(cloud.as_ref(), &pictures, dataset.layout == Layout::Colmap);
     findings.push(poses::by_axes(
         &poses,
         &names,

@@ -120,7 +120,7 @@ fn every_key_that_a_page_sets_exists() {
         }
     }
     assert!(faults.is_empty(), "{}", faults.join("\n"));
-    assert!(n_keys >= 10, "{n_keys}");
+    assert!(n_keys >= 5, "{n_keys}");
 }
 
 #[test]

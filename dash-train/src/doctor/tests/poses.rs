@@ -3,6 +3,11 @@
 use super::super::Severity::{Error, Note, Ok as Fine, Warning};
 use super::{CAMERAS, Scene, else_clean, finds, flip};
 
+use super::super::agreement::first_pictures;
+use super::super::cloud::Cloud;
+use super::super::poses::by_colors;
+use crate::dataset::{LoadOptions, load};
+
 /// Poses and what follows from them.
 const POSES: [&str; 3] = ["poses", "points", "colours"];
 
@@ -18,6 +23,24 @@ fn one_camera_in_another_convention_is_named() {
         &["cam03", "y and z axes negated"],
     );
     else_clean(&diagnosis, &["poses"]);
+}
+
+#[test]
+fn a_camera_of_a_model_that_misses_colours_is_no_mistake() {
+    let scene = Scene::bounce();
+    scene.edit_poses(|rows| flip(&mut rows[3]));
+    let dataset = load(&scene.root(), &LoadOptions::default()).expect("loads");
+    let cloud = dataset.points.as_ref().map(Cloud::of);
+    let pictures = first_pictures(&dataset).expect("in memory");
+    let of_poses = |of_model| {
+        let findings = by_colors(cloud.as_ref(), &pictures, of_model).findings;
+        let mut of_poses = findings.into_iter().filter(|f| f.check == "poses");
+        of_poses.next().expect("cam03 misses its colours")
+    };
+    assert_eq!(of_poses(false).severity, Error);
+    let noted = of_poses(true);
+    assert_eq!(noted.severity, Note);
+    assert!(noted.text.contains("cam03"), "{noted:?}");
 }
 
 #[test]
