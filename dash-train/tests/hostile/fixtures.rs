@@ -410,7 +410,8 @@ fn checkpoint_state() -> Vec<u8> {
          \"optimizer_steps\": {{\"static_set.means\": 12}}, \"method\": \
          {{\"motion_space\": {{\"min\": [-1, -1, -1], \"max\": [1, 1, 1], \"clamp\": true}}, \
          \"held_still\": [true, false], \"nothing_moves\": false}}, \"extensions\": [[\"averaging\", null], [\"crowding\", 400]], \
-         \"dataset\": {{\"n_views\": 3, \"hash\": 7}}, \"config\": {config}}}"
+         \"dataset\": {{\"n_views\": 3, \"hash\": 7}}, \
+         \"start\": {{\"given\": 0, \"rng\": {rng}}}, \"config\": {config}}}"
     )
     .into()
 }
