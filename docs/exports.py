@@ -18,8 +18,10 @@ for run in runs:
             if done.returncode != 0:
                 sys.exit(done.stderr)
             size = os.path.getsize(out)
-        db = re.search(r"; ([0-9.]+) dB", done.stdout)
+        db = re.search(r"own at ([0-9.]+) dB", done.stdout)
+        if not db:
+            sys.exit(f"dash export said no dB of {run}: {done.stdout}")
         holds = re.search(r": (\d+) frames", done.stdout)
         holds = f"{holds[1]} frames" if holds else "an instant"
         name = os.path.basename(run.rstrip("/"))
-        print(f"| `{name}` | `.{kind}` | {holds} | {size / 1000:,.0f} | {db[1] if db else '-'} |")
+        print(f"| `{name}` | `.{kind}` | {holds} | {size / 1000:,.0f} | {db[1]} |")

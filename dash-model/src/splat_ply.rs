@@ -1,6 +1,7 @@
 //! The standard 3DGS PLY file: one vertex per Gaussian. SuperSplat's compressed PLY is read, too.
 
 mod compressed;
+mod filter;
 mod table;
 #[cfg(test)]
 mod tests;
@@ -62,7 +63,8 @@ fn near_plane_of(comments: &[String]) -> Result<f64, String> {
 }
 
 /// Reads a standard 3DGS PLY: `x y z f_dc_* f_rest_* opacity scale_* rot_*`, ASCII or binary, other
-/// columns ignored; or SuperSplat's compressed PLY. Infinite and extreme values that have a limit are brought to where
+/// columns ignored; or SuperSplat's compressed PLY. Where there is Mip-Splatting's `filter_3D`, Gaussians are read as they are
+/// drawn with it. Infinite and extreme values that have a limit are brought to where
 /// they are drawn as that limit says.
 ///
 /// # Errors
@@ -195,6 +197,7 @@ struct Columns {
     opacity: usize,
     scales: [usize; 3],
     quats: [usize; 4],
+    filter: Option<usize>,
 }
 
 impl Columns {
@@ -222,6 +225,7 @@ impl Columns {
             opacity: column("opacity".into())?,
             scales: fixed(columns("scale_", 3)?),
             quats: [quats[0], quats[1], quats[2], quats[3]],
+            filter: column(filter::COLUMN.into()).ok(),
         })
     }
 
@@ -235,8 +239,11 @@ impl Columns {
             rows.means.push(self.means.map(|c| row[c]));
             rows.sh_dc.push(self.dc.map(|c| row[c]));
             rest_from_file(&mut rows.sh_rest, per_channel, |k| row[self.rest[k]]);
-            rows.opacity_logits.push(row[self.opacity]);
-            rows.log_scales.push(self.scales.map(|c| row[c]));
+            let width = self.filter.map_or(0.0, |c| row[c]);
+            let log_scales = self.scales.map(|c| row[c]);
+            let (log_scales, logit) = filter::filtered(log_scales, row[self.opacity], width);
+            rows.opacity_logits.push(logit);
+            rows.log_scales.push(log_scales);
             rows.quats.push(self.quats.map(|c| row[c]));
         }
         rows

@@ -63,7 +63,10 @@ impl Reconstruction {
     }
 }
 
-/// Trains on the dataset in a folder and scores the result, as `dash train` does; `run` is the folder to make.
+/// Trains on the dataset in a folder and scores the result; `run` is the folder to make.
+///
+/// It takes as many steps as `config.train.iterations` says. Without `--iterations`, `dash train` takes more for a capture of very many
+/// views: [`TrainConfig::steps_for`].
 ///
 /// `on_step` is called after every step with the seconds trained so far. In a program that does nothing else call
 /// [`process::run`](crate::process::run) around it.

@@ -10,6 +10,7 @@ mod needle;
 mod sh;
 #[cfg(test)]
 mod tests;
+mod values;
 mod vjp;
 
 use burn_cubecl::CubeBackend;
@@ -20,12 +21,13 @@ use crate::cube::{arg, contiguous, is_finite, uninitialised, units};
 use crate::splats::{self, ALPHA_MIN, N_COLUMNS};
 
 use super::{Activation, GaussianTensors, Project, ProjectVjp, View};
-use footprint::{
-    Ellipsoids, EllipsoidsLaunch, Footprint, ViewConstants, ViewConstantsLaunch, footprint_of,
-};
+use footprint::footprint_of;
 use linear::{Mat3Launch, Vec3, Vec3Launch};
-use needle::{is_needle, needle_of, view_rest};
+use needle::{is_needle, needle_of};
 use sh::{ShGradientsLaunch, colour};
+use values::{
+    Ellipsoids, EllipsoidsLaunch, Footprint, ViewConstants, ViewConstantsLaunch, view_rest,
+};
 use vjp::{GradientsLaunch, project_vjp_kernel};
 
 /// Columns that every splat has; those of needles follow.

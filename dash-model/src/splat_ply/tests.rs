@@ -67,6 +67,26 @@ fn header(element: &str, kind: &str, names: &[&str], count: usize, whole: bool) 
 }
 
 #[test]
+fn a_filter_beside_the_gaussians_is_applied() {
+    let scratch = Scratch::new();
+    let read = |width: Option<f32>| {
+        let names = [&NAMES[..], &["filter_3D"]].concat();
+        let names = &names[..NAMES.len() + usize::from(width.is_some())];
+        let mut bytes = header("vertex", "float", names, 1, true).into_bytes();
+        let values = (0..NAMES.len()).map(|column| 0.1 * column as f32 - 1.0);
+        let values = values.chain(width);
+        bytes.extend(values.flat_map(f32::to_le_bytes));
+        read_splat_ply(&scratch.write(&bytes)).expect("reads").rows
+    };
+    let plain = read(None);
+    assert_eq!(read(Some(0.0)), plain);
+    let wider = read(Some(0.5));
+    assert_eq!(wider.means, plain.means);
+    assert!(wider.log_scales[0][0] > plain.log_scales[0][0]);
+    assert!(wider.opacity_logits[0] < plain.opacity_logits[0]);
+}
+
+#[test]
 fn values_without_a_limit_are_refused_with_their_row_and_property() {
     let scratch = Scratch::new();
     for property in NAMES {

@@ -104,6 +104,25 @@ pub(crate) fn find_named_points(
     find_points(root, Some(&file), models)
 }
 
+/// The points of the COLMAP model that a dataset's poses were made from, `applied` to them as it was to the poses.
+pub(crate) fn find_model_points(
+    root: &Path,
+    applied: &[[f64; 4]; 3],
+) -> Result<Option<PointCloud>, Error> {
+    for name in RIG_MODEL_FOLDERS {
+        let Some(found) = read_model_points(&root.join(name))? else {
+            continue;
+        };
+        let mut points = PointCloud::default();
+        for ([x, y, z], color) in found.positions.into_iter().zip(found.colors) {
+            let [x, y, z] = [x, y, z].map(f64::from);
+            points.push_finite(applied.map(|[a, b, c, d]| a * x + b * y + c * z + d), color);
+        }
+        return Ok(Some(points));
+    }
+    Ok(None)
+}
+
 /// The first of the models with one frame each.
 fn first_frames_model(root: &Path) -> Result<Option<PathBuf>, Error> {
     let of_frame = |name: &String| {

@@ -7,7 +7,8 @@
 //! - `finding`: a finding; `contents`: layout, counts, sizes, times; `masks`, `memory`, `timing`.
 //! - `cloud`: the points and the training box; `agreement`: points against the pictures' colours.
 //! - `poses`: poses by colours and by axes; `conventions`, `misplaced`: mistakes that would explain them.
-//! - `tracks`: one pass over all pictures, for `brightness`, `sync` and `motion`; `span`: what changes over the clip.
+//! - `tracks`: one pass over all pictures, for `brightness`, `sync` and `motion`; `small`: what they compare; `span`: what
+//!   changes over the clip.
 //! - `picture`: the cameras, points and box seen from above and from the side.
 
 mod agreement;
@@ -22,6 +23,7 @@ mod misplaced;
 mod motion;
 mod picture;
 mod poses;
+mod small;
 mod span;
 mod sync;
 #[cfg(test)]
@@ -46,6 +48,9 @@ use crate::train::core::shortage::shortages;
 use crate::video::write_png;
 use cloud::Cloud;
 use picture::{DrawnCamera, Sketch};
+
+/// Files that fail alike are named up to this many.
+const ALIKE: usize = 3;
 
 /// What was found in a dataset.
 #[derive(Debug, Clone, Serialize)]
@@ -194,11 +199,23 @@ fn check_frames(
     looked: &tracks::Tracks,
     findings: &mut Vec<Finding>,
 ) {
+    let mut n_of: BTreeMap<Option<String>, usize> = BTreeMap::new();
     for error in broken.iter().chain(&looked.broken) {
         let finding = Finding::refused("frames", error);
         // Frames of one group of pictures fail for one reason.
-        if !findings.contains(&finding) {
+        if findings.contains(&finding) {
+            continue;
+        }
+        let n = n_of.entry(finding.mend.clone()).or_default();
+        *n += 1;
+        if *n <= ALIKE {
             findings.push(finding);
+        }
+    }
+    for (mend, n) in n_of {
+        if let Some(more) = n.checked_sub(ALIKE).filter(|more| *more > 0) {
+            let text = format!("{more} more of this kind");
+            findings.push(Finding::error("frames", text, &mend.unwrap_or_default()));
         }
     }
     let whole = broken.is_empty() && looked.broken.is_empty();

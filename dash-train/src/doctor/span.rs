@@ -1,6 +1,6 @@
 //! What changes over a whole clip: of what moves slowly, little does from one frame to the next.
 
-use super::tracks::{MOVED, Small};
+use super::small::{MOVED, Small};
 use crate::numbers::median;
 
 /// Spans of the clip whose means are compared.

@@ -144,7 +144,8 @@ pub(super) fn check(looked: &Tracks) -> Option<Finding> {
 
 #[cfg(test)]
 mod tests {
-    use super::super::tracks::{Look, Step};
+    use super::super::small::Step;
+    use super::super::tracks::Look;
     use super::*;
 
     /// A camera that sees one leap at frame `at` and a smaller one later.

@@ -20,7 +20,8 @@ pub(crate) fn confine(name: &str) -> Option<PathBuf> {
 }
 
 /// Where a file that is listed by this name lies below `root`: [`confine`], but backslashes may separate
-/// folders, and a path that is absolute or leaves the folder may lead back into it.
+/// folders, and a path that is absolute or leaves the folder may lead back into it. Of an absolute path of another
+/// computer, or of where the folder was before, the longest end that is there counts.
 ///
 /// # Errors
 /// Names the file that lists it, when it lies outside.
@@ -30,7 +31,11 @@ pub(crate) fn confined(root: &Path, name: &str, listed_in: &Path) -> Result<Path
         true => name.replace('\\', "/"),
         false => name.to_string(),
     };
-    let inside = confine(&written).or_else(|| lead_back(root, &written));
+    let here =
+        confine(&written).filter(|inside| !has_drive(&written) || root.join(inside).exists());
+    let inside = here
+        .or_else(|| lead_back(root, &written))
+        .or_else(|| moved(root, &written));
     let inside = inside.ok_or_else(|| {
         Error::invalid(
             listed_in,
@@ -56,6 +61,23 @@ fn lead_back(root: &Path, name: &str) -> Option<PathBuf> {
     }
     let inside = path.strip_prefix(&root).ok()?;
     (!inside.as_os_str().is_empty()).then(|| inside.to_path_buf())
+}
+
+/// Whether a path starts as `C:/` does.
+fn has_drive(name: &str) -> bool {
+    let bytes = name.as_bytes();
+    bytes.len() > 2 && bytes[0].is_ascii_alphabetic() && &bytes[1..3] == b":/"
+}
+
+/// The longest end of an absolute path, of this system or of Windows, that names a file below `root`.
+fn moved(root: &Path, name: &str) -> Option<PathBuf> {
+    if !(name.starts_with('/') || has_drive(name)) {
+        return None;
+    }
+    let parts: Vec<&str> = name.split('/').collect();
+    let ends = (1..parts.len()).map(|start| parts[start..].join("/"));
+    let mut inside = ends.filter_map(|end| confine(&end));
+    inside.find(|inside| in_either_form(root, inside).is_file())
 }
 
 #[cfg(test)]
@@ -113,6 +135,22 @@ mod tests {
             "nowhere/../../scene/a.png",
         ] {
             assert_eq!(find(name), None, "{name}");
+        }
+        // The folder was copied from elsewhere: the longest end that is there.
+        fs::create_dir_all(root.join("scene/images")).expect("folders");
+        for file in ["images/a.png", "scene/images/a.png", "images/b.png"] {
+            fs::write(root.join(file), "").expect("writes");
+        }
+        for (name, expected) in [
+            ("/home/ann/scene/images/a.png", Some("scene/images/a.png")),
+            ("/home/ann/room/images/a.png", Some("images/a.png")),
+            ("D:\\scene\\images\\b.png", Some("images/b.png")),
+            ("D:/images/b.png", Some("images/b.png")),
+            ("/home/ann/scene/images/c.png", None),
+            ("home/../../scene/images/b.png", None),
+            ("/home/ann/scene/images", None),
+        ] {
+            assert_eq!(find(name), expected.map(|file| root.join(file)), "{name}");
         }
         #[cfg(unix)]
         {

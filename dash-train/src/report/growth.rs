@@ -1,7 +1,7 @@
 //! The figure of ever larger scenes' times.
 
-use super::kernels::names;
 use super::plot::{Axis, Figure, LegendEntry, N_COLORS, Panel, Point, Series};
+use super::statistics::names;
 use crate::bench::{KernelBench, Op, Pass};
 
 /// What is timed.

@@ -1,6 +1,7 @@
 //! Figures of kernels' errors and times.
 
 use super::plot::{Axis, Figure, LegendEntry, N_COLORS, Panel, Point, Series, with_separators};
+use super::statistics::names;
 use super::{Block, growth, kernel_tables};
 use crate::bench::{ErrorStats, KernelBench, Measurement, Norms, Pass, StiffnessPoint, Timing};
 
@@ -95,16 +96,6 @@ impl Looks {
             .chain(forms.map(|(i, name)| entry(name, None, i)))
             .collect()
     }
-}
-
-pub(super) fn names<'a>(of: impl Iterator<Item = &'a str>) -> Vec<&'a str> {
-    let mut names: Vec<&str> = Vec::new();
-    for name in of {
-        if !names.contains(&name) {
-            names.push(name);
-        }
-    }
-    names
 }
 
 /// The error that figures show, and the range up to the largest.

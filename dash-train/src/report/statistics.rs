@@ -1,7 +1,18 @@
-//! Medians over seeds, and times to a quality.
+//! Medians over seeds, times to a quality, and names in their order.
 
 use super::plot::Point;
 use crate::numbers::median_and_range;
+
+/// Each name once, in the order in which they come.
+pub(super) fn names<'a>(of: impl Iterator<Item = &'a str>) -> Vec<&'a str> {
+    let mut names: Vec<&str> = Vec::new();
+    for name in of {
+        if !names.contains(&name) {
+            names.push(name);
+        }
+    }
+    names
+}
 
 /// Medians over the runs of a group at the steps that all measured runs share, with the range of the values
 /// where there are several runs. `at` places a step by its lines.

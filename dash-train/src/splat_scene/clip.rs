@@ -86,7 +86,12 @@ impl SplatClip {
         } else if Self::is_motions(path) {
             motions(path)?
         } else {
-            Kind::Still(Box::new(splat_scene(path, device)?))
+            let scene = splat_scene(path, device)?;
+            if scene.static_set.is_empty() {
+                let remedy = "write it again, or name another file";
+                return Err(Error::invalid(path, "Gaussians", "none", remedy));
+            }
+            Kind::Still(Box::new(scene))
         };
         Ok(Self {
             kind,

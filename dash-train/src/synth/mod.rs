@@ -50,6 +50,7 @@ mod nerfies;
 mod noise;
 mod panoptic;
 mod people;
+mod pose;
 mod poses;
 mod render;
 mod rendered;
@@ -67,8 +68,9 @@ mod tests;
 
 pub use cloud::{CloudPoint, OUTLIER_EVERY, POINT_NOISE_M, cloud, cloud_size};
 pub use config::{MAX_SIDE, MIN_SIDE, SceneKind, SynthConfig, SynthLayout};
-pub use motion::{Drift, Motion, Pose};
+pub use motion::{Drift, Motion};
 pub use people::{Carried, Limb, Walk};
+pub use pose::Pose;
 pub use render::render;
 pub use rendered::Rendered;
 pub use rig::{focal_px, rig};

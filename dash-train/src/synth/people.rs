@@ -1,6 +1,6 @@
 //! People who walk through the room, and what they carry.
 
-use super::motion::Pose;
+use super::pose::Pose;
 use glam::{DMat3, DVec3};
 use std::f64::consts::{PI, TAU};
 

@@ -2,7 +2,8 @@
 
 use super::SceneKind;
 use super::color::rgb;
-use super::motion::{Drift, Motion, Pose};
+use super::motion::{Drift, Motion};
+use super::pose::Pose;
 use super::rig::focal_px;
 use super::scene::{Look, Object, ROOM_BACK_M, ROOM_HALF_WIDTH_M, Role, Scene};
 use super::shape::Shape;

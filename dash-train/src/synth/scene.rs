@@ -1,6 +1,7 @@
 //! Objects, light and what a ray sees.
 
-use super::motion::{Motion, Pose};
+use super::motion::Motion;
+use super::pose::Pose;
 use super::shape::{Ray, Shape};
 use super::texture::Texture;
 use glam::{DMat3, DVec3};

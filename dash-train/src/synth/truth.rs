@@ -1,7 +1,7 @@
 //! The exact truth about a rendered clip, for `truth.json`.
 
 use super::config::{SceneKind, SynthConfig};
-use super::motion::Pose;
+use super::pose::Pose;
 use super::scene::Scene;
 use dash_kernels::Camera;
 use serde::{Deserialize, Serialize};

@@ -1,15 +1,15 @@
-//! The window's state, and what happens in a frame.
+//! The window's state, and what happens to it before and after it is shown.
 
 use std::collections::VecDeque;
 use std::sync::Arc;
 
 use dash_kernels::Camera;
-use eframe::egui::{CentralPanel, Context, Frame as Margin, Key, Panel, Ui, ViewportCommand};
+use eframe::egui::{Context, Key, ViewportCommand};
 use glam::DVec3;
 
 use super::actions::pressed;
 use super::glass::{Glass, Shown};
-use super::{help, panel, picture, timeline, title};
+use super::title;
 use crate::camera_path::PathCamera;
 use crate::draw::ViewLayer;
 use crate::navigator::Navigator;
@@ -129,35 +129,25 @@ impl App {
         }
     }
 
-    /// One frame of the window.
-    pub fn ui(&mut self, ui: &mut Ui) {
-        let ctx = ui.ctx().clone();
-        self.follow(&ctx);
-        self.take_replies(&ctx);
+    /// Begins a frame: takes what came and what was pressed.
+    pub(super) fn begin(&mut self, ctx: &Context) {
+        self.follow(ctx);
+        self.take_replies(ctx);
         if !ctx.egui_wants_keyboard_input() {
             for action in ctx.input(pressed) {
                 self.act(action);
             }
-            self.fly(&ctx);
+            self.fly(ctx);
         }
         if let Some(file) = ctx.input(|input| input.raw.dropped_files.first().cloned()) {
             self.ask(Task::Open(file.path().to_path_buf()));
         }
-        let asked = Panel::bottom("time")
-            .show(ui, |ui| timeline::show(ui, &mut self.playback))
-            .inner;
-        asked.into_iter().for_each(|action| self.act(action));
-        if self.show_panel {
-            Panel::right("panel")
-                .default_size(250.0)
-                .show(ui, |ui| panel::show(ui, self));
-        }
-        CentralPanel::default()
-            .frame(Margin::NONE)
-            .show(ui, |ui| picture::show(ui, self));
-        help::show(&ctx, &mut self.show_help);
-        self.pass_time(&ctx);
-        self.request(&ctx);
+    }
+
+    /// Ends a frame: lets time pass, and asks for the picture.
+    pub(super) fn end(&mut self, ctx: &Context) {
+        self.pass_time(ctx);
+        self.request(ctx);
     }
 
     /// Takes part in a run that trains.

@@ -1,6 +1,6 @@
 //! The window.
 //!
-//! `app`: its state and what happens in a frame. `actions`: what can be done, and by which key; `act` does it. `picture`: the picture, the
+//! `layout`: where everything is. `app`: its state, and what happens to it in a frame. `actions`: what can be done, and by which key; `act` does it. `picture`: the picture, the
 //! hand on it, and what is drawn over it. `glass`: the pictures in the window. `timeline`: the bar
 //! below. `panel`: the bar at the side. `help`: the page of keys.
 
@@ -9,6 +9,7 @@ mod actions;
 mod app;
 mod glass;
 mod help;
+mod layout;
 mod panel;
 mod picture;
 #[cfg(test)]
@@ -101,6 +102,6 @@ struct Window(App);
 
 impl eframe::App for Window {
     fn ui(&mut self, ui: &mut egui::Ui, _frame: &mut eframe::Frame) {
-        self.0.ui(ui);
+        layout::show(ui, &mut self.0);
     }
 }

@@ -12,6 +12,7 @@ use eframe::egui::{
 };
 
 use super::app::{App, CapturedView};
+use super::layout;
 use crate::camera_path::PathCamera;
 use crate::draw::{Frame, ViewLayer};
 use crate::worker::{Drawn, DrawnPicture, Worker};
@@ -131,7 +132,10 @@ impl Bench {
             events: [vec![Event::ModifiersChanged(self.modifiers)], events].concat(),
             ..Default::default()
         };
-        let _ = self.ctx.clone().run_ui(input, |ui| self.app.ui(ui));
+        let _ = self
+            .ctx
+            .clone()
+            .run_ui(input, |ui| layout::show(ui, &mut self.app));
     }
 
     /// Waits for the next reply, and runs a frame.
@@ -457,7 +461,7 @@ fn a_scene_that_trains_is_drawn_anew_with_each_copy() {
     assert_ne!(pictures[0], pictures[1]);
     live.close();
     let ctx = bench.ctx.clone();
-    let output = ctx.run_ui(RawInput::default(), |ui| bench.app.ui(ui));
+    let output = ctx.run_ui(RawInput::default(), |ui| layout::show(ui, &mut bench.app));
     let mut viewports = output.viewport_output.values();
     assert!(viewports.any(|viewport| viewport.commands.contains(&ViewportCommand::Close)));
     live.closed();

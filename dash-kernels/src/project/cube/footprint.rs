@@ -6,83 +6,11 @@ use crate::cube::is_finite;
 use crate::splats::{self, N_COLUMNS};
 
 use super::linear::{Mat3, Quat, Vec3};
-use super::needle::{ViewRest, needle_of};
+use super::needle::needle_of;
+use super::values::{Ellipsoids, Footprint, RowsGradient, ViewConstants};
 
 /// Quaternions with a smaller squared length are culled.
 const MIN_QUAT_NORM_SQUARED: f32 = 1e-12;
-
-/// A [`View`](super::super::View) as launched.
-#[derive(CubeType, CubeLaunch, Clone, Copy)]
-pub(super) struct ViewConstants {
-    pub origin: Vec3,
-    pub rotation: Mat3,
-    pub translation: Vec3,
-    position: Vec3,
-    pub focal_x: f32,
-    pub focal_y: f32,
-    pub principal_x: f32,
-    pub principal_y: f32,
-    pub width: f32,
-    pub height: f32,
-    pub lowest_x: f32,
-    pub lowest_y: f32,
-    pub highest_x: f32,
-    pub highest_y: f32,
-    near_plane: f32,
-    pub low_pass: f32,
-    pub rest: ViewRest,
-}
-
-#[cube]
-impl ViewConstants {
-    /// Vector from the camera's centre.
-    pub fn offset(&self, mean: &Vec3) -> Vec3 {
-        Vec3 {
-            x: mean.x - self.origin.x - self.position.x,
-            y: mean.y - self.origin.y - self.position.y,
-            z: mean.z - self.origin.z - self.position.z,
-        }
-    }
-
-    fn relative(&self, mean: &Vec3) -> Vec3 {
-        Vec3 {
-            x: mean.x - self.origin.x,
-            y: mean.y - self.origin.y,
-            z: mean.z - self.origin.z,
-        }
-    }
-}
-
-/// The Gaussians' inputs but for opacities and colours.
-#[derive(CubeType, CubeLaunch)]
-pub(super) struct Ellipsoids {
-    pub means: Box<[f32]>, // [N, 3]
-    pub quats: Box<[f32]>, // [N, 4]
-    scales: Box<[f32]>,    // [N, 3]
-}
-
-/// The projected covariance and what leads to it.
-#[derive(CubeType, Clone, Copy)]
-pub(super) struct Footprint {
-    /// Whether nothing culls the Gaussian so far; the rest means little where it is false.
-    pub drawn: bool,
-    /// The mean in camera coordinates.
-    pub point: Vec3,
-    /// x/z and y/z.
-    pub ratio_x: f32,
-    pub ratio_y: f32,
-    /// The same, no further than the Jacobian follows.
-    pub slope_x: f32,
-    pub slope_y: f32,
-    pub unit_quat: Quat,
-    pub inverse_quat_norm: f32,
-    pub scale: Vec3,
-    /// `W R`: the Gaussian's axes in camera coordinates, as columns.
-    pub axes: Mat3,
-    /// The rows of `J W R S`.
-    pub row0: Vec3,
-    pub row1: Vec3,
-}
 
 /// A row of `J W R S` from those of `W R`.
 #[cube]
@@ -142,15 +70,6 @@ pub(super) fn footprint_of(
         row0,
         row1,
     }
-}
-
-/// Gradients of the rows of `J W R S`.
-#[derive(CubeType, Clone, Copy)]
-pub(super) struct RowsGradient {
-    pub v_row0: Vec3,
-    pub v_row1: Vec3,
-    /// Through both rows, of the scales' logarithms.
-    pub v_log_scale: Vec3,
 }
 
 /// `v_rows = -2 conic v_conic (conic rows)`.

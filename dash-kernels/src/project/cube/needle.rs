@@ -6,58 +6,11 @@ use crate::cube::is_finite;
 use crate::cube::two_float::TwoFloat;
 use crate::splats::{self, NEEDLE};
 
-use super::super::View;
-use super::footprint::{Ellipsoids, Footprint, RowsGradient, ViewConstants};
-use super::linear::{Mat3, Mat3Launch, Quat, Vec3, Vec3Launch};
+use super::linear::{Quat, Vec3};
+use super::values::{Ellipsoids, Footprint, RowsGradient, ViewConstants};
 
 /// Beyond it the inverse is no normal number.
 const MAX_VARIANCE: f32 = 1e37;
-
-/// What a [`View`]'s single precision leaves out, as launched.
-#[derive(CubeType, CubeLaunch, Clone, Copy)]
-pub(super) struct ViewRest {
-    rotation: Mat3,
-    translation: Vec3,
-    focal_x: f32,
-    focal_y: f32,
-    principal_x: f32,
-    principal_y: f32,
-    lowest_x: f32,
-    lowest_y: f32,
-    highest_x: f32,
-    highest_y: f32,
-    /// What no compiler knows to be 0.
-    zero: u32,
-}
-
-/// What `view` leaves out.
-pub(super) fn view_rest(view: &View<f32>) -> ViewRestLaunch {
-    let rest = |exact: f64, rounded: f32| (exact - f64::from(rounded)) as f32;
-    let pair = |exact: [f64; 2], rounded: [f32; 2]| [0, 1].map(|k| rest(exact[k], rounded[k]));
-    let vector = |exact: [f64; 3], rounded: [f32; 3]| {
-        let [x, y, z] = [0, 1, 2].map(|k| rest(exact[k], rounded[k]));
-        Vec3Launch::new(x, y, z)
-    };
-    let exact = &view.exact;
-    let [x, y, z] = [0, 1, 2].map(|r| vector(exact.rotation[r], view.rotation[r]));
-    let focal = pair(exact.focal, view.focal);
-    let principal = pair(exact.principal, view.principal);
-    let lowest = pair(exact.lowest, view.lowest);
-    let highest = pair(exact.highest, view.highest);
-    ViewRestLaunch::new(
-        Mat3Launch::new(x, y, z),
-        vector(exact.translation, view.translation),
-        focal[0],
-        focal[1],
-        principal[0],
-        principal[1],
-        lowest[0],
-        lowest[1],
-        highest[0],
-        highest[1],
-        0,
-    )
-}
 
 /// Three coordinates.
 #[derive(CubeType, Clone, Copy)]

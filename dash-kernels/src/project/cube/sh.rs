@@ -4,8 +4,8 @@ use cubecl::prelude::*;
 
 use super::super::sh::{self, C0, C1, C2, C3};
 use super::Form;
-use super::footprint::ViewConstants;
 use super::linear::Vec3;
+use super::values::ViewConstants;
 
 /// Functions of the highest degree there is.
 const MAX_BASIS: usize = 16;

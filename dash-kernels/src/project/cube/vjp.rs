@@ -6,9 +6,10 @@ use crate::cube::is_finite;
 use crate::splats::{self, N_COLUMNS};
 
 use super::Form;
-use super::footprint::{Ellipsoids, ViewConstants, footprint_of, footprint_vjp};
+use super::footprint::{footprint_of, footprint_vjp};
 use super::linear::{Quat, Vec3};
 use super::sh::{ShGradients, colour_vjp};
+use super::values::{Ellipsoids, ViewConstants};
 
 /// Gradient of the colour before it was clamped at zero.
 #[cube]

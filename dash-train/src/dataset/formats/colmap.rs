@@ -107,6 +107,18 @@ impl Reader for ColmapReader {
     }
 }
 
+/// The image of this name below `folder`; else below `root`, as a name that starts with `images/` is meant.
+fn find(
+    root: &Path,
+    folder: &Path,
+    name: &str,
+    listed_in: &Path,
+) -> Result<Result<PathBuf, Error>, Error> {
+    let found = find_image(files::confined(folder, name, listed_in)?, listed_in);
+    let from_root = || find_image(files::confined(root, name, listed_in).ok()?, listed_in).ok();
+    Ok(found.or_else(|error| from_root().ok_or(error)))
+}
+
 /// The views of a model's images, in its order.
 fn plan(
     loader: &Loader,
@@ -119,8 +131,7 @@ fn plan(
     let mut sizes = Sizes::default();
     let mut planned = Vec::with_capacity(model.images.len());
     for (camera_index, image) in model.images.iter().enumerate() {
-        let file = files::confined(folder, &image.name, &model.images_file)?;
-        let found = find_image(file, &model.images_file);
+        let found = find(loader.root, folder, &image.name, &model.images_file)?;
         let Some(file) = loader
             .broken
             .readable(&format!("the image {}", image.name), found)?

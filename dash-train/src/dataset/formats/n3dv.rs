@@ -17,7 +17,7 @@ use crate::dataset::partition::{Partition, every_eighth};
 use crate::dataset::pixels::dimensions;
 use crate::dataset::pixels::distortion::Distortion;
 use crate::dataset::pixels::frames::Source as ImageSource;
-use crate::dataset::pixels::sizes::resized;
+use crate::dataset::pixels::sizes::Sizes;
 use crate::dataset::points::{Models, find_points};
 use crate::dataset::poses::npy::parse_poses;
 use crate::dataset::poses::{llff, plain_order};
@@ -181,6 +181,7 @@ fn read_llff(
     let n_cameras = cameras.len();
     let held_out = loader.options.held_out(every_eighth(n_cameras))?;
     let mut planned = Vec::with_capacity(n_cameras);
+    let mut sizes = Sizes::default();
     for (camera_index, (camera, image)) in cameras.iter().zip(images).enumerate() {
         let size = match dimensions(&image.file) {
             Ok(size) => size,
@@ -189,7 +190,7 @@ fn read_llff(
             Err(error) => return Err(error),
         };
         planned.push(PlannedView {
-            camera: resized(camera, size, &image.file, poses_file)?,
+            camera: sizes.resized(camera, size, &image.file, poses_file)?,
             source: ImageSource::File(image.file),
             name: image.label.clone(),
             camera_name: image.label,
@@ -201,6 +202,7 @@ fn read_llff(
             mask: None,
         });
     }
+    sizes.warn_of_stretched();
     let points = find_points(loader.root, None, Models::Rig)?;
     Ok(Capture {
         views: loader.load_views(planned)?,

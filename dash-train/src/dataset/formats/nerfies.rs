@@ -18,7 +18,7 @@ use crate::dataset::partition::{Partition, every_eighth};
 use crate::dataset::pixels::dimensions;
 use crate::dataset::pixels::frames::Source;
 use crate::dataset::pixels::lens::Lens;
-use crate::dataset::pixels::sizes::resized;
+use crate::dataset::pixels::sizes::Sizes;
 use crate::dataset::points::{Models, colored, find_points};
 use crate::dataset::poses::nerfies::CameraFile;
 use crate::dataset::poses::npy::parse_points;
@@ -125,15 +125,17 @@ impl Reader for NerfiesReader {
         let n_frames = placed.n_frames;
         let mut items = Vec::new();
         let mut frames = Vec::new();
+        let mut sizes = Sizes::default();
         for ((id, held_out), frame) in ids.into_iter().zip(placed.pictures) {
             let Some(frame) = frame else { continue };
-            let Some(item) = read_item(loader, &scene, &folder, id, held_out)? else {
+            let Some(item) = read_item(loader, &scene, &folder, id, held_out, &mut sizes)? else {
                 continue;
             };
             items.push(item);
             frames.push(frame);
         }
         check_any(&root.join(DATASET_FILE), !items.is_empty())?;
+        sizes.warn_of_stretched();
         if !items.iter().any(|item| item.held_out) {
             let held_out = every_eighth(items.len());
             for (item, held_out) in items.iter_mut().zip(held_out) {
@@ -307,6 +309,7 @@ fn read_item(
     folder: &Path,
     id: String,
     held_out: bool,
+    sizes: &mut Sizes,
 ) -> Result<Option<Item>, Error> {
     let listed_in = loader.root.join(DATASET_FILE);
     let camera_folder = loader.root.join(CAMERA_FOLDER);
@@ -321,7 +324,7 @@ fn read_item(
     };
     let stated: CameraFile = read_json(&camera_file, "JSON of a Nerfies camera")?;
     let (camera, distortion) = stated.camera(&camera_file, |position| scene.place(position))?;
-    let camera = resized(&camera, size, &file, &camera_file)?;
+    let camera = sizes.resized(&camera, size, &file, &camera_file)?;
     Ok(Some(Item {
         lens: Lens::new(distortion, &camera, &camera_file)?,
         id,

@@ -7,7 +7,7 @@ use dash_kernels::Camera;
 use crate::Error;
 use crate::dataset::pixels::distortion::Distortion;
 use crate::dataset::pixels::lens::Lens;
-use crate::dataset::pixels::sizes::resized;
+use crate::dataset::pixels::sizes::Sizes;
 use crate::files::{self};
 
 /// Where a camera's frames are.
@@ -99,8 +99,9 @@ impl RigCamera {
         &self,
         size: (usize, usize),
         path: &Path,
+        sizes: &mut Sizes,
     ) -> Result<(Camera, Option<Lens>), Error> {
-        let camera = resized(&self.camera, size, path, &self.posed_by)?;
+        let camera = sizes.resized(&self.camera, size, path, &self.posed_by)?;
         let lens = Lens::new(self.distortion, &camera, &self.posed_by)?;
         Ok((camera, lens))
     }

@@ -8,6 +8,7 @@ use crate::Error;
 use crate::dataset::loader::{Loader, PlannedView};
 use crate::dataset::partition::Partition;
 use crate::dataset::pixels::frames::Source;
+use crate::dataset::pixels::sizes::Sizes;
 use crate::dataset::times::{self, frame_time};
 use crate::files;
 
@@ -161,6 +162,7 @@ fn views(
     held_out: &[bool],
 ) -> Result<Vec<PlannedView>, Error> {
     let mut planned = Vec::new();
+    let mut sizes = Sizes::default();
     for (camera_index, (rig_camera, row)) in cameras.iter().zip(rows).enumerate() {
         let files = wanted.iter().filter_map(|&(place, _)| row[place]);
         let mut files = files.map(|frame| frame.file.as_path()).peekable();
@@ -170,7 +172,7 @@ fn views(
         let Some(size) = loader.broken.first_size(files) else {
             continue;
         };
-        let (camera, lens) = rig_camera.at_size(size?, first)?;
+        let (camera, lens) = rig_camera.at_size(size?, first, &mut sizes)?;
         let camera_name = &rig_camera.source.name;
         for (frame, &(place, time)) in wanted.iter().enumerate() {
             let Some(image) = row[place] else { continue };
@@ -188,5 +190,6 @@ fn views(
             });
         }
     }
+    sizes.warn_of_stretched();
     Ok(planned)
 }

@@ -11,6 +11,7 @@ use crate::Error;
 use crate::dataset::loader::{Loader, PlannedView};
 use crate::dataset::partition::Partition;
 use crate::dataset::pixels::frames::Source;
+use crate::dataset::pixels::sizes::Sizes;
 use crate::dataset::times::frame_time;
 use crate::video::{VideoIndex, stamps};
 
@@ -58,6 +59,7 @@ pub(super) fn plan(
     });
     let matched = loader.broken.keep_readable(matched.collect())?;
     let mut planned = Vec::with_capacity(kept.len() * cameras.len());
+    let mut sizes = Sizes::default();
     for (camera_index, ((rig_camera, video), matched)) in
         cameras.iter().zip(&videos).zip(matched).enumerate()
     {
@@ -65,7 +67,7 @@ pub(super) fn plan(
             continue;
         };
         let source = &rig_camera.source;
-        let (camera, lens) = rig_camera.at_size(video.size(), &source.path)?;
+        let (camera, lens) = rig_camera.at_size(video.size(), &source.path, &mut sizes)?;
         for (frame, (&index, &time)) in kept.iter().zip(&times).enumerate() {
             let Some(own) = frames[index] else { continue };
             planned.push(PlannedView {
@@ -85,6 +87,7 @@ pub(super) fn plan(
             });
         }
     }
+    sizes.warn_of_stretched();
     Ok(Plan {
         views: planned,
         n_frames: kept.len(),

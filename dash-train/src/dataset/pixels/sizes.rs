@@ -15,6 +15,8 @@ pub(crate) struct Sizes {
     n_other: usize,
     /// An image of another size, that and the poses' size.
     example: Option<(PathBuf, [(usize, usize); 2])>,
+    /// The same of an image that no one factor brings to the poses' size.
+    stretched: Option<(PathBuf, [(usize, usize); 2])>,
 }
 
 impl Sizes {
@@ -31,6 +33,38 @@ impl Sizes {
                 camera.resized(size.0, size.1)
             }
             _ => camera,
+        }
+    }
+
+    /// [`resized`], and keeps in mind that a factor for each side was needed.
+    pub(crate) fn resized(
+        &mut self,
+        camera: &Camera,
+        size: (usize, usize),
+        path: &Path,
+        posed_by: &Path,
+    ) -> Result<Camera, Error> {
+        let fitted = resized(camera, size, path, posed_by)?;
+        let stated = (camera.width, camera.height);
+        if !is_scaled(stated, size) {
+            self.stretched
+                .get_or_insert_with(|| (path.to_path_buf(), [size, stated]));
+        }
+        Ok(fitted)
+    }
+
+    /// Warns of images whose sides were scaled by two factors.
+    pub(crate) fn warn_of_stretched(&self) {
+        if let Some((path, [found, stated])) = &self.stretched {
+            tracing::warn!(
+                "{}: {}x{}, and its pose is of {}x{}, another shape: taken as stretched; if it was cropped, correct the \
+                 size and the principal point of the poses",
+                path.display(),
+                found.0,
+                found.1,
+                stated.0,
+                stated.1
+            );
         }
     }
 
@@ -53,8 +87,8 @@ impl Sizes {
     }
 }
 
-/// The camera at another size of the same shape; errors name the image `path` and the poses' file.
-pub(crate) fn resized(
+/// The camera at another size of nearly the same shape; errors name the image `path` and the poses' file.
+fn resized(
     camera: &Camera,
     (width, height): (usize, usize),
     path: &Path,
@@ -80,4 +114,34 @@ pub(crate) fn resized(
         ));
     }
     Ok(camera.resized(width, height))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn images_of_nearly_the_same_shape_are_remembered() {
+        let camera = Camera::new(900.0, 900.0, 960.0, 540.0, 1920, 1080);
+        let stretched = |size: (usize, usize)| {
+            let mut sizes = Sizes::default();
+            let fitted = sizes.resized(&camera, size, Path::new("a.png"), Path::new("p.npy"))?;
+            assert_eq!((fitted.width, fitted.height), size);
+            Ok::<bool, Error>(sizes.stretched.is_some())
+        };
+        for (size, expected) in [
+            ((1920, 1080), false),
+            ((960, 540), false),
+            ((501, 282), false),
+            ((1920, 1088), true),
+            ((1910, 1080), true),
+        ] {
+            assert_eq!(
+                stretched(size).expect("nearly the same"),
+                expected,
+                "{size:?}"
+            );
+        }
+        stretched((1080, 1920)).expect_err("turned");
+    }
 }

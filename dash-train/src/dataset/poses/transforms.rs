@@ -108,6 +108,25 @@ struct Intrinsics {
     distortion_params: Option<Vec<f64>>,
 }
 
+impl Transforms {
+    /// The first three rows of the transform from COLMAP's world to that of the poses, where the file states it
+    /// (nerfstudio), and no scale beside it.
+    pub(crate) fn applied_transform(&self) -> Option<[[f64; 4]; 3]> {
+        let scale = self.other.get("applied_scale").and_then(Value::as_f64);
+        if scale.is_some_and(|scale| scale != 1.0) {
+            return None;
+        }
+        let rows = self.other.get("applied_transform")?.clone();
+        let rows: Vec<[f64; 4]> = serde_json::from_value(rows).ok()?;
+        let first = *rows.first_chunk::<3>()?;
+        first
+            .as_flattened()
+            .iter()
+            .all(|v| v.is_finite())
+            .then_some(first)
+    }
+}
+
 impl Frame {
     /// The name of the camera, where the file states one.
     pub(crate) fn camera_name(&self) -> Option<&str> {

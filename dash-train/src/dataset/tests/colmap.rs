@@ -119,6 +119,18 @@ fn binary_models_in_either_folder() {
 }
 
 #[test]
+fn names_may_be_relative_to_the_datasets_folder_or_of_another_computer() {
+    let fixture = capture("sparse/0");
+    let names = ["images/b.png", "/home/ann/scene/images/a.png"];
+    fixture.write("sparse/0/images.bin", images_bin(&names, TURN, 5));
+    let dataset = fixture.load().expect("loads");
+    assert_eq!(dataset.views.len(), 2);
+    let lost = ["images/b.png", "images/c.png"];
+    fixture.write("sparse/0/images.bin", images_bin(&lost, TURN, 5));
+    fixture.refuses(&["images.bin", "images/c.png"]);
+}
+
+#[test]
 fn all_pinhole_models_with_undone_lenses() {
     let fixture = capture("sparse/0");
     for (model, name, parameters) in MODELS {

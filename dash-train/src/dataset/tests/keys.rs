@@ -4,6 +4,8 @@ use dash_kernels::Camera;
 use serde_json::{Value, json};
 
 use super::blender::{matrix, single, write_single};
+use super::colmap::points_bin;
+use crate::ply::{PointCloud, write_points};
 use crate::test_kit::{Fixture, H, W, camera};
 
 /// Two images with detail, so that an undone lens is seen in their pixels; further keys of the file and of a frame.
@@ -174,4 +176,30 @@ fn what_was_applied_to_the_poses_changes_nothing() {
     ] {
         assert_eq!(seen(&capture(top.clone(), json!({}))), plain, "{top}");
     }
+}
+
+#[test]
+fn points_of_a_model_follow_the_poses_that_were_made_from_it() {
+    let applied = json!({"applied_transform": [[1, 0, 0, 5], [0, 0, 1, 0], [0, -1, 0, 0.5]]});
+    let first = |fixture: &Fixture| {
+        let points = fixture.load().expect("loads").points;
+        points.map(|points| points.positions[0])
+    };
+    for folder in ["colmap/sparse/0", "sparse/0"] {
+        let fixture = capture(applied.clone(), json!({}));
+        let points = points_bin(&[[1.0, 2.0, 3.0]]);
+        fixture.write(&format!("{folder}/points3D.bin"), points);
+        assert_eq!(first(&fixture), Some([6.0, 3.0, -1.5]), "{folder}");
+        // A file that is known by its name has it already.
+        let ply = PointCloud {
+            positions: vec![[7.0, 8.0, 9.0]],
+            colors: vec![[1, 2, 3]],
+        };
+        write_points(&fixture.path("sparse_pc.ply"), &ply).expect("writes");
+        assert_eq!(first(&fixture), Some([7.0, 8.0, 9.0]));
+    }
+    let broken = json!({"applied_transform": "turned"});
+    let fixture = capture(broken, json!({}));
+    fixture.write("sparse/0/points3D.bin", points_bin(&[[1.0, 2.0, 3.0]]));
+    assert_eq!(first(&fixture), Some([1.0, 2.0, 3.0]));
 }

@@ -120,6 +120,49 @@ pub(super) fn at_one_instant(camera_of: &[usize], names: &[String]) -> Option<St
     ))
 }
 
+/// What is said of pictures that are listed more than once.
+pub(super) fn repeats(entries: &[Entry]) -> Option<String> {
+    let mut first_of: HashMap<&Path, &Entry> = HashMap::new();
+    let (mut n, mut example, mut n_other) = (0, None, 0);
+    for entry in entries {
+        let first = *first_of.entry(&entry.file).or_insert(entry);
+        if std::ptr::eq(first, entry) {
+            continue;
+        }
+        n += 1;
+        example.get_or_insert(&entry.name);
+        n_other += usize::from(first.camera != entry.camera || first.time != entry.time);
+    }
+    let example = example?;
+    let differ = match n_other {
+        0 => String::new(),
+        _ => format!(", {n_other} with another pose or time"),
+    };
+    Some(format!(
+        "pictures that are listed before are listed {n} times more, such as {example}{differ}: all are used"
+    ))
+}
+
+/// What is said where held-out pictures lie far outside the time that is trained on: theirs may be in another unit.
+pub(super) fn other_times(entries: &[Entry]) -> Option<String> {
+    let span = |held_out: bool| {
+        let of = entries.iter().filter(|entry| entry.held_out == held_out);
+        let times = of.filter_map(|entry| entry.time);
+        times.fold(None, |ends: Option<[f64; 2]>, time| {
+            let [first, last] = ends.unwrap_or([time; 2]);
+            Some([first.min(time), last.max(time)])
+        })
+    };
+    let ([start, end], [first, last]) = (span(false)?, span(true)?);
+    let length = end - start;
+    let is_far = length > 0.0 && (last > end + length || first < start - length);
+    is_far.then(|| {
+        format!(
+            "times to hold out go from {first} to {last}, those to train on from {start} to {end}: state both in one unit"
+        )
+    })
+}
+
 /// Either every frame has a time or none has.
 pub(super) fn check_times(entries: &[Entry]) -> Result<(), Error> {
     let with_time = entries.iter().any(|entry| entry.time.is_some());
@@ -163,6 +206,57 @@ fn stand_still(names: &[&String], entries: &[Entry]) -> bool {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    fn entry(file: &str, time: f64, held_out: bool) -> Entry {
+        Entry {
+            file: file.into(),
+            mask: None,
+            name: file.into(),
+            camera_name: None,
+            time: Some(time),
+            seconds: None,
+            timestep_index: None,
+            camera: Camera::new(1.0, 1.0, 1.0, 1.0, 2, 2),
+            distortion: Distortion::default(),
+            listed_in: "transforms.json".into(),
+            held_out,
+        }
+    }
+
+    #[test]
+    fn pictures_that_are_listed_twice_are_told() {
+        let of = |times: &[(&str, f64)]| {
+            let entries: Vec<Entry> = times
+                .iter()
+                .map(|&(file, time)| entry(file, time, false))
+                .collect();
+            repeats(&entries)
+        };
+        assert_eq!(of(&[("a", 0.0), ("b", 0.0)]), None);
+        let same = of(&[("a", 0.0), ("b", 1.0), ("a", 0.0), ("a", 0.0)]).expect("twice more");
+        assert!(same.contains("2 times more, such as a: all"), "{same}");
+        let other = of(&[("a", 0.0), ("b", 1.0), ("b", 0.0)]).expect("once more");
+        assert!(other.contains("such as b, 1 with another"), "{other}");
+    }
+
+    #[test]
+    fn held_out_times_in_another_unit_are_told() {
+        let of = |held_out: [f64; 2]| {
+            let [first, last] = held_out.map(|time| entry("b", time, true));
+            other_times(&[entry("a", 0.0, false), entry("a", 1.0, false), first, last])
+        };
+        for held_out in [[0.0, 1.0], [0.3, 0.4], [1.1, 1.9], [-0.5, 0.0]] {
+            assert_eq!(of(held_out), None, "{held_out:?}");
+        }
+        for held_out in [[0.0, 49.0], [-3.0, 0.0]] {
+            let said = of(held_out).expect("another unit");
+            assert!(said.contains("from 0 to 1: state"), "{said}");
+        }
+        assert_eq!(
+            other_times(&[entry("a", 0.0, false), entry("b", 9.0, true)]),
+            None
+        );
+    }
 
     #[test]
     fn several_pictures_of_a_camera_without_times_are_told() {

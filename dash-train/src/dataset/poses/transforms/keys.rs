@@ -55,7 +55,8 @@ const OTHER_AXES: Meaning = Refused(
 
 /// The known keys of the file and of its frames; those of [`Transforms`] are not among them.
 const KEYS: [(&str, Meaning); 79] = [
-    // What was done to the poses, which have it already; `applied_scale` is judged with the points.
+    // What was done to the poses, which have it already. Points of a COLMAP model get it; `applied_scale` is judged with
+    // the points.
     ("applied_transform", Harmless),
     ("applied_scale", Harmless),
     ("orientation_override", Harmless),

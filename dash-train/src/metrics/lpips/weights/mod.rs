@@ -3,13 +3,14 @@
 //! # Map
 //! - `file`: a weight file of any format as a directory of tensors.
 //! - `names`: LPIPS's tensors by the names that published files use.
-//! - `safetensors`, `pytorch`: the formats.
+//! - `safetensors`, `pytorch`: the formats; `stored`: where they say that a tensor is.
 //! - this file: the tensors that a network needs, out of several files.
 
 mod file;
 mod names;
 pub(super) mod pytorch;
 mod safetensors;
+mod stored;
 #[cfg(test)]
 mod tests;
 

@@ -7,7 +7,7 @@ use std::path::Path;
 
 use safetensors::tensor::{Dtype, Metadata};
 
-use super::file::{Place, READ_WEIGHTS, StoredTensor};
+use super::stored::{Place, READ_WEIGHTS, StoredTensor};
 use crate::Error;
 
 /// Bytes of the header's length.

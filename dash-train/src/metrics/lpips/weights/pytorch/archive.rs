@@ -8,7 +8,7 @@ use std::path::Path;
 
 use rawzip::{CompressionMethod, RECOMMENDED_BUFFER_SIZE, ZipArchive};
 
-use super::super::file::{READ_WEIGHTS, StoredTensor};
+use super::super::stored::{READ_WEIGHTS, StoredTensor};
 use super::pickle::Pickle;
 use super::tensors::{Span, locate};
 use super::{EXPECTED, MAX_PICKLE_BYTES};

@@ -7,7 +7,7 @@ use std::fs::File;
 use std::io::{Read, Seek, SeekFrom};
 use std::path::Path;
 
-use super::super::file::{READ_WEIGHTS, StoredTensor};
+use super::super::stored::{READ_WEIGHTS, StoredTensor};
 use super::pickle::Pickle;
 use super::tensors::{Span, locate};
 use super::value::{Storage, Value};

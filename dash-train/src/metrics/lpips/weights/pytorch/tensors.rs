@@ -2,7 +2,7 @@
 
 use std::collections::BTreeMap;
 
-use super::super::file::{FLOAT_BYTES, Place, StoredTensor, float_bytes};
+use super::super::stored::{FLOAT_BYTES, Place, StoredTensor, float_bytes};
 use super::pickle::Pickle;
 use super::value::{FLOAT_STORAGE, Storage, Strided, Value};
 
