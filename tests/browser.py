@@ -299,7 +299,7 @@ try:
     start = time.time()
     tab.wait(f"window.dash.pictures >= {before + 2} && window.dash.player.time > 0", "it plays")
     drawn = tab.value("window.dash.pictures") - before
-    check(True, f"it plays: {drawn / (time.time() - start):.1f} pictures a second")
+    print(f"it plays: {drawn / (time.time() - start):.1f} pictures a second")
     tab.key(" ", "Space")
     check(not state("playing"), "space stops")
     box = tab.value("(({ x, y, width, height }) => [x, y, width, height])(document.getElementById('time').getBoundingClientRect())")

@@ -122,6 +122,19 @@ fn read_standard(
         )
     })?;
     let table = table::read(reader, &vertex, path)?;
+    if let Some(filter) = columns.filter {
+        let widths = table
+            .values
+            .chunks_exact(names.len())
+            .map(|row| row[filter]);
+        if let Some((row, width)) = filter::refused(widths) {
+            return Err(ModelError::format(
+                path,
+                "numbers that can be drawn",
+                format!("`{}` {width} at vertex {row}", filter::COLUMN),
+            ));
+        }
+    }
     Ok(columns.gather(&table, names.len()))
 }
 

@@ -51,7 +51,7 @@ impl PointCloud {
 
 /// Reads a point cloud: `x, y, z` and, where present, `red, green, blue` of the element `vertex`;
 /// ASCII or binary, further columns and elements are skipped. Integer colours are scaled from
-/// their type's range, real ones from [0, 1], or from [0, 255] where more than a few exceed 1.
+/// their type's range, real ones from [0, 1], or from [0, 255] where more than 1 % exceed 1.5.
 /// Points that are not finite are left out with a warning; one tells of points without colours, too.
 ///
 /// # Errors

@@ -4,6 +4,15 @@
 /// The column of the filter's standard deviation.
 pub(super) const COLUMN: &str = "filter_3D";
 
+/// Logarithms of scales whose squares are still numbers; farther ones look alike.
+const WIDEST: f64 = 300.0;
+
+/// The first row whose filter is no width, and what is there.
+pub(super) fn refused(widths: impl Iterator<Item = f32>) -> Option<(usize, f32)> {
+    let mut rows = widths.enumerate();
+    rows.find(|(_, width)| !(*width >= 0.0 && width.is_finite()))
+}
+
 /// The scales' logarithms and the opacity's logit of a Gaussian as it is drawn: wider by the filter, and fainter as it
 /// is wider.
 pub(super) fn filtered(log_scales: [f32; 3], logit: f32, width: f32) -> ([f32; 3], f32) {
@@ -11,12 +20,18 @@ pub(super) fn filtered(log_scales: [f32; 3], logit: f32, width: f32) -> ([f32; 3
         return (log_scales, logit);
     }
     let variance = f64::from(width).powi(2);
-    let before = log_scales.map(f64::from);
+    let before = log_scales.map(|log| f64::from(log).clamp(-WIDEST, WIDEST));
     let after = before.map(|log| 0.5 * ((2.0 * log).exp() + variance).ln());
-    let narrower: f64 = (0..3).map(|k| before[k] - after[k]).sum();
-    let opacity = narrower.exp() / (1.0 + (-f64::from(logit)).exp());
-    let logit = (opacity / (1.0 - opacity)).ln();
-    (after.map(|log| log as f32), logit as f32)
+    let log_scales = after.map(|log| log as f32);
+    // The logarithm of what is left of the opacity.
+    let share: f64 = (0..3).map(|k| before[k] - after[k]).sum();
+    if share >= 0.0 {
+        return (log_scales, logit);
+    }
+    let odds = f64::from(logit).exp();
+    let transparent = share.exp() / (1.0 + odds) - share.exp_m1();
+    let opaque = share - (1.0 / odds).ln_1p();
+    (log_scales, (opaque - transparent.ln()) as f32)
 }
 
 #[cfg(test)]
@@ -43,17 +58,27 @@ mod tests {
 
     #[test]
     fn no_filter_changes_nothing_and_extremes_stay_numbers() {
-        assert_eq!(
-            filtered([0.1, -3.0, 7.0], 2.5, 0.0),
-            ([0.1, -3.0, 7.0], 2.5)
-        );
+        let plain = ([0.1, -3.0, 7.0], 2.5);
+        assert_eq!(filtered(plain.0, plain.1, 0.0), plain);
         for logit in [f32::NEG_INFINITY, -60.0, 60.0, f32::INFINITY] {
-            let (logs, logit) = filtered([f32::NEG_INFINITY, -80.0, 40.0], logit, 0.01);
-            assert!(
-                logs.iter().all(|log| log.is_finite()) && !logit.is_nan(),
-                "{logs:?} {logit}"
-            );
+            for scales in [
+                [f32::NEG_INFINITY, -80.0, 40.0],
+                [1e3, 0.0, f32::INFINITY],
+                [20.0; 3],
+            ] {
+                let (logs, faint) = filtered(scales, logit, 0.01);
+                assert!(logs.iter().all(|log| log.is_finite()), "{logs:?}");
+                assert!(faint <= logit, "{scales:?} {logit}: {faint}");
+            }
         }
-        assert!(filtered([0.0; 3], 0.0, f32::NAN).1.is_nan());
+        let wide = filtered([1e3; 3], 2.0, 0.01);
+        assert_eq!(wide.1, 2.0, "nothing is wider");
+    }
+
+    #[test]
+    fn filters_that_are_no_width_are_found() {
+        assert_eq!(refused([0.0, 0.5].into_iter()), None);
+        assert_eq!(refused([0.5, -0.1].into_iter()), Some((1, -0.1)));
+        assert!(refused([f32::NAN].into_iter()).is_some());
     }
 }

@@ -3,7 +3,8 @@
 use std::path::{Path, PathBuf};
 
 use super::partition::Partition;
-use super::poses::colmap::{MODEL_FOLDERS, RIG_MODEL_FOLDERS, read_model_points};
+use super::poses::colmap::{MODEL_FOLDERS, RIG_MODEL_FOLDERS, has_file, read_model_points};
+use super::poses::transforms::{Applied, Transforms};
 use super::view::View;
 use crate::Error;
 use crate::files::{self};
@@ -104,11 +105,37 @@ pub(crate) fn find_named_points(
     find_points(root, Some(&file), models)
 }
 
-/// The points of the COLMAP model that a dataset's poses were made from, `applied` to them as it was to the poses.
-pub(crate) fn find_model_points(
+/// The initial points beside a `transforms.json`: those that it names, or that are there under a known name; else those of the
+/// COLMAP model that its poses were made from, brought into their world.
+///
+/// # Errors
+/// As [`find_named_points`].
+pub(crate) fn points_of_transforms(
     root: &Path,
-    applied: &[[f64; 4]; 3],
+    file: &Path,
+    transforms: &Transforms,
 ) -> Result<Option<PointCloud>, Error> {
+    let named = transforms.ply_file_path.as_deref();
+    let is_file = named.is_some() || known_point_file(root).is_some();
+    match transforms.applied() {
+        Applied::Transform(applied) if !is_file => find_model_points(root, &applied),
+        Applied::Unclear if !is_file => {
+            let has_points = |name: &str| has_file(&root.join(name), "points3D");
+            if let Some(model) = RIG_MODEL_FOLDERS.into_iter().find(|name| has_points(name)) {
+                tracing::warn!(
+                    "{}: points of {model} are not used, since `applied_transform` and `applied_scale` don't tell where they are; \
+                     name points in the poses' world by `ply_file_path`",
+                    file.display()
+                );
+            }
+            Ok(None)
+        }
+        _ => find_named_points(root, (named, file), Models::Own),
+    }
+}
+
+/// The points of the first COLMAP model, with a transform applied to them.
+fn find_model_points(root: &Path, applied: &[[f64; 4]; 3]) -> Result<Option<PointCloud>, Error> {
     for name in RIG_MODEL_FOLDERS {
         let Some(found) = read_model_points(&root.join(name))? else {
             continue;

@@ -31,7 +31,7 @@ mod tests;
 mod timing;
 mod tracks;
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 
 use dash_kernels::Camera;
@@ -192,6 +192,34 @@ fn all_checks(
     sketch
 }
 
+/// What can't be read: the first few of each kind, and how many more there are.
+fn unreadable<'a>(errors: impl Iterator<Item = &'a Error>) -> Vec<Finding> {
+    let mut findings = Vec::new();
+    let mut seen = BTreeSet::new();
+    let mut n_of: BTreeMap<String, usize> = BTreeMap::new();
+    for error in errors {
+        let finding = Finding::refused("frames", error);
+        // Frames of one group of pictures fail for one reason.
+        if !seen.insert(finding.text.clone()) {
+            continue;
+        }
+        let n = n_of
+            .entry(finding.mend.clone().unwrap_or_default())
+            .or_default();
+        *n += 1;
+        if *n <= ALIKE {
+            findings.push(finding);
+        }
+    }
+    for (mend, n) in n_of {
+        if n > ALIKE {
+            let text = format!("{} more can't be read", n - ALIKE);
+            findings.push(Finding::error("frames", text, &mend));
+        }
+    }
+    findings
+}
+
 /// What can be decoded, and what the dataset contains.
 fn check_frames(
     dataset: &Dataset,
@@ -199,25 +227,7 @@ fn check_frames(
     looked: &tracks::Tracks,
     findings: &mut Vec<Finding>,
 ) {
-    let mut n_of: BTreeMap<Option<String>, usize> = BTreeMap::new();
-    for error in broken.iter().chain(&looked.broken) {
-        let finding = Finding::refused("frames", error);
-        // Frames of one group of pictures fail for one reason.
-        if findings.contains(&finding) {
-            continue;
-        }
-        let n = n_of.entry(finding.mend.clone()).or_default();
-        *n += 1;
-        if *n <= ALIKE {
-            findings.push(finding);
-        }
-    }
-    for (mend, n) in n_of {
-        if let Some(more) = n.checked_sub(ALIKE).filter(|more| *more > 0) {
-            let text = format!("{more} more of this kind");
-            findings.push(Finding::error("frames", text, &mend.unwrap_or_default()));
-        }
-    }
+    findings.extend(unreadable(broken.iter().chain(&looked.broken)));
     let whole = broken.is_empty() && looked.broken.is_empty();
     findings.extend(contents::contents(dataset, whole));
     findings.extend(masks::check(dataset, looked));

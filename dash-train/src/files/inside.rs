@@ -2,6 +2,7 @@
 
 use std::path::{Component, Path, PathBuf};
 
+use super::find_image::find_image;
 use super::unicode::in_either_form;
 use crate::Error;
 
@@ -35,7 +36,7 @@ pub(crate) fn confined(root: &Path, name: &str, listed_in: &Path) -> Result<Path
         confine(&written).filter(|inside| !has_drive(&written) || root.join(inside).exists());
     let inside = here
         .or_else(|| lead_back(root, &written))
-        .or_else(|| moved(root, &written));
+        .or_else(|| moved(root, &written, listed_in));
     let inside = inside.ok_or_else(|| {
         Error::invalid(
             listed_in,
@@ -69,15 +70,19 @@ fn has_drive(name: &str) -> bool {
     bytes.len() > 2 && bytes[0].is_ascii_alphabetic() && &bytes[1..3] == b":/"
 }
 
-/// The longest end of an absolute path, of this system or of Windows, that names a file below `root`.
-fn moved(root: &Path, name: &str) -> Option<PathBuf> {
+/// The longest end of an absolute path, of this system or of Windows, that names a file below `root`; else one that does with
+/// another extension.
+fn moved(root: &Path, name: &str, listed_in: &Path) -> Option<PathBuf> {
     if !(name.starts_with('/') || has_drive(name)) {
         return None;
     }
     let parts: Vec<&str> = name.split('/').collect();
     let ends = (1..parts.len()).map(|start| parts[start..].join("/"));
-    let mut inside = ends.filter_map(|end| confine(&end));
-    inside.find(|inside| in_either_form(root, inside).is_file())
+    let inside: Vec<PathBuf> = ends.filter_map(|end| confine(&end)).collect();
+    let is_file = |inside: &&PathBuf| in_either_form(root, inside).is_file();
+    let is_image = |inside: &&PathBuf| find_image(in_either_form(root, inside), listed_in).is_ok();
+    let found = inside.iter().find(is_file);
+    found.or_else(|| inside.iter().find(is_image)).cloned()
 }
 
 #[cfg(test)]
@@ -146,6 +151,8 @@ mod tests {
             ("/home/ann/room/images/a.png", Some("images/a.png")),
             ("D:\\scene\\images\\b.png", Some("images/b.png")),
             ("D:/images/b.png", Some("images/b.png")),
+            ("/home/ann/room/images/b", Some("images/b")),
+            ("/home/ann/room/images/b.jpg", Some("images/b.jpg")),
             ("/home/ann/scene/images/c.png", None),
             ("home/../../scene/images/b.png", None),
             ("/home/ann/scene/images", None),

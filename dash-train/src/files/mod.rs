@@ -24,6 +24,8 @@ pub(crate) use first_bytes::{parse_json, refuse_pointer, refuse_pointer_file, wi
 pub(crate) use folder::{is_occupied, list, list_images, require_folder, unread_images};
 pub(crate) use free_output::free_parent;
 pub(crate) use inside::confined;
-pub(crate) use names::{VIDEO_EXTENSIONS, frame_numbers, has_extension, natural_cmp, stem};
+pub(crate) use names::{
+    IMAGE_EXTENSIONS, VIDEO_EXTENSIONS, frame_numbers, has_extension, natural_cmp, stem,
+};
 pub(crate) use order::{Order, check_order, order};
 pub(crate) use unicode::{in_either_form, one_form};

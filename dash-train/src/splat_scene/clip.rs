@@ -89,7 +89,12 @@ impl SplatClip {
             let scene = splat_scene(path, device)?;
             if scene.static_set.is_empty() {
                 let remedy = "write it again, or name another file";
-                return Err(Error::invalid(path, "Gaussians", "none", remedy));
+                return Err(Error::invalid(
+                    path,
+                    "Gaussians",
+                    "none that can be seen",
+                    remedy,
+                ));
             }
             Kind::Still(Box::new(scene))
         };

@@ -57,6 +57,22 @@ Every key of training, made by `dash config --markdown`. `dash train --set KEY=V
 
 An extension runs where its section stands. `--set extensions.NAME=none` takes one away, `--set extensions.NAME=on` brings
 it with the values of `default`, or of `quick` where `default` has none; in a file `NAME = \"none\"` does the same. A dash marks a key that a preset does not have.
+
+A file of your own needs only what differs from the preset:
+```toml file=mine.toml
+iterations = 3000
+
+[densify.static]
+max_gaussians = 20000
+
+[extensions]
+floaters = \"none\"
+```
+```sh
+dash synth out/configured --cameras 5 --frames 4 --size 48x36
+dash train out/configured --out runs/configured --preset quick --config mine.toml --iterations 30
+```
+A run's `config.toml` has the same sections below `[train]`, and `[data]` beside it.
 ";
 
 struct Page<'a> {

@@ -6,7 +6,9 @@ use std::path::Path;
 use super::program::Program;
 
 /// Programs of a system whose options are not looked at.
-const PLAIN: [&str; 7] = ["apt", "cp", "ls", "mkdir", "python3", "seq", "ssh"];
+const PLAIN: [&str; 9] = [
+    "apt", "cd", "cp", "ls", "mkdir", "python3", "seq", "ssh", "tar",
+];
 /// Commands of `dash` that have commands of their own.
 const WITH_COMMANDS: [&str; 1] = ["plan"];
 
@@ -41,7 +43,7 @@ fn check_command(words: &[String], program: &Program, root: &Path) -> Result<(),
             Some(dash) => check_dash(&rest[dash + 1..], program),
             None => Ok(()),
         },
-        "dash" => check_dash(rest, program),
+        "dash" | "./dash" => check_dash(rest, program),
         "cargo" => check_cargo(rest, program, root),
         plain if PLAIN.contains(&plain) => Ok(()),
         script if script.contains('/') && root.join(script).is_file() => Ok(()),

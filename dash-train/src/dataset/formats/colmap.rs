@@ -108,15 +108,12 @@ impl Reader for ColmapReader {
 }
 
 /// The image of this name below `folder`; else below `root`, as a name that starts with `images/` is meant.
-fn find(
-    root: &Path,
-    folder: &Path,
-    name: &str,
-    listed_in: &Path,
-) -> Result<Result<PathBuf, Error>, Error> {
-    let found = find_image(files::confined(folder, name, listed_in)?, listed_in);
-    let from_root = || find_image(files::confined(root, name, listed_in).ok()?, listed_in).ok();
-    Ok(found.or_else(|error| from_root().ok_or(error)))
+fn find(root: &Path, folder: &Path, name: &str, listed_in: &Path) -> Result<PathBuf, Error> {
+    let below = |folder: &Path| {
+        let file = files::confined(folder, name, listed_in)?;
+        find_image(file, listed_in)
+    };
+    below(folder).or_else(|error| below(root).map_err(|_| error))
 }
 
 /// The views of a model's images, in its order.
@@ -130,8 +127,10 @@ fn plan(
     let mut lenses: HashMap<(u32, usize, usize), Option<Lens>> = HashMap::new();
     let mut sizes = Sizes::default();
     let mut planned = Vec::with_capacity(model.images.len());
+    let mut first_of = HashMap::new();
+    let mut shared = None;
     for (camera_index, image) in model.images.iter().enumerate() {
-        let found = find(loader.root, folder, &image.name, &model.images_file)?;
+        let found = find(loader.root, folder, &image.name, &model.images_file);
         let Some(file) = loader
             .broken
             .readable(&format!("the image {}", image.name), found)?
@@ -148,7 +147,12 @@ fn plan(
                 lens
             }
         };
-        let inside = file.strip_prefix(folder).unwrap_or(&file);
+        if let Some(other) = first_of.insert(file.clone(), &image.name) {
+            shared.get_or_insert([other, &image.name]);
+        }
+        let inside = file.strip_prefix(folder);
+        let inside = inside.or_else(|_| file.strip_prefix(loader.root));
+        let inside = inside.unwrap_or(&file);
         let name = inside.with_extension("").to_string_lossy().into_owned();
         planned.push(PlannedView {
             source: Source::File(file),
@@ -164,5 +168,11 @@ fn plan(
         });
     }
     sizes.warn(&model.cameras_file);
+    if let Some([a, b]) = shared {
+        tracing::warn!(
+            "{}: {a} and {b} are one picture here: put pictures of one name into different folders",
+            model.images_file.display()
+        );
+    }
     Ok(planned)
 }

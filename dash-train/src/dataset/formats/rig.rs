@@ -12,7 +12,7 @@ use crate::dataset::multi_view::assign::{assign, find, pose_by_model};
 use crate::dataset::multi_view::camera::{Frames, RigCamera, Source};
 use crate::dataset::multi_view::folders::{IMAGE_FOLDER, image_folders};
 use crate::dataset::pixels::masks::MASK_FOLDER;
-use crate::dataset::points::{Models, find_named_points};
+use crate::dataset::points::{Models, find_points, points_of_transforms};
 use crate::dataset::poses::colmap::{
     Model, RIG_MODEL_FOLDERS, model_folder, read_model, read_model_points, warn_of_larger,
 };
@@ -29,6 +29,8 @@ pub(super) struct Rig;
 /// A rig's cameras and the file with their poses.
 struct RigReader {
     sources: Vec<Source>,
+    /// What is said of a video that is not used.
+    unused: Option<String>,
     poses: Poses,
 }
 
@@ -57,7 +59,7 @@ impl Format for Rig {
 
 impl RigReader {
     fn of(root: &Path) -> Result<Self, Error> {
-        let sources = cameras(root)?;
+        let (sources, unused) = cameras(root)?;
         let file = root.join(TRANSFORMS_FILE);
         let poses = if file.is_file() {
             let transforms = transforms::parse(&file)?;
@@ -73,7 +75,11 @@ impl RigReader {
                 "run COLMAP on one image per camera, called as the camera is",
             ));
         };
-        Ok(Self { sources, poses })
+        Ok(Self {
+            sources,
+            unused,
+            poses,
+        })
     }
 
     /// Whether the poses are those of the cameras and not those of single images, which may have times.
@@ -110,37 +116,35 @@ impl RigReader {
 impl Reader for RigReader {
     fn read(self: Box<Self>, loader: &Loader) -> Result<Capture, Error> {
         let root = loader.root;
-        let file = root.join(TRANSFORMS_FILE);
-        let mut point_file = None;
-        let mut models = Models::Rig;
-        let mut model_of_poses = None;
-        let cameras = match self.poses {
+        if let Some(told) = self.unused {
+            tracing::warn!("{}: {told}", root.display());
+        }
+        let (cameras, points) = match self.poses {
             Poses::Transforms(file, transforms) => {
+                let cameras = pose_by_transforms(loader, self.sources, &file, &transforms)?;
                 // Tools that write this file may turn or scale COLMAP's world.
-                models = Models::Own;
-                point_file = transforms.ply_file_path.clone();
-                pose_by_transforms(loader, self.sources, &file, &transforms)?
+                (cameras, points_of_transforms(root, &file, &transforms)?)
             }
             Poses::Model(sparse, model) => {
                 warn_of_larger(&sparse, &model);
-                model_of_poses = Some(sparse);
-                pose_by_model(self.sources, model)?
+                let cameras = pose_by_model(self.sources, model)?;
+                let points = match find_points(root, None, Models::Rig)? {
+                    Some(points) => Some(points),
+                    None => read_model_points(&sparse)?,
+                };
+                (cameras, points)
             }
         };
         let n_cameras = cameras.len();
         let suggested = (0..n_cameras).map(|index| index == 0).collect();
         let held_out = loader.options.held_out(suggested)?;
-        let mut points = find_named_points(root, (point_file.as_deref(), &file), models)?;
-        if let (None, Some(sparse)) = (&points, model_of_poses) {
-            points = read_model_points(&sparse)?;
-        }
         multi_view::load(loader, &cameras, &held_out, points)
     }
 }
 
-/// The folders of frames, else the videos, in natural order. Beside videos, folders of one picture each are what the cameras were
-/// posed by.
-fn cameras(root: &Path) -> Result<Vec<Source>, Error> {
+/// The folders of frames, else the videos, in natural order, and what is said of a video that has no folder among them. Beside
+/// videos, folders of one picture each are what the cameras were posed by.
+fn cameras(root: &Path) -> Result<(Vec<Source>, Option<String>), Error> {
     let folders = image_folders(root)?;
     let videos = videos(root)?;
     if videos.is_empty() && folders.is_empty() {
@@ -153,23 +157,26 @@ fn cameras(root: &Path) -> Result<Vec<Source>, Error> {
     }
     let is_one =
         |source: &Source| matches!(&source.frames, Frames::Images(images) if images.len() == 1);
-    if videos.is_empty() {
-        return Ok(folders);
+    if videos.is_empty() || !folders.iter().all(is_one) {
+        let has_frames = |video: &&Source| folders.iter().any(|folder| folder.name == video.name);
+        let unused = videos.iter().find(|video| !has_frames(video)).map(|video| {
+            format!(
+                "{IMAGE_FOLDER} has no folder of frames for {VIDEO_FOLDER}/{}: this camera is not used; extract its frames, \
+                 or remove the folders of frames",
+                video.name
+            )
+        });
+        return Ok((folders, unused));
     }
-    // Pictures that the cameras were posed by.
-    if folders.iter().all(is_one) {
-        return Ok(videos);
+    if let Some(pair) = videos.windows(2).find(|pair| pair[0].name == pair[1].name) {
+        return Err(Error::invalid(
+            &root.join(VIDEO_FOLDER),
+            "one video per camera",
+            format!("two called {}", pair[0].name),
+            "remove or rename one of them",
+        ));
     }
-    let has_frames = |video: &&Source| folders.iter().any(|folder| folder.name == video.name);
-    match videos.iter().find(|video| !has_frames(video)) {
-        None => Ok(folders),
-        Some(video) => Err(Error::invalid(
-            root,
-            format!("a folder of frames in {IMAGE_FOLDER} for each video, or none"),
-            format!("none for {VIDEO_FOLDER}/{}", video.name),
-            "extract the frames of all videos, or remove the folders of frames",
-        )),
-    }
+    Ok((videos, None))
 }
 
 /// The videos, in natural order.
@@ -180,24 +187,14 @@ fn videos(root: &Path) -> Result<Vec<Source>, Error> {
     } else {
         Vec::new()
     };
-    let videos: Vec<Source> = names
-        .iter()
-        .filter(|name| files::has_extension(name, &VIDEO_EXTENSIONS))
-        .map(|name| Source {
-            name: files::stem(Path::new(name)),
-            path: folder.join(name),
-            frames: Frames::Video,
-        })
-        .collect();
-    if let Some(pair) = videos.windows(2).find(|pair| pair[0].name == pair[1].name) {
-        return Err(Error::invalid(
-            &folder,
-            "one video per camera",
-            format!("two called {}", pair[0].name),
-            "remove or rename one of them",
-        ));
-    }
-    Ok(videos)
+    let names = names.iter();
+    let videos = names.filter(|name| files::has_extension(name, &VIDEO_EXTENSIONS));
+    let videos = videos.map(|name| Source {
+        name: files::stem(Path::new(name)),
+        path: folder.join(name),
+        frames: Frames::Video,
+    });
+    Ok(videos.collect())
 }
 
 /// A note for errors about missing images: the first camera folder has images of formats that are not read.

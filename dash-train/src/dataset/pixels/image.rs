@@ -52,6 +52,11 @@ impl ImageData {
         self.channels == RGBA
     }
 
+    /// Whether a pixel is transparent, in part at least.
+    pub(crate) fn is_transparent(&self) -> bool {
+        self.has_alpha() && self.pixels.chunks_exact(RGBA).any(|p| p[RGB] < u8::MAX)
+    }
+
     /// The colours alone.
     pub(crate) fn without_alpha(self) -> Self {
         if !self.has_alpha() {

@@ -19,6 +19,8 @@ const COLOURED: u8 = 24;
 const MOST_LABELS: usize = 256;
 /// Most grey values of such a mask. A soft border has more.
 const MOST_GREYS: usize = 16;
+/// Most of a mask's values that a soft border alone leaves in the picture.
+const MOST_BORDER: f64 = 0.01;
 /// Extensions of files in which black is not quite black.
 const LOSSY: [&str; 2] = ["jpg", "jpeg"];
 
@@ -44,10 +46,14 @@ pub(crate) fn decode_mask(path: &Path, full_size: (usize, usize)) -> Result<Imag
             "write the mask again or remove it",
         ));
     }
-    let (brightest, white) = match wide {
-        Some(wide) => (wide.iter().copied().max(), u16::MAX),
-        None => (decoded.iter().copied().max().map(u16::from), u8::MAX.into()),
+    let (values, white) = match wide {
+        Some(wide) => (wide.into_raw(), u16::MAX),
+        None => (
+            decoded.iter().map(|&v| u16::from(v)).collect(),
+            u8::MAX.into(),
+        ),
     };
+    let brightest = values.iter().copied().max();
     if brightest == Some(YES) {
         return Err(Error::invalid(
             path,
@@ -56,7 +62,7 @@ pub(crate) fn decode_mask(path: &Path, full_size: (usize, usize)) -> Result<Imag
             format!("multiply by {white}"),
         ));
     }
-    if let Some(found) = brightest.filter(|&value| is_dark(path, value, white)) {
+    if let Some(found) = brightest.filter(|_| is_dark(path, &values, white)) {
         return Err(Error::invalid(
             path,
             format!("a mask in black and white (0 and {white})"),
@@ -83,10 +89,13 @@ fn is_lossy(path: &Path) -> bool {
     has_extension(&path.to_string_lossy(), &LOSSY)
 }
 
-/// Whether the brightest value of a mask is neither black nor white. JPEG turns black into values close to it.
-fn is_dark(path: &Path, brightest: u16, white: u16) -> bool {
+/// Whether a mask has no white, and more values that are neither black nor white than a soft border has of what has nearly left
+/// the picture. JPEG turns black into values close to it.
+fn is_dark(path: &Path, values: &[u16], white: u16) -> bool {
     let black = if is_lossy(path) { white / 16 } else { 0 };
-    brightest > black && brightest <= white / 2
+    let n_gray = values.iter().filter(|&&value| value > black).count();
+    let has_white = values.iter().any(|&value| value > white / 2);
+    !has_white && n_gray as f64 > MOST_BORDER * values.len() as f64
 }
 
 /// The grey values of a mask of labels: a few, some of which would count and some not, and none of which is white.

@@ -67,7 +67,10 @@ pub(crate) fn unused_files(
     };
     let all = files::list(&folder).ok()?;
     let mut all = all.iter().flat_map(|name| inside(folder.join(name)));
-    let unused = all.find(|path| path.is_file() && !used.contains(path.as_path()))?;
+    let is_mask = |path: &PathBuf| {
+        path.is_file() && files::has_extension(&path.to_string_lossy(), &files::IMAGE_EXTENSIONS)
+    };
+    let unused = all.find(|path| is_mask(path) && !used.contains(path.as_path()))?;
     Some(format!(
         "{} of {n} views have no mask, and no view uses {}: the mask of the view {first} would be \
          {MASK_FOLDER}/{first}.png",
@@ -156,6 +159,7 @@ mod tests {
         std::fs::create_dir_all(root.join("masks/cam")).expect("made");
         let [used, other] = ["masks/cam/0.png", "masks/cam/1.jpg"].map(|name| root.join(name));
         std::fs::write(&used, "").expect("writes");
+        std::fs::write(root.join("masks/README.txt"), "").expect("writes");
         let told =
             |without: &[&str]| unused_files(root, &BTreeSet::from([used.as_path()]), without, 2);
         assert_eq!(told(&["cam/1"]), None);

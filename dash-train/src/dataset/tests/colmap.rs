@@ -1,6 +1,6 @@
 use dash_kernels::Camera;
 
-use super::super::{Layout, Partition};
+use super::super::{Layout, LoadOptions, Partition};
 use crate::test_kit::{Fixture, H, W, assert_cameras_equal};
 
 /// Camera model id, name and parameters; all have focal length 9 and a centred principal point.
@@ -121,10 +121,41 @@ fn binary_models_in_either_folder() {
 #[test]
 fn names_may_be_relative_to_the_datasets_folder_or_of_another_computer() {
     let fixture = capture("sparse/0");
-    let names = ["images/b.png", "/home/ann/scene/images/a.png"];
+    fixture.image("input/c.png", W, H, [30; 3]);
+    let names = [
+        "images/b.png",
+        "/home/ann/scene/images/a.png",
+        "/home/ann/scene/input/c",
+    ];
     fixture.write("sparse/0/images.bin", images_bin(&names, TURN, 5));
     let dataset = fixture.load().expect("loads");
-    assert_eq!(dataset.views.len(), 2);
+    let mut seen: Vec<(&str, f32)> = dataset
+        .views
+        .iter()
+        .map(|view| {
+            (
+                view.name.as_str(),
+                view.rgb([0.0; 3]).expect("in memory")[0] * 255.0,
+            )
+        })
+        .collect();
+    seen.sort_by(|a, b| a.0.cmp(b.0));
+    assert_eq!(seen, [("a", 10.0), ("b", 20.0), ("input/c", 30.0)]);
+    // A lost picture is one that may be left out.
+    let lost = ["images/b.png", "a.png", "/home/ann/scene/images/c.png"];
+    fixture.write("sparse/0/images.bin", images_bin(&lost, TURN, 5));
+    let skipping = LoadOptions {
+        skip_broken: true,
+        ..LoadOptions::default()
+    };
+    assert_eq!(
+        fixture
+            .load_with(&skipping)
+            .expect("two are left")
+            .views
+            .len(),
+        2
+    );
     let lost = ["images/b.png", "images/c.png"];
     fixture.write("sparse/0/images.bin", images_bin(&lost, TURN, 5));
     fixture.refuses(&["images.bin", "images/c.png"]);

@@ -198,8 +198,11 @@ fn points_of_a_model_follow_the_poses_that_were_made_from_it() {
         write_points(&fixture.path("sparse_pc.ply"), &ply).expect("writes");
         assert_eq!(first(&fixture), Some([7.0, 8.0, 9.0]));
     }
-    let broken = json!({"applied_transform": "turned"});
-    let fixture = capture(broken, json!({}));
-    fixture.write("sparse/0/points3D.bin", points_bin(&[[1.0, 2.0, 3.0]]));
-    assert_eq!(first(&fixture), Some([1.0, 2.0, 3.0]));
+    // Nothing tells where they are.
+    let scaled = json!({"applied_transform": [[1, 0, 0, 5], [0, 0, 1, 0], [0, -1, 0, 0]], "applied_scale": 0.5});
+    for top in [json!({"applied_transform": "turned"}), scaled] {
+        let fixture = capture(top, json!({}));
+        fixture.write("sparse/0/points3D.bin", points_bin(&[[1.0, 2.0, 3.0]]));
+        assert_eq!(first(&fixture), None);
+    }
 }

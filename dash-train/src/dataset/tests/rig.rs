@@ -307,13 +307,7 @@ fn pictures_that_cameras_were_posed_by_may_stand_beside_videos() {
         assert_eq!((dataset.layout, dataset.n_frames), (Layout::Rig, expected));
     }
     std::fs::remove_dir_all(fixture.path("images/middle")).expect("removes");
-    let rig = LoadOptions {
-        layout: Some(Layout::Rig),
-        ..LoadOptions::default()
-    };
-    let error = fixture.load_with(&rig).expect_err("no frames of a video");
-    assert!(
-        error.to_string().contains("none for videos/middle"),
-        "{error}"
-    );
+    // A video without frames is told, and the folders are read as before.
+    let dataset = fixture.load().expect("loads");
+    assert_eq!((dataset.layout, dataset.n_cameras), (Layout::Rig, 2));
 }

@@ -55,7 +55,7 @@ pub struct TrainConfig {
     /// enough steps to follow motion in. Source: 3DGS, 30,000.
     pub iterations: usize,
     /// Views of a step, whose mean gradient it follows; learning rates grow with the square root. They are drawn one after the
-    /// other, so each takes memory for its gradients alone. Source: 3DGS, 1.
+    /// other, so each takes memory for its gradients and splats alone. Source: 3DGS, 1.
     pub batch: usize,
     /// Steps for each training view, at least: where there are more views than `iterations` has steps for, a run that is not
     /// told its number of steps takes more. Absent: as many steps for any capture. Source: ours.

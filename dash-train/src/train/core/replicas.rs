@@ -7,7 +7,6 @@
 mod threads;
 
 use burn::tensor::{Tensor, TensorData};
-use rand_pcg::Pcg64;
 use serde::{Deserialize, Serialize};
 
 pub use threads::Threads;
@@ -40,6 +39,10 @@ pub trait Exchange: Send {
 /// What a view gave, for other replicas.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct ViewMessage {
+    /// Steps done before.
+    pub step: usize,
+    /// The view's name.
+    pub view: String,
     /// Its loss and mean squared error.
     pub losses: [f32; 2],
     /// The gradient of every parameter, in order; `None` of one without.
@@ -48,8 +51,20 @@ pub struct ViewMessage {
     pub sums: [[Vec<f32>; 2]; 2],
     /// What the method sums over views, two numbers for each static Gaussian.
     pub of_method: Option<Vec<f32>>,
-    /// The random generator once the view was drawn.
-    pub rng: Pcg64,
+}
+
+impl ViewMessage {
+    /// Whether it has the sizes of another one.
+    fn has_sizes_of(&self, other: &Self) -> bool {
+        let sizes = |message: &Self| message.sums.each_ref().map(|[lengths, _]| lengths.len());
+        let mut pairs = self.gradients.iter().zip(&other.gradients);
+        self.gradients.len() == other.gradients.len()
+            && sizes(self) == sizes(other)
+            && pairs.all(|pair| match pair {
+                (Some(a), Some(b)) => a.len() == b.len(),
+                _ => true,
+            })
+    }
 }
 
 /// Whether a replica draws the view at a place among a step's.
@@ -72,7 +87,7 @@ pub(super) fn all_passes<M: Method>(
     let messages = own.into_iter().zip(places);
     let messages = messages.map(|(pass, place)| told(run, views[place], views.len(), pass));
     let messages = messages.collect::<Result<Vec<_>, _>>()?;
-    let expected = messages.first().map_or(0, |own| own.gradients.len());
+    let own = messages.first().cloned();
     let mut of_ranks: Vec<_> = exchange
         .all(messages)?
         .into_iter()
@@ -80,7 +95,11 @@ pub(super) fn all_passes<M: Method>(
         .collect();
     let heard = (0..views.len()).map(|place| {
         let next = of_ranks.get_mut(place % n).and_then(Iterator::next);
-        let fits = |message: &ViewMessage| message.gradients.len() == expected;
+        let fits = |message: &ViewMessage| {
+            message.step == run.step
+                && message.view == views[place].name
+                && own.as_ref().is_none_or(|own| message.has_sizes_of(own))
+        };
         next.filter(fits)
             .map(|message| heard(run, message))
             .ok_or_else(|| {
@@ -103,11 +122,12 @@ fn told<M: Method>(
     pass.statistics.add_to(sums.each_mut(), view, views)?;
     let gradients = pass.gradients.into_iter();
     Ok(ViewMessage {
+        step: run.step,
+        view: view.name.clone(),
         losses: pass.losses.map(|loss| to_host(loss)[0]),
         gradients: gradients.map(|gradient| gradient.map(to_host)).collect(),
         sums: sums.map(|sums| <[_; 2]>::from(sums.totals())),
         of_method: pass.of_method.map(to_host),
-        rng: pass.rng,
     })
 }
 
@@ -130,7 +150,6 @@ fn heard<M>(run: &Run<M>, message: ViewMessage) -> ViewPass {
         gradients,
         statistics: Statistics::Sums(Box::new(sums)),
         of_method,
-        rng: message.rng,
     }
 }
 

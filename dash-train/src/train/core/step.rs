@@ -1,6 +1,8 @@
 //! One step of training.
 
 use burn::tensor::{Gradients, Tensor};
+use rand::{Rng, SeedableRng};
+use rand_pcg::Pcg64;
 
 use super::densify::{self, DensityStatistics, Round, Rules};
 use super::gradient_visit::{GradientVisit, InOrder, sum};
@@ -16,9 +18,6 @@ use super::sets::Set;
 use super::view_pass::ViewPass;
 use crate::Error;
 use crate::dataset::View;
-
-/// Numbers of the random generator between the views of a step: more than any of them draws.
-const APART: u128 = 1 << 64;
 
 /// What one step did.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -150,17 +149,21 @@ fn next_view<M: Method>(run: &mut Run<M>, hooks: &mut Hooks<M>) -> usize {
 /// Draws the step's views, a replica those that are its own: what each gives, and the gradients of the step's loss, the mean
 /// of theirs.
 ///
-/// Each view has a backward pass of its own, so one graph is held at a time, and its own stretch of random numbers.
+/// Each view has a backward pass of its own, so one graph is held at a time. Where there are several, each has a random
+/// generator of its own, so that no replica need know what others draw.
 fn draw<M: Method>(
     run: &mut Run<M>,
     hooks: &mut Hooks<M>,
     views: &[&View],
 ) -> Result<(Vec<ViewPass>, Gradients), Error> {
-    let from = run.rng.clone();
+    let several = views.len() > 1;
+    let key: u64 = if several { run.rng.random() } else { 0 };
+    let of_run = run.rng.clone();
     let (mut passes, mut gradients) = (Vec::new(), Vec::new());
     for (place, &view) in views.iter().enumerate() {
-        run.rng = from.clone();
-        run.rng.advance(APART * place as u128);
+        if several {
+            run.rng = Pcg64::seed_from_u64(key.wrapping_add(place as u64));
+        }
         for extension in &mut hooks.extensions {
             extension.before_forward(run, view)?;
         }
@@ -177,7 +180,12 @@ fn draw<M: Method>(
         passes.push(ViewPass::new(run, view, forward, &mut of_view));
         gradients.push(of_view);
     }
-    if views.len() > 1 {
+    if passes.is_empty() {
+        let told = format!("none of the step's {} views is this replica's", views.len());
+        return Err(Error::Replicas(told));
+    }
+    if several {
+        run.rng = of_run;
         for (pass, gradients) in passes.iter_mut().zip(&mut gradients) {
             let visit = GradientVisit::take(gradients, &mut pass.gradients);
             visit_gradients(run, hooks, visit);
@@ -191,8 +199,6 @@ fn draw<M: Method>(
         let sums: InOrder = sum(of_views);
         visit_gradients(run, hooks, GradientVisit::put(&mut gradients[0], sums));
     }
-    // The run goes on where the first view left the generator.
-    run.rng = passes[0].rng.clone();
     Ok((passes, gradients.swap_remove(0)))
 }
 

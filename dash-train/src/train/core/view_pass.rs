@@ -1,7 +1,6 @@
 //! What the pass of one of a step's views leaves.
 
 use burn::tensor::{Gradients, Tensor};
-use rand_pcg::Pcg64;
 
 use super::forward::Forward;
 use super::gradient_visit::InOrder;
@@ -21,8 +20,6 @@ pub(super) struct ViewPass {
     pub(super) statistics: Statistics,
     /// What the method sums over views `[N, 2]`.
     pub(super) of_method: Option<Tensor<2>>,
-    /// The generator after the pass.
-    pub(super) rng: Pcg64,
 }
 
 /// What density control gathers of a view.
@@ -57,7 +54,6 @@ impl ViewPass {
                 of_dynamic: forward.dynamic_splats,
                 gradient: forward.leaf.grad_remove(gradients),
             })),
-            rng: run.rng.clone(),
         }
     }
 }

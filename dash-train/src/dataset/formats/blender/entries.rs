@@ -41,8 +41,8 @@ pub(super) fn collect(
     transforms.warn_of_keys(listed_in);
     let mut lacking_masks = 0;
     for frame in &transforms.frames {
-        let file = files::confined(loader.root, &frame.file_path, listed_in)?;
-        let mut found = find_image(file, listed_in);
+        let mut found = files::confined(loader.root, &frame.file_path, listed_in)
+            .and_then(|file| find_image(file, listed_in));
         if loader.options.skip_broken {
             found = found.and_then(|file| dimensions(&file).map(|_| file));
         }
@@ -136,10 +136,10 @@ pub(super) fn repeats(entries: &[Entry]) -> Option<String> {
     let example = example?;
     let differ = match n_other {
         0 => String::new(),
-        _ => format!(", {n_other} with another pose or time"),
+        _ => format!(" ({n_other} with another pose or time)"),
     };
     Some(format!(
-        "pictures that are listed before are listed {n} times more, such as {example}{differ}: all are used"
+        "{n} frames name a picture that an earlier frame names, such as {example}{differ}: all are used"
     ))
 }
 
@@ -158,7 +158,8 @@ pub(super) fn other_times(entries: &[Entry]) -> Option<String> {
     let is_far = length > 0.0 && (last > end + length || first < start - length);
     is_far.then(|| {
         format!(
-            "times to hold out go from {first} to {last}, those to train on from {start} to {end}: state both in one unit"
+            "times to hold out go from {first} to {last}, those to train on from {start} to {end}: if these are two units, state \
+             both in one"
         )
     })
 }
@@ -234,9 +235,12 @@ mod tests {
         };
         assert_eq!(of(&[("a", 0.0), ("b", 0.0)]), None);
         let same = of(&[("a", 0.0), ("b", 1.0), ("a", 0.0), ("a", 0.0)]).expect("twice more");
-        assert!(same.contains("2 times more, such as a: all"), "{same}");
+        assert!(
+            same.contains("2 frames name") && same.contains("such as a: all"),
+            "{same}"
+        );
         let other = of(&[("a", 0.0), ("b", 1.0), ("b", 0.0)]).expect("once more");
-        assert!(other.contains("such as b, 1 with another"), "{other}");
+        assert!(other.contains("such as b (1 with another"), "{other}");
     }
 
     #[test]
@@ -250,7 +254,7 @@ mod tests {
         }
         for held_out in [[0.0, 49.0], [-3.0, 0.0]] {
             let said = of(held_out).expect("another unit");
-            assert!(said.contains("from 0 to 1: state"), "{said}");
+            assert!(said.contains("from 0 to 1: if"), "{said}");
         }
         assert_eq!(
             other_times(&[entry("a", 0.0, false), entry("b", 9.0, true)]),

@@ -18,12 +18,11 @@ use crate::dataset::pixels::dimensions;
 use crate::dataset::pixels::frames::Source;
 use crate::dataset::pixels::lens::Lens;
 use crate::dataset::pixels::sizes::Sizes;
-use crate::dataset::points::{Models, find_model_points, find_named_points, known_point_file};
+use crate::dataset::points::points_of_transforms;
 use crate::dataset::poses::transforms::{Transforms, parse, parse_any};
 use crate::dataset::times::{self, Placement};
 use crate::dataset::unposed;
 use crate::files::{self, find_image};
-use crate::ply::PointCloud;
 use entries::{
     Entry, at_one_instant, cameras, check_times, collect, number_times, other_times, repeats,
 };
@@ -130,7 +129,7 @@ impl Reader for BlenderReader {
                 camera: entry.camera,
             });
         }
-        let points = points(loader.root, first, &transforms)?;
+        let points = points_of_transforms(loader.root, first, &transforms)?;
         let views = loader.load_views(planned)?;
         Ok(Capture {
             views,
@@ -172,17 +171,6 @@ fn list(loader: &Loader, first: &Path, transforms: &Transforms) -> Result<Vec<En
     }
     sizes.warn(first);
     Ok(entries)
-}
-
-/// The initial points: those that the file names, or that are there under a known name; else those of a COLMAP model.
-fn points(root: &Path, first: &Path, transforms: &Transforms) -> Result<Option<PointCloud>, Error> {
-    let named = transforms.ply_file_path.as_deref();
-    match transforms.applied_transform() {
-        Some(applied) if named.is_none() && known_point_file(root).is_none() => {
-            find_model_points(root, &applied)
-        }
-        _ => find_named_points(root, (named, first), Models::Own),
-    }
 }
 
 /// Where the entries are in time; warns of images without a pose.

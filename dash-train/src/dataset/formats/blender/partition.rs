@@ -19,24 +19,35 @@ pub(super) fn hold_out(
     entries: &mut Vec<Entry>,
 ) {
     let key = |name: &str| files::one_form(name).into_owned();
+    let file_paths = transforms
+        .frames
+        .iter()
+        .map(|frame| frame.file_path.as_str());
+    let of_frames = file_paths
+        .filter_map(|path| files::confined(root, path, listed_in).ok())
+        .map(|path| key(&entry_name(path.strip_prefix(root).unwrap_or(&path))));
+    let of_entries = entries.iter().map(|entry| key(&entry.name));
+    let known: HashSet<String> = of_frames.chain(of_entries).collect();
     let listed = |key_of_list: &str, list: &[String]| -> Option<HashSet<String>> {
         let names: HashSet<String> = list
             .iter()
             .filter_map(|name| files::confined(root, name, listed_in).ok())
             .map(|path| key(&entry_name(path.strip_prefix(root).unwrap_or(&path))))
             .collect();
-        let is_in = |entry: &&Entry| names.contains(&key(&entry.name));
-        let n = entries.iter().filter(is_in).count();
-        if n < names.len() {
+        // A frame may have been left out, since its picture can't be read.
+        let unknown = names.iter().filter(|name| !known.contains(*name)).count();
+        if unknown > 0 {
             let example = entries.first().map_or("", |entry| entry.name.as_str());
             tracing::warn!(
-                "{}: {} of the {} names in {key_of_list} are those of no frame, whose names are as {example}",
+                "{}: {unknown} of the {} names in {key_of_list} are those of no frame, whose names are as {example}",
                 listed_in.display(),
-                names.len() - n,
                 names.len()
             );
         }
-        (n > 0).then_some(names)
+        let is_any = entries
+            .iter()
+            .any(|entry| names.contains(&key(&entry.name)));
+        is_any.then_some(names)
     };
     let train = listed("train_filenames", &transforms.train_filenames);
     let held_out = listed("test_filenames", &transforms.test_filenames)

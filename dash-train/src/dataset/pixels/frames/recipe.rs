@@ -2,6 +2,7 @@
 
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
 
 use dash_kernels::Camera;
 
@@ -12,6 +13,9 @@ use crate::dataset::pixels::image::ImageData;
 use crate::dataset::pixels::lens::{Lens, without_distortion};
 use crate::dataset::pixels::masks::CountedMask;
 use crate::video::VideoIndex;
+
+/// Whether a transparent picture among opaque ones was told.
+static TOLD: AtomicBool = AtomicBool::new(false);
 
 /// Where a view's image is.
 #[derive(Debug, Clone)]
@@ -75,6 +79,13 @@ impl Recipe {
         match &self.source {
             Source::File(path) => {
                 let image = decode(path)?;
+                if !self.has_alpha && image.is_transparent() && !TOLD.swap(true, Ordering::Relaxed)
+                {
+                    tracing::warn!(
+                        "{}: transparent in part, and no other picture that was asked is: its transparency is not used",
+                        path.display()
+                    );
+                }
                 self.finish(match self.has_alpha {
                     true => image,
                     false => image.without_alpha(),

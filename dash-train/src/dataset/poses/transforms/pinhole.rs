@@ -18,7 +18,16 @@ pub(super) fn pinhole(
     let from_height = |i: &Intrinsics| i.fl_y.or(from_angle(angle_y(i), h));
     let of_height = || from_height(own).or(from_height(shared));
     for i in [own, shared] {
-        for (angle, degrees) in [(i.camera_angle_x, i.x_fov), (i.camera_angle_y, i.y_fov)] {
+        // What is not needed beside a focal length may be anything.
+        let lengths_x = own.fl_x.or(i.fl_x);
+        let lengths_y = own.fl_y.or(i.fl_y).or(lengths_x);
+        for (length, angle, degrees) in [
+            (lengths_x, i.camera_angle_x, i.x_fov),
+            (lengths_y, i.camera_angle_y, i.y_fov),
+        ] {
+            if length.is_some() {
+                continue;
+            }
             let (radians, expected) = match (angle, degrees) {
                 (Some(angle), _) => (
                     angle,

@@ -113,6 +113,35 @@ fn a_replica_does_not_wait_for_one_that_has_stopped() {
 }
 
 #[test]
+fn a_replica_of_another_run_is_refused() {
+    let rig = clip(|_| true);
+    let replicas = Threads::replicas(2)
+        .into_iter()
+        .zip([0, 1])
+        .map(|(replica, seed)| {
+            let rig = rig.clone();
+            thread::spawn(move || {
+                let seed = format!("seed={seed}");
+                let config = small(&["batch=2", "iterations=60", &seed]);
+                let additions = Additions {
+                    exchange: Some(Box::new(replica)),
+                    ..Default::default()
+                };
+                let mut trainer =
+                    Trainer::with(config, rig, &Device::flex(), additions).expect("valid");
+                (0..STEPS)
+                    .find_map(|_| trainer.step().err())
+                    .map(|error| error.to_string())
+            })
+        });
+    let replicas: Vec<_> = replicas.collect();
+    for replica in replicas {
+        let told = replica.join().expect("no panic").expect("another seed");
+        assert!(told.starts_with("replicas: "), "{told}");
+    }
+}
+
+#[test]
 fn every_replica_needs_a_view_of_each_step() {
     let rig = clip(|_| true);
     let replica = Threads::replicas(3).pop().expect("three");
