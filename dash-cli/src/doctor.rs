@@ -44,7 +44,7 @@ pub struct DoctorArgs {
     /// Memory that the dataset's images may take in training, such as 2GiB
     #[arg(long, value_name = "BYTES", value_parser = values::bytes)]
     memory: Option<u64>,
-    /// Don't time steps of training, which takes about ten seconds, to say how long it would take
+    /// Don't time steps of training, which takes up to a minute, to say how long it would take
     #[arg(long)]
     no_timing: bool,
 }

@@ -1,6 +1,6 @@
 //! `dash eval`: a run's scores.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use burn::tensor::Device;
 use clap::{Args, ValueEnum};
@@ -74,6 +74,16 @@ pub fn run(args: &EvalArgs, shared: &Shared) -> Result<String, Failure> {
     let perceptual = args.lpips.files().load(&device)?;
     let dataset = dataset_of(&config.data, args.dataset.as_deref(), false)?;
     let partition = args.split.partition();
+    let is_own =
+        |folder: &Path| folder.canonicalize().ok() == config.data.dataset.canonicalize().ok();
+    if let Some(other) = args.dataset.as_deref().filter(|other| !is_own(other)) {
+        tracing::warn!(
+            "{}: the run was trained on {}; scores of {} take the place of its own",
+            args.run.display(),
+            config.data.dataset.display(),
+            other.display()
+        );
+    }
     let name = choice.to_string();
     let results = evaluate_run(
         &run,

@@ -2,6 +2,7 @@
 
 use std::collections::BTreeMap;
 use std::fs;
+use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 
 use clap::Args;
@@ -52,7 +53,14 @@ pub fn player(folder: Option<&Path>) -> Result<(String, Vec<u8>), Failure> {
     };
     let read = |name| {
         let path = folder.join(name);
-        fs::read(&path).map_err(|e| ModelError::io(&path, "read", e))
+        fs::read(&path).map_err(|e| match e.kind() {
+            ErrorKind::NotFound => Failure::usage(format!(
+                "{}: expected the player of web pages, found none; make it with `dash-view/web/build.sh {}`",
+                path.display(),
+                folder.display()
+            )),
+            _ => ModelError::io(&path, "read", e).into(),
+        })
     };
     let script = String::from_utf8(read("dash_view.js")?);
     let script = script.map_err(|_| {

@@ -174,7 +174,10 @@ impl<'a> Loader<'a> {
             .collect();
         match (masks::doubt(&masks), plan.first()) {
             (Ok(None), Some((first, _))) if masks.iter().all(Option::is_none) => {
-                Ok(masks::unused_folder(self.root, &first.name))
+                let told = masks::unused_folder(self.root, &first.name);
+                let inverted = self.options.invert_masks;
+                Ok(told
+                    .or_else(|| inverted.then(|| "--invert-masks, and no view has a mask".into())))
             }
             (Ok(None), _) => {
                 let lacks = |(_, recipe): &&(PlannedView, Recipe)| recipe.counted.is_none();
@@ -311,7 +314,9 @@ impl<'a> Loader<'a> {
             },
         };
         let (width, height) = recipe.size;
+        let file = std::fs::metadata(recipe.source.path());
         let mut view = View {
+            file_bytes: file.map_or(0, |file| file.len()),
             camera_name: view.camera_name,
             camera_index: view.camera_index,
             frame: view.frame,

@@ -33,6 +33,8 @@ pub struct View {
     pub(crate) pixels: Pixels,
     /// Memory of the decoded image.
     pub(crate) bytes: u64,
+    /// Size of the file that the image is in; 0 of one that is in none.
+    pub(crate) file_bytes: u64,
     pub(crate) has_alpha: bool,
     pub(crate) motion_mask: Option<MotionMask>,
 }
@@ -96,6 +98,7 @@ impl View {
             partition: Partition::Train,
             name: name.to_string(),
             bytes: pixels.len() as u64,
+            file_bytes: 0,
             has_alpha: false,
             pixels: Pixels::Ready(Arc::new(ImageData::from_rgb(width, height, pixels))),
             motion_mask: None,

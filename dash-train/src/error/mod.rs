@@ -75,7 +75,9 @@ pub enum Error {
         remedy: String,
     },
     /// An image is damaged, truncated, too large or of an unsupported kind.
-    #[error("{path}: the image cannot be decoded: {reason}; replace the file or leave it out")]
+    #[error(
+        "{path}: the image cannot be decoded: {reason}; replace the file, or leave it out with --skip-broken"
+    )]
     ImageDecode {
         /// The image.
         path: PathBuf,

@@ -8,13 +8,23 @@ use std::sync::Mutex;
 
 use dash_model::unfinished::is_unfinished;
 
-use super::names::{IMAGE_EXTENSIONS, UNREAD_EXTENSIONS, has_extension, natural_cmp};
+use super::names::{
+    IMAGE_EXTENSIONS, UNREAD_EXTENSIONS, VIDEO_EXTENSIONS, has_extension, natural_cmp,
+};
 use crate::Error;
 
 /// Refuses a file in place of a folder; a missing path is left to its reader.
 pub(crate) fn require_folder(path: &Path) -> Result<(), Error> {
     if !path.is_file() {
         return Ok(());
+    }
+    if has_extension(&path.to_string_lossy(), &VIDEO_EXTENSIONS) {
+        return Err(Error::invalid(
+            path,
+            "a folder",
+            "a video",
+            "put the videos of all cameras into one folder, and make a dataset of it with `dash prepare`",
+        ));
     }
     Err(Error::invalid(
         path,

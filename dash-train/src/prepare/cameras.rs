@@ -86,7 +86,10 @@ pub(super) fn find_colmap(
             "points with the known poses",
             ", or write random points instead with --random-points 20000",
         ),
-        None => ("the cameras' poses", ", or give known poses with --poses"),
+        None => (
+            "the cameras' poses",
+            ", or give known poses with --poses, and --random-points 20000 in place of COLMAP's points",
+        ),
     };
     match program {
         Some(program) => Colmap::find_at(program, workspace, purpose, instead),

@@ -177,7 +177,7 @@ fn tell_of_stages(config: &TrainConfig, trainer: &Trainer) {
     let steps = config.iterations;
     match is_rig {
         _ if changes.is_empty() => {}
-        true => tracing::info!("stages of {steps} steps of a rig: {changes}"),
+        true => tracing::debug!("stages of {steps} steps of a rig: {changes}"),
         false => tracing::info!(
             "{steps} steps are few: {changes} (extensions.following.min_steps=0 keeps the stages)"
         ),

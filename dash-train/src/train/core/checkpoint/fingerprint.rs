@@ -5,12 +5,12 @@ use serde::{Deserialize, Serialize};
 use crate::dataset::{Partition, View};
 use crate::hash::Fnv1a;
 
-/// A dataset's views in short, without their images and poses: the same for the same folder wherever it lies.
+/// A dataset's views in short: the same for the same folder wherever it lies. Images count by the size of their files.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(super) struct Fingerprint {
     n_views: usize,
-    /// Of every view's partition, camera, name, size and time, in order.
+    /// Of every view's partition, camera, pose, name, size, time and file size, in order.
     hash: u64,
 }
 
@@ -27,6 +27,17 @@ impl Fingerprint {
                 hash.write(&(side as u64).to_le_bytes());
             }
             hash.write(&view.time.to_bits().to_le_bytes());
+            hash.write(&view.file_bytes.to_le_bytes());
+            let camera = &view.camera;
+            let intrinsics = [camera.fx, camera.fy, camera.cx, camera.cy];
+            let pose = camera
+                .rotation
+                .as_flattened()
+                .iter()
+                .chain(&camera.translation);
+            for value in pose.chain(&intrinsics) {
+                hash.write(&value.to_bits().to_le_bytes());
+            }
         }
         Self {
             n_views: views.len(),
@@ -40,7 +51,7 @@ impl Fingerprint {
             return None;
         }
         let differing = match self.n_views == found.n_views {
-            true => " of which some have another name, camera, size, time or partition",
+            true => " of which some have another name, camera, pose, size, time, file or partition",
             false => "",
         };
         Some(format!(
@@ -65,12 +76,15 @@ mod tests {
         let views = || vec![view("a", 0.0), view("b", 0.5)];
         let begun = Fingerprint::of(&views());
         assert_eq!(begun.contradiction(&Fingerprint::of(&views())), None);
-        let changes: [fn(&mut View); 5] = [
+        let changes: [fn(&mut View); 8] = [
             |view| view.partition = Partition::Test,
             |view| view.name.push('2'),
             |view| view.camera_name.push('2'),
             |view| view.camera.width = 3,
             |view| view.time = 0.500_000_1,
+            |view| view.camera.translation[2] = 1e-9,
+            |view| view.camera.fx = 9.1,
+            |view| view.file_bytes = 1,
         ];
         for (index, change) in changes.into_iter().enumerate() {
             let mut changed = views();
