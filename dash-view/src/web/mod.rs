@@ -15,7 +15,7 @@ use wasm_bindgen_futures::future_to_promise;
 use crate::draw::{Faded, ViewLayer, show_faded};
 use crate::navigator::Navigator;
 use crate::pace::Pace;
-use crate::page::{About, Arrived, Owner, PartName, joined};
+use crate::page::{About, Arrived, PartName, joined};
 use crate::playback::Playback;
 use crate::speed::SpeedColors;
 
