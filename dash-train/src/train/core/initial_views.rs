@@ -130,12 +130,9 @@ impl InitialViews {
     }
 
     fn depth(&self) -> &[Vec<Option<[f32; 3]>>] {
-        self.depth.get_or_init(|| {
-            tracing::info!("looking for points in {} views", self.pictures.len());
-            match self.in_one_place {
-                true => stereo::points_at_distance(&self.pictures, self.focus),
-                false => stereo::points(&self.pictures, self.focus),
-            }
+        self.depth.get_or_init(|| match self.in_one_place {
+            true => stereo::points_at_distance(&self.pictures, self.focus),
+            false => stereo::points(&self.pictures, self.focus),
         })
     }
 
