@@ -398,6 +398,8 @@ try:
         live.wait("state().then((told) => told.paused && told.waits)", "pause")
         paused = step()
         check(paused > 0, f"paused, the run waits at step {paused}")
+        # The page hears of it when it asks the next time.
+        live.wait("document.getElementById('pause').textContent === 'go on'", "the button says what it does")
         live.value("document.getElementById('pause').click()")
         live.wait(f"state().then((told) => !told.waits && told.step > {paused})", "the run goes on")
         check(not live.errors, f"no error on the console {live.errors[:2]}")
