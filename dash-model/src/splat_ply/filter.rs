@@ -13,8 +13,7 @@ pub(super) fn refused(widths: impl Iterator<Item = f32>) -> Option<(usize, f32)>
     rows.find(|(_, width)| !(*width >= 0.0 && width.is_finite()))
 }
 
-/// The scales' logarithms and the opacity's logit of a Gaussian as it is drawn: wider by the filter, and fainter as it
-/// is wider.
+/// The scales' logarithms and the opacity's logit of a Gaussian once the filter has widened it: the wider, the fainter.
 pub(super) fn filtered(log_scales: [f32; 3], logit: f32, width: f32) -> ([f32; 3], f32) {
     if width == 0.0 {
         return (log_scales, logit);
@@ -23,7 +22,7 @@ pub(super) fn filtered(log_scales: [f32; 3], logit: f32, width: f32) -> ([f32; 3
     let before = log_scales.map(|log| f64::from(log).clamp(-WIDEST, WIDEST));
     let after = before.map(|log| 0.5 * ((2.0 * log).exp() + variance).ln());
     let log_scales = after.map(|log| log as f32);
-    // The logarithm of what is left of the opacity.
+    // The logarithm of the share of its opacity that remains.
     let share: f64 = (0..3).map(|k| before[k] - after[k]).sum();
     if share >= 0.0 {
         return (log_scales, logit);
